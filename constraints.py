@@ -1,0 +1,641 @@
+"""Chapter 3.4 - Constraints: the force that keeps a rod a rod.
+
+Gravity pulls the bob down, the rod does not let it go down. Which force does the rod apply? No formula for it is
+written anywhere: it is the *solution* of a linear system, J M^-1 J^T lambda = ..., solved anew at every step. This file
+derives that system for point masses tied by massless rods, hides the solve in `force(q, v)`, hands it to integrators
+that never learn about it, and measures what becomes of the rods: how far they drift, what the energy does, what a step
+costs. Read it from top to bottom; run it with
+
+    python constraints.py                 # the comparison, metrics.json and a Rerun recording
+    python constraints.py --help          # every flag, and why you would turn it
+"""
+
+# --- region: setup ---
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from curriculum.common.cli import Parser, number
+from curriculum.common.device import banner, progress
+from curriculum.common.files import check_writable, write_whole
+from curriculum.common.scenes import SceneError, load_scene
+
+HERE = Path(__file__).resolve().parent
+CHAPTER = "curriculum/ch3_4_constraints"
+GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
+SMOKE_STEPS = 800
+FRAME_RATE = 60.0  # states a simulated second in the recording: what a screen can show
+MAX_RECORDED = 1_000_000  # particle positions a mode in the recording, however long the run
+# --- endregion ---
+
+
+# --- region: systems ---
+# A scene is particles, rods and anchors, nothing else. Rod k is the pair (i, j): particle i tied to particle j, or to a
+# fixed anchor when j is negative (-1 the first anchor, -2 the second, ...). A chain, rod k tying particle k to the one
+# before it and rod 0 to an anchor, is so common and so much cheaper to solve that the system remembers being one.
+SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}
+
+
+def build_system(name, seed=0, links=10):
+    """A name of SYSTEMS, "chain" of `links` rods, or the path of a scene file; raises SceneError on a bad file.
+
+    Named scenes are unit rods and masses stretched out sideways from the pivot, at rest. The tilt of the whole chain,
+    drawn from +-0.05 rad, is the only random number of the program.
+    """
+    if name not in SYSTEMS and name != "chain":
+        return make_system(**load_scene(name))
+    tilt = np.random.default_rng(seed).uniform(-0.05, 0.05)
+    # math, not numpy: numpy picks its sine by processor, and the last bit with it
+    direction = np.array([math.cos(-tilt), math.sin(-tilt), 0.0])
+    links = SYSTEMS.get(name, links)
+    q0 = np.arange(1.0, links + 1.0)[:, None] * direction
+    return make_system(q0, np.zeros_like(q0), np.ones(links), [(k, k - 1) for k in range(links)], np.ones(links))
+
+
+def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
+    """System dict: positions q0 (N, 3) m, velocities v0 (N, 3) m/s, masses m (N,) kg, rods `pairs`, anchors (K, 3) m.
+
+    `lengths` (C,) m, by default the distances found in q0. Keys q0, v0, m (N, 1), pairs, lengths, anchors, and what the
+    solvers need again and again: `weight` (N, 3) newtons, whether it is a `chain`, how the rods couple.
+    """
+    q0, v0, anchors = (np.asarray(a, dtype=float) for a in (q0, v0, anchors))
+    m = np.asarray(m, dtype=float).reshape(-1, 1)
+    system = {"q0": q0, "v0": v0, "m": m, "pairs": list(pairs), "anchors": anchors, "weight": m * GRAVITY}
+    system["chain"] = list(pairs) == [(k, k - 1) for k in range(len(q0))]
+    w = 1.0 / m[:, 0]
+    if system["chain"]:
+        # A_kk = (w_here + w_back) |d_k|^2 and A_k,k-1 = -w_back d_k . d_k-1; an anchor does not move: its w is 0
+        system["w_here"], system["w_back"] = w, np.concatenate([[0.0], w[:-1]])
+    else:
+        inc = system["incidence"] = incidence(pairs, len(q0))
+        system["coupling"] = (inc * w) @ inc.T  # B M^-1 B^T: which rods feel each other, and how much
+        system["tree"] = np.linalg.matrix_rank(inc) == len(inc)  # else rods close a loop, maybe through the ground
+        system["fixed_end"] = np.array([anchors[-1 - j] if j < 0 else np.zeros(3) for _, j in pairs])
+    if lengths is None:
+        d = rod_vectors(system, q0)
+        lengths = np.sqrt(dot(d, d))
+    system["lengths"] = np.asarray(lengths, dtype=float)
+    if system["chain"]:
+        system["links"] = list(zip(w.tolist(), system["w_back"].tolist(), system["lengths"].tolist(), strict=True))
+    return system
+
+
+def incidence(pairs, n):
+    """(C, N) signed incidence matrix: row k holds +1 at particle i of rod k and -1 at its partner, if that can move."""
+    inc = np.zeros((len(pairs), n))
+    for k, (i, j) in enumerate(pairs):
+        inc[k, i] = 1.0
+        if j >= 0:
+            inc[k, j] = -1.0
+    return inc
+
+
+# --- endregion ---
+
+
+# --- region: constraints ---
+# Rod k, along d_k from its partner to its particle, holds when g_k = (|d_k|^2 - L_k^2)/2 is zero. Differentiate twice:
+#     gdot_k  = d_k . d_k'                      (J v)_k: row k of J holds d_k for the particle, -d_k for its partner
+#     gddot_k = d_k . d_k'' + |d_k'|^2          (J a + Jdot v)_k
+# The rod can only pull or push along itself, so its force is J^T lambda, and Newton says M a = f + J^T lambda. Ask for
+# gddot = 0 and lambda follows:   J M^-1 J^T lambda = -(J M^-1 f + Jdot v).   That is the whole chapter. The rest of
+# this region is the answers to "and what if g is not exactly zero?", and a way to solve for lambda that costs O(N).
+
+
+class Hold(NamedTuple):
+    """One way to hold a rod: a row of numbers in the one system that all ways solve, with A = J M^-1 J^T:
+
+    (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
+    """
+
+    use_jdotv: float = 1.0
+    damping: float = 0.0  # 1/s
+    stiffness: float = 0.0  # 1/s^2
+    softness: float = 0.0
+    project: bool = False  # and after each step put q back on g = 0, v on J v = 0
+
+
+def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
+    """The modes by name, each a Hold; `dt` s, `baumgarte` rad/s, MuJoCo's `time_constant` s and `impedance` (0..1)."""
+    spring = impedance * max(time_constant, 2.0 * dt)  # MuJoCo too keeps the time constant above two steps
+    return {
+        # gddot = 0 and nothing else: what has drifted stays, and every step adds to it. One solve a force.
+        # Fails by slow rot, in every run that is long enough.
+        "none": Hold(),
+        # gddot = -2 w gdot - w^2 g: an error dies like a critically damped spring of frequency w. One solve a force.
+        # Fails when dt w passes STABILITY_LIMIT. J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1-16.
+        "baumgarte": Hold(damping=2.0 * baumgarte, stiffness=baumgarte**2),
+        # J v_next = -g/dt: the next step takes back what this one stretched. No Jdot v, nothing to tune; one solve a
+        # step. Fails where v_next is not v + dt a: only for one-force integrators. E. Catto, GDC 2005.
+        "impulse": Hold(use_jdotv=0.0, damping=1.0 / dt, stiffness=1.0 / dt**2),
+        # A rod that may give: MuJoCo's equality with solref and solimp, Jdot v dropped as MuJoCo drops it. One solve a
+        # force, never singular. Fails by design: a rod under load is longer. MuJoCo documentation, Computation.
+        "soft": Hold(0.0, 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance),
+        # none, then Newton back onto the rods (see `project`). One solve a force and three or four more a step.
+        # Fails when one step overshoots so far that no pull along the rods leads back. SHAKE/RATTLE.
+        "project": Hold(project=True),
+    }
+
+
+def as_hold(hold):
+    """A bare number is a Baumgarte frequency in rad/s, 0.0 the naive solve; a Hold is itself."""
+    return hold if isinstance(hold, Hold) else hold_table(baumgarte=float(hold))["baumgarte"]
+
+
+def external_force(system, q, v):
+    """Newtons (..., N, 3) that act on the particles besides the rods, at q and v (..., N, 3): their weight.
+
+    Add wind or drag here and the rods answer to it: the constraint force is solved against whatever this returns.
+    """
+    return system["weight"]
+
+
+def dot(a, b):
+    """(..., 3), (..., 3) -> (...). Spelled out, so that every processor adds in the same order (einsum does not)."""
+    p = a * b
+    return p[..., 0] + p[..., 1] + p[..., 2]
+
+
+def rod_vectors(system, x, rate=False):
+    """(..., N, 3) -> (..., C, 3): d_k from positions x; with `rate`, d_k' from velocities x (anchors stand still)."""
+    if not system["chain"]:
+        return system["incidence"] @ x - (0.0 if rate else system["fixed_end"])
+    d = x.copy(order="K")
+    d[..., 1:, :] -= x[..., :-1, :]
+    if not rate:
+        d[..., 0, :] -= system["anchors"][0]
+    return d
+
+
+def rod_pulls(system, d, lam):
+    """J^T lambda (..., N, 3): what the particles feel when rod d (..., C, 3) carries lam (..., C) newtons per metre."""
+    pull = lam[..., None] * d
+    if not system["chain"]:
+        return system["incidence"].T @ pull
+    pull[..., :-1, :] -= pull[..., 1:, :]  # a rod pulls its particle back and the one before it forward
+    return pull
+
+
+def constraint_terms(system, q, v):
+    """The terms as derived: jac (..., C, 3N) m, and (..., C) each: g m^2, gdot m^2/s, jdotv m^2/s^2; q, v (..., N, 3).
+
+    To read, and to check the solvers against; nothing below needs the matrix J itself.
+    """
+    d, rate = rod_vectors(system, q), rod_vectors(system, v, rate=True)
+    inc = incidence(system["pairs"], q.shape[-2])
+    jac = (inc[:, :, None] * d[..., :, None, :]).reshape(*d.shape[:-1], -1)
+    return jac, 0.5 * (dot(d, d) - system["lengths"] ** 2), dot(d, rate), dot(rate, rate)
+
+
+def solve_rods(system, d, e, rhs, softness=0.0):
+    """lam (..., C) of (A + softness diag A) lam = rhs, with A_kl = (B M^-1 B^T)_kl d_k . e_l; mostly e is d.
+
+    Rods that share no particle do not couple. A chain's A is tridiagonal: a sweep towards the tip eliminates, one back
+    substitutes; O(N), + - * / only, hence the same bytes everywhere (and R. Featherstone's articulated-body method).
+    Anything else gets the dense matrix. A loop may have more rods than it needs, or lose rank in passing: among all
+    tensions that do, the smallest is then the right one.
+    """
+    if not system["chain"]:
+        a = system["coupling"] * (d @ np.swapaxes(e, -1, -2))
+        if softness:
+            a = a * (1.0 + softness * np.eye(a.shape[-1]))
+        if system["tree"] or softness:
+            return np.linalg.solve(a, rhs[..., None])[..., 0]
+        return (np.linalg.pinv(a, rcond=1e-9, hermitian=d is e) @ rhs[..., None])[..., 0]
+    w_here, w_back = system["w_here"], system["w_back"]
+    diag = (1.0 + softness) * (w_here + w_back) * dot(d, e)
+    upper = -w_back[1:] * dot(d[..., :-1, :], e[..., 1:, :])
+    lower = upper if d is e else -w_back[1:] * dot(d[..., 1:, :], e[..., :-1, :])
+    # one run sweeps over floats, leading axes sweep over whole arrays: the lines below do not care
+    diag, upper, lower, rhs = (a.tolist() if a.ndim == 1 else a.T for a in (diag, upper, lower, rhs))
+    pivot, y = [diag[0]], [rhs[0]]
+    for a, up, low, b in zip(diag[1:], upper, lower, rhs[1:], strict=True):
+        ratio = low / pivot[-1]
+        pivot.append(a - ratio * up)
+        y.append(b - ratio * y[-1])
+    lam = [y[-1] / pivot[-1]]
+    for p, b, up in zip(pivot[-2::-1], y[-2::-1], upper[::-1], strict=True):
+        lam.append((b - up * lam[-1]) / p)
+    return np.array(lam[::-1]).T
+
+
+def position_error(dd, length, softness, sqrt):
+    """g from dd = |d|^2; a soft rod uses |d| (|d| - L) instead, the stretch itself, to equal MuJoCo in every digit."""
+    return dd - length * sqrt(dd) if softness else 0.5 * (dd - length * length)
+
+
+def constraint_force(system, q, v, hold, applied=None):
+    """Newtons (..., N, 3) that the rods apply at positions q (m) and velocities v (m/s), (..., N, 3) each.
+
+    `hold` is a row of the table or a bare Baumgarte frequency; `applied`, the external force if already known.
+    """
+    hold = as_hold(hold)
+    applied = external_force(system, q, v) if applied is None else applied
+    if system["chain"] and q.ndim == 2 and len(q) < SHORT_CHAIN:
+        return short_chain_force(system, q, v, hold, applied)
+    d, rate = rod_vectors(system, q), rod_vectors(system, v, rate=True)
+    rhs = -dot(d, rod_vectors(system, applied / system["m"], rate=True))
+    if hold.use_jdotv:
+        rhs = rhs - hold.use_jdotv * dot(rate, rate)
+    if hold.stiffness:
+        error = position_error(dot(d, d), system["lengths"], hold.softness, np.sqrt)
+        rhs = rhs - hold.damping * dot(d, rate) - hold.stiffness * error
+    return rod_pulls(system, d, solve_rods(system, d, d, rhs, hold.softness))
+
+
+SHORT_CHAIN = 20  # links; beyond, a numpy call has enough rods to spread its overhead over (see the study benchmark)
+
+
+def short_chain_force(system, q, v, hold, applied):
+    """constraint_force for one short chain: the same formula and the same two sweeps, in one loop over plain floats.
+
+    Six coordinates are too few for numpy: a call costs as much as a dozen multiplications. This loop is 4x faster.
+    """
+    use_jdotv, damping, stiffness, softness, _ = hold
+    sweep = []  # what the way back needs: d, coupling to the rod before, pivot, eliminated right-hand side
+    px, py, pz = system["anchors"][0].tolist()
+    pu = pv = pw = pax = pay = paz = ex = ey = ez = y = 0.0
+    pivot = 1.0
+    columns = (*q.T.tolist(), *v.T.tolist(), *applied.T.tolist())
+    for (w_here, w_back, length), qx, qy, qz, vx, vy, vz, fx, fy, fz in zip(system["links"], *columns, strict=True):
+        dx, dy, dz, du, dv, dw = qx - px, qy - py, qz - pz, vx - pu, vy - pv, vz - pw
+        ax, ay, az = w_here * fx, w_here * fy, w_here * fz
+        dd = dx * dx + dy * dy + dz * dz
+        b = -(dx * (ax - pax) + dy * (ay - pay) + dz * (az - paz)) - use_jdotv * (du * du + dv * dv + dw * dw)
+        if stiffness:
+            error = position_error(dd, length, softness, math.sqrt)
+            b -= damping * (dx * du + dy * dv + dz * dw) + stiffness * error
+        off = -w_back * (dx * ex + dy * ey + dz * ez)
+        ratio = off / pivot
+        pivot = (1.0 + softness) * (w_here + w_back) * dd - ratio * off
+        y = b - ratio * y
+        sweep.append((dx, dy, dz, off, pivot, y))
+        px, py, pz, pu, pv, pw, pax, pay, paz, ex, ey, ez = qx, qy, qz, vx, vy, vz, ax, ay, az, dx, dy, dz
+    force = []
+    lam = off = tx = ty = tz = 0.0  # of the rod beyond; beyond the tip there is none
+    for dx, dy, dz, back, pivot, y in reversed(sweep):
+        lam, off = (y - off * lam) / pivot, back
+        fx, fy, fz = lam * dx, lam * dy, lam * dz
+        force.append((fx - tx, fy - ty, fz - tz))
+        tx, ty, tz = fx, fy, fz
+    return np.array(force[::-1])
+
+
+def make_force(system, hold):
+    """The seam of the chapter: force(q, v) -> newtons (..., N, 3), gravity and rods together, solve and all, inside."""
+    hold = as_hold(hold)
+
+    def force(q, v):
+        applied = external_force(system, q, v)
+        return applied + constraint_force(system, q, v, hold, applied)
+
+    return force
+
+
+def project(system, q_start, q, v, dt):
+    """A step begun at q_start ended at q, v (..., N, 3), a little off: put it back on g(q) = 0 and J v = 0.
+
+    Positions move along M^-1 J(q_start)^T mu and v is told of the move: with semi-implicit Euler that is SHAKE
+    (Ryckaert, Ciccotti, Berendsen, J. Comput. Phys. 23 (1977) 327), and v freed of its part along the rods makes it
+    RATTLE (Andersen, J. Comput. Phys. 52 (1983) 24): symplectic. RK4 keeps its order 4. The obvious variant, along J(q)
+    and without telling v, pumps energy without end. Raises FloatingPointError if Newton's method finds no way back.
+    """
+    e, m, squared, free = rod_vectors(system, q_start), system["m"], system["lengths"] ** 2, q
+    for _ in range(20):
+        d = rod_vectors(system, q)
+        g = 0.5 * (dot(d, d) - squared)
+        if (np.abs(g) <= 1e-12 * squared).all():
+            break
+        q = q - rod_pulls(system, e, solve_rods(system, d, e, g)) / m
+    else:
+        raise FloatingPointError("no way back onto the rods")
+    v = v + (q - free) / dt
+    along = solve_rods(system, d, d, dot(d, rod_vectors(system, v, rate=True)))
+    return q, v - rod_pulls(system, d, along) / m
+
+
+# --- endregion ---
+
+
+# --- region: integrators ---
+# The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), and not a word about rods in them. They do not know that
+# force() solves a linear system, and need not. What they decide is how fast their own error turns into drift.
+
+
+def euler_step(q, v, m, force, dt):
+    """Explicit Euler: order 1, one force a step. Pumps energy into whatever swings; here as the warning."""
+    a = force(q, v) / m
+    return q + dt * v, v + dt * a
+
+
+def semi_implicit_step(q, v, m, force, dt):
+    """Semi-implicit (symplectic) Euler: order 1, one force a step, v before q; the rule of real-time engines."""
+    v = v + dt * (force(q, v) / m)
+    return q + dt * v, v
+
+
+def rk4_step(q, v, m, force, dt):
+    """The Runge-Kutta rule (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4, four forces a step; energy may wander."""
+    half = 0.5 * dt
+    a1 = force(q, v) / m
+    v2 = v + half * a1
+    a2 = force(q + half * v, v2) / m
+    v3 = v + half * a2
+    a3 = force(q + half * v2, v3) / m
+    v4 = v + dt * a3
+    a4 = force(q + dt * v3, v4) / m
+    return q + (dt / 6.0) * (v + 2.0 * (v2 + v3) + v4), v + (dt / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
+ONE_FORCE = ("euler", "semi_implicit")  # evaluate the force once a step, as impulse presumes
+
+# Baumgarte's spring x'' = -2 w x' - w^2 x is critically damped, a double root -w. A rule holds it up to this z = dt w.
+# Euler: |1 - z| <= 1. Semi-implicit: trace 2 - 2z - z^2, determinant 1 - 2z. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 = 1.
+STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (math.sqrt(2.0) - 1.0), "rk4": 2.785294}
+# --- endregion ---
+
+
+# --- region: simulate ---
+# Honesty is cheap in bulk: the loop only steps and stores, and every so often the rods and the energy of a whole block
+# of states are measured in one go. Memory is that block and the states asked for, however long the run.
+BLOCK = 2048  # particle states measured at once: they fit the processor's cache
+LOST = 100.0  # a rod error of so many times the length of all rods is no mechanism any more: the run has diverged
+
+
+def energy(system, q, v):
+    """Total energy (...,) in J of states q, v (..., N, 3): kinetic plus potential, U = -sum m g . q."""
+    m = system["m"][:, 0]
+    return np.sum(0.5 * m * dot(v, v) - m * dot(q, GRAVITY), axis=-1)
+
+
+def constraint_violation(system, q):
+    """Rod error (...,) in m of positions q (..., N, 3): the largest | |d_k| - L_k |, what a ruler would show."""
+    d = rod_vectors(system, q)
+    return np.max(np.abs(np.sqrt(dot(d, d)) - system["lengths"]), axis=-1)
+
+
+def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000, keep=(), tick=None):
+    """Integrate `system` for `steps` steps of `dt` seconds and measure every one of them.
+
+    `keep`: step numbers (0 is the start) whose states to return; `tick(step)` is called after each block. Returns q, v
+    (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in units of sum m |g| sum L, (...,)
+    each; kept: step (K,), q (K, ..., N, 3), violation and energy error (K, ...); seconds_per_step of the integration
+    alone; steps done; stopped: None, or why the run ended early. It ends at the first state that is LOST or not finite,
+    or when a step fails; what it reports was true until then. With leading axes in q0 and v0 all runs go in step.
+    """
+    hold, m = as_hold(hold), system["m"]
+    force, step = make_force(system, hold), INTEGRATORS[integrator]
+    q, v = (system[key].copy(order="F") for key in ("q0", "v0"))  # leading axes contiguous: arrays to sweep over
+    size = max(1, BLOCK // (q.size // 3))
+    qs, vs = (np.empty((size, *q.shape[::-1])).transpose(0, *range(q.ndim, 0, -1)) for _ in range(2))
+    keep, kept = np.unique(np.asarray(keep, dtype=int)), []
+    reach = float(np.sum(system["lengths"]))
+    scale, start = float(np.sum(m)) * float(np.sqrt(dot(GRAVITY, GRAVITY))) * reach, energy(system, q, v)
+    worst, drift = np.zeros(start.shape), np.zeros(start.shape)
+    seconds, attempted, stopped = 0.0, 0, None
+    qs[0], vs[0], done, count = q, v, -1, 1  # the first block is the start alone
+    while True:
+        with np.errstate(all="ignore"):  # a run that blows up is reported below, once and in words
+            violation, change = constraint_violation(system, qs[:count]), energy(system, qs[:count], vs[:count]) - start
+            sane = (violation < LOST * reach) & np.isfinite(change)
+            sane = sane.all(axis=tuple(range(1, sane.ndim)))
+            if not sane.all():
+                count = int(np.argmin(sane))
+                stopped = f"diverged at step {done + 1 + count}"
+            if count:
+                worst = np.maximum(worst, violation[:count].max(axis=0))
+                drift = np.maximum(drift, np.abs(change[:count]).max(axis=0) / scale)
+                q, v, final = qs[count - 1].copy(order="K"), vs[count - 1].copy(order="K"), violation[count - 1]
+            wanted = keep[(keep > done) & (keep <= done + count)]
+            rows = wanted - done - 1
+            kept.append((wanted, qs[rows], violation[rows], change[rows] / scale))
+            done += count
+            if tick:
+                tick(done)
+            if stopped or done >= steps:
+                break
+            count = min(size, steps - done)
+            clock = time.perf_counter()
+            for i in range(count):
+                try:
+                    q_next, v_next = step(q, v, m, force, dt)
+                    if hold.project:
+                        q_next, v_next = project(system, q, q_next, v_next, dt)
+                except (ArithmeticError, np.linalg.LinAlgError) as error:
+                    stopped, count = f"stopped at step {done + 1 + i}: {error}", i
+                    break
+                qs[i], vs[i] = q, v = q_next, v_next
+            seconds, attempted = seconds + time.perf_counter() - clock, attempted + count
+    steps_kept, q_kept, violation_kept, energy_kept = (np.concatenate(part) for part in zip(*kept, strict=True))
+    return {
+        "q": q,
+        "v": v,
+        "max_violation": worst,
+        "final_violation": final,
+        "energy_rel_max": drift,
+        "kept": {"step": steps_kept, "q": q_kept, "violation": violation_kept, "energy": energy_kept},
+        "seconds_per_step": seconds / max(1, attempted),
+        "steps": done,
+        "stopped": stopped,
+    }
+
+
+# --- endregion ---
+
+
+# --- region: report ---
+# Speed never without error, error never without speed: one row a mode, in the order in which the story is told.
+COLORS = {
+    "none": ("red", [230, 60, 50]),
+    "baumgarte": ("green", [70, 180, 90]),
+    "impulse": ("blue", [80, 140, 240]),
+    "soft": ("orange", [240, 160, 40]),
+    "project": ("violet", [190, 110, 230]),
+}
+
+
+def log_rerun(path, system, runs, dt):
+    """Write the recording of `runs`, {mode: result of simulate}, to `path`: whole columns, a few calls a mode, no loop.
+
+    Over `sim_time`: each mode's rods, particles and the tip's path of the last second; log10 of the rod error in m; the
+    energy error as a share of sum m |g| sum L. The blueprint inside the file lays them out.
+    """
+    import rerun as rr  # here, so that a run without a recording never pays for the import
+    import rerun.blueprint as rrb
+
+    anchors, reach = system["anchors"], float(np.sum(system["lengths"]))
+    middle = 0.5 * (anchors.min(axis=0) + anchors.max(axis=0))
+    front = middle + np.array([0.0, 0.0, 2.2 * reach])  # before the x-y plane, y up
+    begin, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
+    last_second = rrb.VisibleTimeRanges([rrb.VisibleTimeRange("sim_time", start=begin, end=end)])
+    scene = rrb.Spatial3DView(
+        name=", ".join(f"{COLORS[mode][0]}: {mode}" for mode in runs),
+        origin="scene",
+        eye_controls=rrb.EyeControls3D(kind="Orbital", position=front, look_target=middle, eye_up=[0.0, 1.0, 0.0]),
+        line_grid=False,
+        background=[16, 16, 20],
+        overrides={f"scene/{mode}/path": last_second for mode in runs},
+    )
+    rod_error = rrb.TimeSeriesView(name="rod error: log10 of metres", origin="rod_error")
+    energy_error = rrb.TimeSeriesView(name="energy error: share of m g L", origin="energy_error")
+    layout = rrb.Horizontal(scene, rrb.Vertical(rod_error, energy_error), column_shares=[3, 2])
+    time_panel = rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="playing", loop_mode="all")
+
+    def write(temporary):
+        # a fixed id and no wall-clock timeline: the same run is the same recording
+        recording = rr.RecordingStream("constraints", recording_id="constraints", send_properties=False)
+        recording.save(temporary, default_blueprint=rrb.Blueprint(layout, time_panel, collapse_panels=True))
+        recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
+        recording.log("scene/anchors", rr.Points3D(anchors, radii=0.02 * reach, colors=[150, 150, 150]), static=True)
+        for mode, run in runs.items():
+            kept, color = run["kept"], COLORS[mode][1]
+            q, when = kept["q"], [rr.TimeColumn("sim_time", duration=kept["step"] * dt)]
+            heads = q[:, [i for i, _ in system["pairs"]]]
+            rods = np.stack([heads - rod_vectors(system, q), heads], axis=-2).reshape(-1, 2, 3)
+            strips, points = rr.LineStrips3D.columns(strips=rods), rr.Points3D.columns(positions=q.reshape(-1, 3))
+            lines, thin = (a.from_fields(radii=0.006 * reach, colors=color) for a in (rr.LineStrips3D, rr.Points3D))
+            thick, curve = rr.Points3D.from_fields(radii=0.025 * reach, colors=color), rr.SeriesLines(colors=color)
+            log_error = np.log10(np.maximum(kept["violation"], 1e-16))
+            for entity, style, data in (
+                (f"scene/{mode}/rods", lines, strips.partition([len(system["pairs"])] * len(q))),
+                (f"scene/{mode}/particles", thick, points.partition([q.shape[1]] * len(q))),
+                (f"scene/{mode}/path", thin, rr.Points3D.columns(positions=q[:, -1])),
+                (f"rod_error/{mode}", curve, rr.Scalars.columns(scalars=log_error)),
+                (f"energy_error/{mode}", curve, rr.Scalars.columns(scalars=kept["energy"])),
+            ):
+                recording.log(entity, style, static=True)
+                recording.send_columns(entity, when, data)
+        recording.flush()
+        recording.disconnect()
+
+    write_whole(path, write)
+
+
+def build_parser():
+    """The command line; the help of each flag says why one would turn it."""
+    studies = ", ".join(sorted(path.stem for path in (HERE / CHAPTER).glob("studies/[!_]*.py")))
+    parser = Parser(
+        prog="constraints.py",
+        description="Rods held by a force that is solved for: how well, and at what cost?",
+        epilog=f"Studies ask one question each: python -m {CHAPTER.replace('/', '.')}.studies.NAME; NAME: {studies}.",
+    )
+    add, rate = parser.add_argument, number(float, 0, False)
+    # fmt: off
+    add("--seed", type=number(int, 0), default=0, help="draws the start angle: seeds a hair apart end metres apart (0)")
+    add("--system", default="double", metavar="NAME", help="pendulum swings, double and triple are chaotic; chain "
+        "has --links rods; or a scene file of your own (double)")
+    add("--links", type=number(int, 1), default=10, help="rods of --system chain: the cost grows with N, not N^3 (10)")
+    add("--integrator", choices=INTEGRATORS, default="semi_implicit",
+        help="the same force under another rule: who drifts, and how fast (semi_implicit)")
+    add("--stabilization", choices=["all", *hold_table()], default="all",
+        help="what to do about drift; all puts the answers side by side (all)")
+    add("--baumgarte", type=number(float, 0), default=20.0, metavar="RAD/S",
+        help="how hard baumgarte pulls a rod back: 0 is none, too much blows up (20)")
+    add("--time-constant", type=rate, default=0.02, metavar="S", help="how long soft takes to pull a rod back (0.02)")
+    add("--impedance", type=number(float, 0, False, 1), default=0.95, metavar="P",
+        help="how hard soft is, 0 to 1: near 1 a rod hardly gives (0.95)")
+    add("--dt", type=rate, default=0.005, metavar="S", help="halve it and read off each rule's order (0.005)")
+    add("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer and none gets worse (4000)")
+    add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps whatever --steps says: quick, for a byte-diff in CI")
+    add("--device", choices=["cpu"], default="cpu", help="as in every chapter; rods leave anything else idle")
+    add("--out", type=Path, default=Path("outputs/ch3.4-constraints"), metavar="FOLDER",
+        help="where metrics.json and constraints.rrd go: one folder a run keeps them apart")
+    add("--rerun", action=argparse.BooleanOptionalAction, default=True,
+        help="the recording; turn it off when only the numbers count (on)")
+    # fmt: on
+    return parser
+
+
+def diagnosis(run, args, mode):
+    """One sentence for a run that ended early, with the cause where theory knows it."""
+    z, limit = args.dt * args.baumgarte, STABILITY_LIMIT.get(args.integrator, math.inf)
+    if mode == "baumgarte" and z > limit:
+        return f"{mode} {run['stopped']}: dt*omega = {z:.3g} is past the limit of {limit:.2f} for {args.integrator}"
+    return f"{mode} {run['stopped']}; a smaller --dt may hold it"
+
+
+def metrics(args, steps, runs):
+    """The text of metrics.json: results and what they depend on, nothing of the host, so equal runs are equal bytes."""
+    content = {
+        key: getattr(args, key)
+        for key in ("system", "integrator", "dt", "seed", "baumgarte", "time_constant", "impedance")
+    }
+    content |= {"steps": steps, "results": {}}
+    for mode, run in runs.items():
+        row = {key: round(float(run[key]), 12) for key in ("max_violation", "final_violation", "energy_rel_max")}
+        row["tip_final"] = [round(x, 6) for x in run["q"][-1].tolist()]
+        content["results"][mode] = row | ({"stopped": run["stopped"]} if run["stopped"] else {})
+    return json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
+
+
+def main(argv=None):
+    """Run the comparison that `argv` asks for; print it, write metrics.json and the recording. Returns 0."""
+    parser = build_parser()
+    args = parser.parse_args(argv)
+    steps = SMOKE_STEPS if args.smoke else args.steps
+    if args.stabilization == "impulse" and args.integrator not in ONE_FORCE:
+        parser.error(
+            f"argument --stabilization: impulse needs one force a step, {args.integrator} takes more; "
+            f"use --integrator {' or '.join(ONE_FORCE)}"
+        )
+    try:
+        system = build_system(args.system, args.seed, args.links)
+    except SceneError as error:
+        parser.error(f"argument --system: {error}")
+    paths = [args.out / name for name in ("metrics.json", "constraints.rrd")][: 1 + args.rerun]
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        for path in paths:
+            check_writable(path)
+    except OSError as error:
+        parser.error(f"argument --out: cannot write into '{args.out}': {error.strerror}; name a folder for the results")
+    table = hold_table(args.dt, args.baumgarte, args.time_constant, args.impedance)
+    modes = list(table) if args.stabilization == "all" else [args.stabilization]
+    stride = max(1, round(1.0 / (FRAME_RATE * args.dt)), steps * len(system["q0"]) // MAX_RECORDED)
+    frames = range(0, steps + 1, stride) if args.rerun else ()
+    print(banner("ch3.4", "constraints", args.device, "smoke" if args.smoke else "full"))
+    print(f"{args.system}: {len(system['pairs'])} rods, seed {args.seed}; {args.integrator}, {steps} x {args.dt:g} s\n")
+    if "impulse" in modes and args.integrator not in ONE_FORCE:
+        modes.remove("impulse")
+        print(f"impulse left out: it presumes one force a step, {args.integrator} takes more\n")
+    runs = {}
+    for mode in modes:
+        tick = progress(mode, steps)
+        runs[mode] = simulate(system, args.integrator, table[mode], args.dt, steps, frames, tick)
+    print("mode         max rod error  final rod error  energy drift  us/step  x real time")
+    for mode, run in runs.items():
+        pace = run["seconds_per_step"]
+        errors = f"{run['max_violation']:11.3e} m {run['final_violation']:14.3e} m {run['energy_rel_max']:13.3e}"
+        print(f"{mode:<12} {errors} {1e6 * pace:8.1f} {args.dt / pace:12.0f}")
+    print("")
+    for mode, run in runs.items():
+        if run["stopped"]:
+            print(diagnosis(run, args, mode))
+    if {"none", "baumgarte"} <= runs.keys():
+        none, helped = (float(runs[mode]["max_violation"]) for mode in ("none", "baumgarte"))
+        expected = none > 3.0 * helped and not runs["baumgarte"]["stopped"]
+        verdict = "as expected, over 3" if expected else "UNEXPECTED, not over 3"
+        print(f"verdict: worst rod error, none / baumgarte = {none / max(helped, 1e-300):.1f}: {verdict}")
+    text = metrics(args, steps, runs)
+    if args.rerun:
+        log_rerun(paths[1], system, runs, args.dt)
+    write_whole(paths[0], lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    print(f"wrote {' and '.join(map(str, paths))}" + (f"\nlook: rerun {paths[1]}" if args.rerun else ""))
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("\nconstraints.py: interrupted, nothing written")
+# --- endregion ---

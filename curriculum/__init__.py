@@ -1,0 +1,1 @@
+"""Companion code of the course, one package a chapter."""

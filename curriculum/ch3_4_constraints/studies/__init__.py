@@ -1,0 +1,1 @@
+"""Studies: short runnable files, one question each."""

@@ -1,0 +1,29 @@
+"""Files that appear whole or not at all."""
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+
+
+def write_whole(path, write):
+    """Let `write(temporary)` fill a file beside `path`, then rename it into place.
+
+    If `write` fails or is interrupted, `path` is as it was and nothing is left beside it. Raises what `write` raises.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_writable(path):
+    """Raise OSError now if `write_whole(path, ...)` could not work later; leaves nothing behind."""
+    path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, f"{path.name} is a folder there", str(path))
+    with tempfile.TemporaryFile(dir=path.parent):
+        pass
