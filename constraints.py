@@ -611,11 +611,11 @@ def main(argv=None):
     for mode in modes:
         tick = progress(mode, steps)
         runs[mode] = simulate(system, args.integrator, table[mode], args.dt, steps, frames, tick)
-    print("mode         max rod error  final rod error  energy drift  us/step  x real time")
+    print("mode         max rod error  final rod error  energy drift      a step   real time")
     for mode, run in runs.items():
         pace = run["seconds_per_step"]
         errors = f"{run['max_violation']:11.3e} m {run['final_violation']:14.3e} m {run['energy_rel_max']:13.3e}"
-        print(f"{mode:<12} {errors} {1e6 * pace:8.1f} {args.dt / pace:12.0f}")
+        print(f"{mode:<12} {errors} {1e6 * pace:8.1f} us {args.dt / pace:9.0f} x")
     print("")
     for mode, run in runs.items():
         if run["stopped"]:

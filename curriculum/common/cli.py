@@ -16,7 +16,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def number(kind, low, include_low=True, high=math.inf):
-    """An argparse type: a finite `kind` (int or float), at least `low` (above it unless `include_low`), under `high`."""
+    """An argparse type: a finite `kind` (int or float), >= `low` (> unless `include_low`) and < `high`."""
     allowed = f"a {'whole' if kind is int else 'finite'} number {'>=' if include_low else '>'} {low}"
     allowed += f" and < {high}" if high < math.inf else ""
 

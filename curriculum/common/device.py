@@ -36,7 +36,7 @@ def banner(chapter, title, device, tier, ledger=LEDGER):
 
 
 def progress(what, steps):
-    """A callback for long runs that shows the share done, from the third second on; None where stderr is no terminal."""
+    """A callback for long runs that shows the share done, after two seconds; None where stderr is no terminal."""
     if not sys.stderr.isatty():
         return None
     begin = time.monotonic()
