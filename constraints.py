@@ -11,9 +11,6 @@ costs. Read it from top to bottom; run it with
 """
 
 # --- region: setup ---
-from __future__ import annotations
-
-import argparse
 import json
 import math
 import sys
@@ -23,17 +20,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.common.cli import Parser, number
+from curriculum.common.cli import chapter_parser, number, ready
 from curriculum.common.device import banner, progress
-from curriculum.common.files import check_writable, write_whole
+from curriculum.common.files import write_whole
+from curriculum.common.gauss import make_gauss
 from curriculum.common.scenes import SceneError, load_scene
 
 HERE = Path(__file__).resolve().parent
 CHAPTER = "curriculum/ch3_4_constraints"
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
 SMOKE_STEPS = 800
-FRAME_RATE = 60.0  # states a simulated second in the recording: what a screen can show
-MAX_RECORDED = 1_000_000  # particle positions a mode in the recording, however long the run
+FRAME_RATE, MAX_RECORDED = 60.0, 1_000_000  # recorded: states a simulated second, and particle positions at most
+RULED_SECONDS, RULED_RODS = 2.0, 30  # the true error is taken then, before chaos decides, for scenes of this size
 # --- endregion ---
 
 
@@ -45,10 +43,10 @@ SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}
 
 
 def build_system(name, seed=0, links=10):
-    """A name of SYSTEMS, "chain" of `links` rods, or the path of a scene file; raises SceneError on a bad file.
+    """A name of SYSTEMS, "chain" of `links` rods, or the path of a scene file; raises SceneError if that is no good.
 
-    Named scenes are unit rods and masses stretched out sideways from the pivot, at rest. The tilt of the whole chain,
-    drawn from +-0.05 rad, is the only random number of the program.
+    The named ones are unit rods and masses stretched out sideways from the pivot, at rest, tilted as a whole by the one
+    random number of the program, within 0.05 rad.
     """
     if name not in SYSTEMS and name != "chain":
         return make_system(**load_scene(name))
@@ -67,35 +65,29 @@ def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     solvers need again and again: `weight` (N, 3) newtons, whether it is a `chain`, how the rods couple.
     """
     q0, v0, anchors = (np.asarray(a, dtype=float) for a in (q0, v0, anchors))
-    m = np.asarray(m, dtype=float).reshape(-1, 1)
-    system = {"q0": q0, "v0": v0, "m": m, "pairs": list(pairs), "anchors": anchors, "weight": m * GRAVITY}
-    system["chain"] = list(pairs) == [(k, k - 1) for k in range(len(q0))]
+    m, pairs = np.asarray(m, dtype=float).reshape(-1, 1), [tuple(pair) for pair in pairs]
+    system = {"q0": q0, "v0": v0, "m": m, "pairs": pairs, "anchors": anchors, "weight": m * GRAVITY}
+    system["chain"] = pairs == [(k, k - 1) for k in range(len(q0))]
     w = 1.0 / m[:, 0]
     if system["chain"]:
-        # A_kk = (w_here + w_back) |d_k|^2 and A_k,k-1 = -w_back d_k . d_k-1; an anchor does not move: its w is 0
-        system["w_here"], system["w_back"] = w, np.concatenate([[0.0], w[:-1]])
+        # A_kk = (1/m_k + 1/m_k-1) |d_k|^2 and A_k,k-1 = -1/m_k-1 d_k . d_k-1; an anchor does not move: its 1/m is 0
+        system["a_diag"], system["a_off"] = w + np.append(0.0, w[:-1]), -w[:-1]
     else:
-        inc = system["incidence"] = incidence(pairs, len(q0))
-        system["coupling"] = (inc * w) @ inc.T  # B M^-1 B^T: which rods feel each other, and how much
+        inc, system["fixed"] = incidence(pairs, len(q0), anchors)
+        system["incidence"], system["coupling"] = inc, (inc * w) @ inc.T  # B M^-1 B^T: which rods feel each other
         system["tree"] = np.linalg.matrix_rank(inc) == len(inc)  # else rods close a loop, maybe through the ground
-        system["fixed_end"] = np.array([anchors[-1 - j] if j < 0 else np.zeros(3) for _, j in pairs])
-    if lengths is None:
-        d = rod_vectors(system, q0)
-        lengths = np.sqrt(dot(d, d))
-    system["lengths"] = np.asarray(lengths, dtype=float)
-    if system["chain"]:
-        system["links"] = list(zip(w.tolist(), system["w_back"].tolist(), system["lengths"].tolist(), strict=True))
+    d = rod_vectors(system, q0)
+    system["lengths"] = np.sqrt(dot(d, d)) if lengths is None else np.asarray(lengths, dtype=float)
+    system["fall"] = rod_vectors(system, system["weight"] / m, rate=True)
+    system["links"] = list(zip(w.tolist(), [0.0, *w[:-1].tolist()], system["lengths"].tolist(), strict=False))
     return system
 
 
-def incidence(pairs, n):
-    """(C, N) signed incidence matrix: row k holds +1 at particle i of rod k and -1 at its partner, if that can move."""
-    inc = np.zeros((len(pairs), n))
-    for k, (i, j) in enumerate(pairs):
-        inc[k, i] = 1.0
-        if j >= 0:
-            inc[k, j] = -1.0
-    return inc
+def incidence(pairs, n, anchors):
+    """Signed incidence B (C, n) of rods on particles, +1 at i and -1 at j, and the anchors' part of d = B q + fixed."""
+    eye, (i, j) = np.eye(n + len(anchors)), np.array(pairs).T
+    full = eye[i] - eye[j]  # a negative j counts from the end, where the anchors stand in reverse
+    return full[:, :n], full[:, n:] @ anchors[::-1]
 
 
 # --- endregion ---
@@ -167,7 +159,7 @@ def dot(a, b):
 def rod_vectors(system, x, rate=False):
     """(..., N, 3) -> (..., C, 3): d_k from positions x; with `rate`, d_k' from velocities x (anchors stand still)."""
     if not system["chain"]:
-        return system["incidence"] @ x - (0.0 if rate else system["fixed_end"])
+        return system["incidence"] @ x + (0.0 if rate else system["fixed"])
     d = x.copy(order="K")
     d[..., 1:, :] -= x[..., :-1, :]
     if not rate:
@@ -190,18 +182,18 @@ def constraint_terms(system, q, v):
     To read, and to check the solvers against; nothing below needs the matrix J itself.
     """
     d, rate = rod_vectors(system, q), rod_vectors(system, v, rate=True)
-    inc = incidence(system["pairs"], q.shape[-2])
+    inc, _ = incidence(system["pairs"], q.shape[-2], system["anchors"])
     jac = (inc[:, :, None] * d[..., :, None, :]).reshape(*d.shape[:-1], -1)
     return jac, 0.5 * (dot(d, d) - system["lengths"] ** 2), dot(d, rate), dot(rate, rate)
 
 
-def solve_rods(system, d, e, rhs, softness=0.0):
+def solve_rods(system, d, e, rhs, softness=0.0, cutoff=1e-9):
     """lam (..., C) of (A + softness diag A) lam = rhs, with A_kl = (B M^-1 B^T)_kl d_k . e_l; mostly e is d.
 
     Rods that share no particle do not couple. A chain's A is tridiagonal: a sweep towards the tip eliminates, one back
     substitutes; O(N), + - * / only, hence the same bytes everywhere (and R. Featherstone's articulated-body method).
     Anything else gets the dense matrix. A loop may have more rods than it needs, or lose rank in passing: among all
-    tensions that do, the smallest is then the right one.
+    tensions that do, the smallest is then the right one (eigenvalues under `cutoff` of the largest count as zero).
     """
     if not system["chain"]:
         a = system["coupling"] * (d @ np.swapaxes(e, -1, -2))
@@ -209,21 +201,24 @@ def solve_rods(system, d, e, rhs, softness=0.0):
             a = a * (1.0 + softness * np.eye(a.shape[-1]))
         if system["tree"] or softness:
             return np.linalg.solve(a, rhs[..., None])[..., 0]
-        return (np.linalg.pinv(a, rcond=1e-9, hermitian=d is e) @ rhs[..., None])[..., 0]
-    w_here, w_back = system["w_here"], system["w_back"]
-    diag = (1.0 + softness) * (w_here + w_back) * dot(d, e)
-    upper = -w_back[1:] * dot(d[..., :-1, :], e[..., 1:, :])
-    lower = upper if d is e else -w_back[1:] * dot(d[..., 1:, :], e[..., :-1, :])
+        return (np.linalg.pinv(a, rcond=cutoff, hermitian=d is e) @ rhs[..., None])[..., 0]
+    diag = (1.0 + softness) * system["a_diag"] * dot(d, e)
+    upper = system["a_off"] * dot(d[..., :-1, :], e[..., 1:, :])
+    lower = upper if d is e else system["a_off"] * dot(d[..., 1:, :], e[..., :-1, :])
     # one run sweeps over floats, leading axes sweep over whole arrays: the lines below do not care
     diag, upper, lower, rhs = (a.tolist() if a.ndim == 1 else a.T for a in (diag, upper, lower, rhs))
-    pivot, y = [diag[0]], [rhs[0]]
-    for a, up, low, b in zip(diag[1:], upper, lower, rhs[1:], strict=True):
-        ratio = low / pivot[-1]
-        pivot.append(a - ratio * up)
-        y.append(b - ratio * y[-1])
-    lam = [y[-1] / pivot[-1]]
+    p, b = diag[0], rhs[0]
+    pivot, y = [p], [b]
+    for a, up, low, b_next in zip(diag[1:], upper, lower, rhs[1:], strict=True):
+        ratio = low / p
+        p, b = a - ratio * up, b_next - ratio * b
+        pivot.append(p)
+        y.append(b)
+    x = b / p
+    lam = [x]
     for p, b, up in zip(pivot[-2::-1], y[-2::-1], upper[::-1], strict=True):
-        lam.append((b - up * lam[-1]) / p)
+        x = (b - up * x) / p
+        lam.append(x)
     return np.array(lam[::-1]).T
 
 
@@ -242,13 +237,15 @@ def constraint_force(system, q, v, hold, applied=None):
     if system["chain"] and q.ndim == 2 and len(q) < SHORT_CHAIN:
         return short_chain_force(system, q, v, hold, applied)
     d, rate = rod_vectors(system, q), rod_vectors(system, v, rate=True)
-    rhs = -dot(d, rod_vectors(system, applied / system["m"], rate=True))
-    if hold.use_jdotv:
-        rhs = rhs - hold.use_jdotv * dot(rate, rate)
+    fall = system["fall"] if applied is system["weight"] else rod_vectors(system, applied / system["m"], rate=True)
+    rhs = -(dot(d, fall) + hold.use_jdotv * dot(rate, rate))
     if hold.stiffness:
         error = position_error(dot(d, d), system["lengths"], hold.softness, np.sqrt)
         rhs = rhs - hold.damping * dot(d, rate) - hold.stiffness * error
-    return rod_pulls(system, d, solve_rods(system, d, d, rhs, hold.softness))
+    # Near a pose where J loses rank, the tensions about to become arbitrary are hopelessly sensitive, too. If the step
+    # ends with a projection, leave those to it: 60 times below what a straight chain of as many rods needs.
+    cutoff = 0.01 / len(system["pairs"]) ** 2 if hold.project else 1e-9
+    return rod_pulls(system, d, solve_rods(system, d, d, rhs, hold.softness, cutoff))
 
 
 SHORT_CHAIN = 20  # links; beyond, a numpy call has enough rods to spread its overhead over (see the study benchmark)
@@ -355,8 +352,11 @@ def rk4_step(q, v, m, force, dt):
     return q + (dt / 6.0) * (v + 2.0 * (v2 + v3) + v4), v + (dt / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
 
 
-INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
+# The fourth is the ruler that measures the others: Gauss-Legendre collocation, order 16, implicit, symplectic, exact to
+# rounding at steps of 0.05 s. It iterates its stages, and those of some steps ahead, by calls of the same force.
+INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step, "gauss": make_gauss()}
 ONE_FORCE = ("euler", "semi_implicit")  # evaluate the force once a step, as impulse presumes
+
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is critically damped, a double root -w. A rule holds it up to this z = dt w.
 # Euler: |1 - z| <= 1. Semi-implicit: trace 2 - 2z - z^2, determinant 1 - 2z. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 = 1.
@@ -377,6 +377,11 @@ def energy(system, q, v):
     return np.sum(0.5 * m * dot(v, v) - m * dot(q, GRAVITY), axis=-1)
 
 
+def energy_scale(system):
+    """The unit of energy_rel_max in J: sum m |g| sum L, about what falling from the top to the bottom is worth."""
+    return float(np.sum(system["m"])) * float(np.max(np.abs(GRAVITY))) * float(np.sum(system["lengths"]))
+
+
 def constraint_violation(system, q):
     """Rod error (...,) in m of positions q (..., N, 3): the largest | |d_k| - L_k |, what a ruler would show."""
     d = rod_vectors(system, q)
@@ -384,69 +389,79 @@ def constraint_violation(system, q):
 
 
 def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000, keep=(), tick=None):
-    """Integrate `system` for `steps` steps of `dt` seconds and measure every one of them.
+    """Integrate `system` for `steps` steps of `dt` seconds, by a name of INTEGRATORS or a rule; measure every step.
 
     `keep`: step numbers (0 is the start) whose states to return; `tick(step)` is called after each block. Returns q, v
-    (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in units of sum m |g| sum L, (...,)
-    each; kept: step (K,), q (K, ..., N, 3), violation and energy error (K, ...); seconds_per_step of the integration
-    alone; steps done; stopped: None, or why the run ended early. It ends at the first state that is LOST or not finite,
-    or when a step fails; what it reports was true until then. With leading axes in q0 and v0 all runs go in step.
+    (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in units of energy_scale (...,) each;
+    kept: step (K,), q (K, ..., N, 3), violation and energy error (K, ...); seconds_per_step of the integration alone;
+    steps done; stopped: None, or why the run ended early. It ends at the first state that is LOST or not finite, or when
+    a step fails, and reports what was true until then. With leading axes in q0 and v0 all runs go in step.
     """
-    hold, m = as_hold(hold), system["m"]
-    force, step = make_force(system, hold), INTEGRATORS[integrator]
+    hold, m, step = as_hold(hold), system["m"], INTEGRATORS.get(integrator, integrator)
+    force = make_force(system, hold)
     q, v = (system[key].copy(order="F") for key in ("q0", "v0"))  # leading axes contiguous: arrays to sweep over
     size = max(1, BLOCK // (q.size // 3))
     qs, vs = (np.empty((size, *q.shape[::-1])).transpose(0, *range(q.ndim, 0, -1)) for _ in range(2))
-    keep, kept = np.unique(np.asarray(keep, dtype=int)), []
-    reach = float(np.sum(system["lengths"]))
-    scale, start = float(np.sum(m)) * float(np.sqrt(dot(GRAVITY, GRAVITY))) * reach, energy(system, q, v)
+    scale, start, lost = energy_scale(system), energy(system, q, v), LOST * float(np.sum(system["lengths"]))
     worst, drift = np.zeros(start.shape), np.zeros(start.shape)
-    seconds, attempted, stopped = 0.0, 0, None
+    keep, kept, seconds, attempted, stopped = np.unique(np.asarray(keep, dtype=int)), [], 0.0, 0, None
     qs[0], vs[0], done, count = q, v, -1, 1  # the first block is the start alone
-    while True:
-        with np.errstate(all="ignore"):  # a run that blows up is reported below, once and in words
-            violation, change = constraint_violation(system, qs[:count]), energy(system, qs[:count], vs[:count]) - start
-            sane = (violation < LOST * reach) & np.isfinite(change)
-            sane = sane.all(axis=tuple(range(1, sane.ndim)))
+    with np.errstate(all="ignore"):  # a run that blows up is reported once and in words
+        while True:
+            violation = constraint_violation(system, qs[:count])
+            error = energy(system, qs[:count], vs[:count]) - start
+            sane = ((violation < lost) & np.isfinite(error)).all(axis=tuple(range(1, error.ndim)))
             if not sane.all():
                 count = int(np.argmin(sane))
                 stopped = f"diverged at step {done + 1 + count}"
             if count:
                 worst = np.maximum(worst, violation[:count].max(axis=0))
-                drift = np.maximum(drift, np.abs(change[:count]).max(axis=0) / scale)
+                drift = np.maximum(drift, np.abs(error[:count]).max(axis=0) / scale)
                 q, v, final = qs[count - 1].copy(order="K"), vs[count - 1].copy(order="K"), violation[count - 1]
-            wanted = keep[(keep > done) & (keep <= done + count)]
-            rows = wanted - done - 1
-            kept.append((wanted, qs[rows], violation[rows], change[rows] / scale))
+            rows = keep[(keep > done) & (keep <= done + count)] - done - 1
+            kept.append((rows + done + 1, qs[rows], violation[rows], error[rows] / scale))
             done += count
             if tick:
                 tick(done)
             if stopped or done >= steps:
                 break
-            count = min(size, steps - done)
-            clock = time.perf_counter()
+            count, clock = min(size, steps - done), time.perf_counter()
             for i in range(count):
                 try:
                     q_next, v_next = step(q, v, m, force, dt)
                     if hold.project:
                         q_next, v_next = project(system, q, q_next, v_next, dt)
-                except (ArithmeticError, np.linalg.LinAlgError) as error:
-                    stopped, count = f"stopped at step {done + 1 + i}: {error}", i
+                except (ArithmeticError, np.linalg.LinAlgError) as reason:
+                    stopped, count = f"stopped at step {done + 1 + i}: {reason}", i
                     break
                 qs[i], vs[i] = q, v = q_next, v_next
             seconds, attempted = seconds + time.perf_counter() - clock, attempted + count
-    steps_kept, q_kept, violation_kept, energy_kept = (np.concatenate(part) for part in zip(*kept, strict=True))
-    return {
-        "q": q,
-        "v": v,
-        "max_violation": worst,
-        "final_violation": final,
-        "energy_rel_max": drift,
-        "kept": {"step": steps_kept, "q": q_kept, "violation": violation_kept, "energy": energy_kept},
-        "seconds_per_step": seconds / max(1, attempted),
-        "steps": done,
-        "stopped": stopped,
-    }
+    columns = (np.concatenate(column) for column in zip(*kept, strict=True))
+    run = {"q": q, "v": v, "max_violation": worst, "final_violation": final, "energy_rel_max": drift}
+    run |= {"kept": dict(zip(("step", "q", "violation", "energy"), columns, strict=True)), "stopped": stopped}
+    return run | {"steps": done, "seconds_per_step": seconds / max(1, attempted)}
+
+
+def distance(a, b):
+    """The largest distance in m between the same particle in positions a and b, (..., N, 3)."""
+    return float(np.sqrt(np.max(dot(a - b, a - b))))
+
+
+def true_position(system, seconds):
+    """q (N, 3) after `seconds` by the ruler, gauss, and how far two of its steps differ there, in m.
+
+    (None, inf) where that stays over 1e-9: the motion is too fast for the steps tried, or chaos has had its time.
+    """
+    before, hold = None, hold_table()["project"]
+    for dt in (0.05, 0.025, 0.0125, 0.00625):
+        steps = math.ceil(seconds / dt)
+        run = simulate(system, "gauss", hold, seconds / steps, steps)
+        if run["stopped"]:
+            continue
+        if before is not None and distance(run["q"], before) < 1e-9:
+            return run["q"], distance(run["q"], before)
+        before = run["q"]
+    return None, math.inf
 
 
 # --- endregion ---
@@ -464,169 +479,116 @@ COLORS = {
 
 
 def log_rerun(path, system, runs, dt):
-    """Write the recording of `runs`, {mode: result of simulate}, to `path`: whole columns, a few calls a mode, no loop.
+    """Write the recording of `runs`, {mode: result of simulate}, to `path`: chains, rod errors, energy errors."""
+    from curriculum.common.recording import record  # here: a run without a recording never pays for importing rerun
 
-    Over `sim_time`: each mode's rods, particles and the tip's path of the last second; log10 of the rod error in m; the
-    energy error as a share of sum m |g| sum L. The blueprint inside the file lays them out.
-    """
-    import rerun as rr  # here, so that a run without a recording never pays for the import
-    import rerun.blueprint as rrb
-
-    anchors, reach = system["anchors"], float(np.sum(system["lengths"]))
-    middle = 0.5 * (anchors.min(axis=0) + anchors.max(axis=0))
-    front = middle + np.array([0.0, 0.0, 2.2 * reach])  # before the x-y plane, y up
-    begin, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
-    last_second = rrb.VisibleTimeRanges([rrb.VisibleTimeRange("sim_time", start=begin, end=end)])
-    scene = rrb.Spatial3DView(
-        name=", ".join(f"{COLORS[mode][0]}: {mode}" for mode in runs),
-        origin="scene",
-        eye_controls=rrb.EyeControls3D(kind="Orbital", position=front, look_target=middle, eye_up=[0.0, 1.0, 0.0]),
-        line_grid=False,
-        background=[16, 16, 20],
-        overrides={f"scene/{mode}/path": last_second for mode in runs},
-    )
-    rod_error = rrb.TimeSeriesView(name="rod error: log10 of metres", origin="rod_error")
-    energy_error = rrb.TimeSeriesView(name="energy error: share of m g L", origin="energy_error")
-    layout = rrb.Horizontal(scene, rrb.Vertical(rod_error, energy_error), column_shares=[3, 2])
-    time_panel = rrb.TimePanel(timeline="sim_time", state="collapsed", play_state="playing", loop_mode="all")
-
-    def write(temporary):
-        # a fixed id and no wall-clock timeline: the same run is the same recording
-        recording = rr.RecordingStream("constraints", recording_id="constraints", send_properties=False)
-        recording.save(temporary, default_blueprint=rrb.Blueprint(layout, time_panel, collapse_panels=True))
-        recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
-        recording.log("scene/anchors", rr.Points3D(anchors, radii=0.02 * reach, colors=[150, 150, 150]), static=True)
-        for mode, run in runs.items():
-            kept, color = run["kept"], COLORS[mode][1]
-            q, when = kept["q"], [rr.TimeColumn("sim_time", duration=kept["step"] * dt)]
-            heads = q[:, [i for i, _ in system["pairs"]]]
-            rods = np.stack([heads - rod_vectors(system, q), heads], axis=-2).reshape(-1, 2, 3)
-            strips, points = rr.LineStrips3D.columns(strips=rods), rr.Points3D.columns(positions=q.reshape(-1, 3))
-            lines, thin = (a.from_fields(radii=0.006 * reach, colors=color) for a in (rr.LineStrips3D, rr.Points3D))
-            thick, curve = rr.Points3D.from_fields(radii=0.025 * reach, colors=color), rr.SeriesLines(colors=color)
-            log_error = np.log10(np.maximum(kept["violation"], 1e-16))
-            for entity, style, data in (
-                (f"scene/{mode}/rods", lines, strips.partition([len(system["pairs"])] * len(q))),
-                (f"scene/{mode}/particles", thick, points.partition([q.shape[1]] * len(q))),
-                (f"scene/{mode}/path", thin, rr.Points3D.columns(positions=q[:, -1])),
-                (f"rod_error/{mode}", curve, rr.Scalars.columns(scalars=log_error)),
-                (f"energy_error/{mode}", curve, rr.Scalars.columns(scalars=kept["energy"])),
-            ):
-                recording.log(entity, style, static=True)
-                recording.send_columns(entity, when, data)
-        recording.flush()
-        recording.disconnect()
-
-    write_whole(path, write)
+    movers, ends = {}, [i for i, _ in system["pairs"]]
+    for mode, run in runs.items():
+        step, q, violation, error = run["kept"].values()
+        rods = np.stack([q[:, ends] - rod_vectors(system, q), q[:, ends]], axis=-2)
+        curves = {"rod error: log10 of metres": np.log10(np.maximum(violation, 1e-16))}
+        movers[mode] = COLORS[mode], step * dt, q, rods, curves | {"energy error: share of m g L": error}
+    record(path, "constraints", movers, system["anchors"], float(np.sum(system["lengths"])))
 
 
-def build_parser():
-    """The command line; the help of each flag says why one would turn it."""
-    studies = ", ".join(sorted(path.stem for path in (HERE / CHAPTER).glob("studies/[!_]*.py")))
-    parser = Parser(
-        prog="constraints.py",
-        description="Rods held by a force that is solved for: how well, and at what cost?",
-        epilog=f"Studies ask one question each: python -m {CHAPTER.replace('/', '.')}.studies.NAME; NAME: {studies}.",
-    )
-    add, rate = parser.add_argument, number(float, 0, False)
+def parse(argv):
+    """The command line and the system it names; the help of each flag says why one would turn it."""
+    parser = chapter_parser("constraints.py", HERE / CHAPTER, "outputs/ch3.4-constraints", SMOKE_STEPS)
+    add, positive = parser.add_argument, number(float, 0, False)
     # fmt: off
-    add("--seed", type=number(int, 0), default=0, help="draws the start angle: seeds a hair apart end metres apart (0)")
-    add("--system", default="double", metavar="NAME", help="pendulum swings, double and triple are chaotic; chain "
-        "has --links rods; or a scene file of your own (double)")
-    add("--links", type=number(int, 1), default=10, help="rods of --system chain: the cost grows with N, not N^3 (10)")
-    add("--integrator", choices=INTEGRATORS, default="semi_implicit",
-        help="the same force under another rule: who drifts, and how fast (semi_implicit)")
-    add("--stabilization", choices=["all", *hold_table()], default="all",
-        help="what to do about drift; all puts the answers side by side (all)")
-    add("--baumgarte", type=number(float, 0), default=20.0, metavar="RAD/S",
-        help="how hard baumgarte pulls a rod back: 0 is none, too much blows up (20)")
-    add("--time-constant", type=rate, default=0.02, metavar="S", help="how long soft takes to pull a rod back (0.02)")
-    add("--impedance", type=number(float, 0, False, 1), default=0.95, metavar="P",
-        help="how hard soft is, 0 to 1: near 1 a rod hardly gives (0.95)")
-    add("--dt", type=rate, default=0.005, metavar="S", help="halve it and read off each rule's order (0.005)")
+    add("--system", default="double", metavar="NAME", help="pendulum, double, triple, chain, or a scene file (double)")
+    add("--links", type=number(int, 1, high=1_000_001), default=10, help="rods of --system chain: cost grows with N, not N^3 (10)")
+    add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who drifts, how fast? (semi_implicit)")
+    add("--stabilization", choices=["all", *hold_table()], default="all", help="what to do about drift? (all, compared)")
+    add("--baumgarte", type=number(float, 0), default=20.0, metavar="RAD/S", help="its pull: too much blows up (20)")
+    add("--time-constant", type=positive, default=0.02, metavar="S", help="how long soft takes to mend a rod (0.02)")
+    add("--impedance", type=number(float, 0, False, 1), default=0.95, metavar="P", help="soft: hard rods near 1 (0.95)")
+    add("--dt", type=positive, default=0.005, metavar="S", help="halve it and read off each rule's order (0.005)")
+    add("--tol", type=positive, metavar="M", help="gauss only: chooses dt and stages for this error after 2 s")
     add("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer and none gets worse (4000)")
-    add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps whatever --steps says: quick, for a byte-diff in CI")
-    add("--device", choices=["cpu"], default="cpu", help="as in every chapter; rods leave anything else idle")
-    add("--out", type=Path, default=Path("outputs/ch3.4-constraints"), metavar="FOLDER",
-        help="where metrics.json and constraints.rrd go: one folder a run keeps them apart")
-    add("--rerun", action=argparse.BooleanOptionalAction, default=True,
-        help="the recording; turn it off when only the numbers count (on)")
     # fmt: on
-    return parser
+    args = parser.parse_args(argv)
+    args.steps = SMOKE_STEPS if args.smoke else args.steps
+    args.modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
+    if args.tol and args.integrator != "gauss":
+        parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; {args.integrator} takes --dt")
+    if args.stabilization == "impulse" and args.integrator not in ONE_FORCE:
+        allowed = f"use --integrator {' or '.join(ONE_FORCE)}"
+        parser.error(f"argument --stabilization: impulse needs one force a step, not {args.integrator}; {allowed}")
+    try:
+        system = build_system(args.system, args.seed, args.links)
+    except SceneError as error:
+        parser.error(f"argument --system: {error}")
+    ready(parser, args.out, ("metrics.json", "constraints.rrd"))
+    return args, system
 
 
-def diagnosis(run, args, mode):
-    """One sentence for a run that ended early, with the cause where theory knows it."""
+def report(args, runs, errors):
+    """Print what was run, the table, a sentence for every run that ended early, and the verdict."""
+    print(f"{args.system}: seed {args.seed}; {args.integrator}, {args.steps} steps of {args.dt:.4g} s\n")
+    print("mode         max rod error  final rod error  energy drift  error at 2 s     a step  real time")
+    for mode, run in runs.items():
+        pace, error = run["seconds_per_step"], "-" if errors[mode] is None else f"{errors[mode]:.3e} m"
+        numbers = f"{run['max_violation']:11.3e} m {run['final_violation']:14.3e} m {run['energy_rel_max']:13.3e}"
+        print(f"{mode:<12} {numbers} {error:>13} {1e6 * pace:7.1f} us {args.dt / pace:8.0f} x")
+    print("")
     z, limit = args.dt * args.baumgarte, STABILITY_LIMIT.get(args.integrator, math.inf)
-    if mode == "baumgarte" and z > limit:
-        return f"{mode} {run['stopped']}: dt*omega = {z:.3g} is past the limit of {limit:.2f} for {args.integrator}"
-    return f"{mode} {run['stopped']}; a smaller --dt may hold it"
+    for mode, run in runs.items():
+        if run["stopped"]:
+            known = f"dt*omega = {z:.3g} is past the limit of {limit:.2f} for {args.integrator}"
+            print(f"{mode} {run['stopped']}: {known if mode == 'baumgarte' and z > limit else 'try a smaller --dt'}")
+    if {"none", "baumgarte"} <= runs.keys():
+        none, helped = (float(runs[mode]["max_violation"]) for mode in ("none", "baumgarte"))
+        expected = none > 3.0 * helped and not runs["baumgarte"]["stopped"]
+        verdict = "as expected, over 3" if expected else "UNEXPECTED, not over 3"
+        print(f"verdict: worst rod error, none / baumgarte = {none / max(helped, 1e-300):.1f}: {verdict}")
 
 
-def metrics(args, steps, runs):
+def metrics(args, runs, errors):
     """The text of metrics.json: results and what they depend on, nothing of the host, so equal runs are equal bytes."""
-    content = {
-        key: getattr(args, key)
-        for key in ("system", "integrator", "dt", "seed", "baumgarte", "time_constant", "impedance")
-    }
-    content |= {"steps": steps, "results": {}}
+    names = ("system", "integrator", "dt", "steps", "seed", "baumgarte", "time_constant", "impedance")
+    content = {name: getattr(args, name) for name in names} | {"results": {}}
     for mode, run in runs.items():
         row = {key: round(float(run[key]), 12) for key in ("max_violation", "final_violation", "energy_rel_max")}
         row["tip_final"] = [round(x, 6) for x in run["q"][-1].tolist()]
+        # the ruler rests on BLAS, whose last digits are the processor's; these are not the last
+        row["error_2s"] = None if errors[mode] is None else round(errors[mode], 8)
         content["results"][mode] = row | ({"stopped": run["stopped"]} if run["stopped"] else {})
     return json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
 def main(argv=None):
     """Run the comparison that `argv` asks for; print it, write metrics.json and the recording. Returns 0."""
-    parser = build_parser()
-    args = parser.parse_args(argv)
-    steps = SMOKE_STEPS if args.smoke else args.steps
-    if args.stabilization == "impulse" and args.integrator not in ONE_FORCE:
-        parser.error(
-            f"argument --stabilization: impulse needs one force a step, {args.integrator} takes more; "
-            f"use --integrator {' or '.join(ONE_FORCE)}"
-        )
-    try:
-        system = build_system(args.system, args.seed, args.links)
-    except SceneError as error:
-        parser.error(f"argument --system: {error}")
-    paths = [args.out / name for name in ("metrics.json", "constraints.rrd")][: 1 + args.rerun]
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-        for path in paths:
-            check_writable(path)
-    except OSError as error:
-        parser.error(f"argument --out: cannot write into '{args.out}': {error.strerror}; name a folder for the results")
-    table = hold_table(args.dt, args.baumgarte, args.time_constant, args.impedance)
-    modes = list(table) if args.stabilization == "all" else [args.stabilization]
-    stride = max(1, round(1.0 / (FRAME_RATE * args.dt)), steps * len(system["q0"]) // MAX_RECORDED)
-    frames = range(0, steps + 1, stride) if args.rerun else ()
+    args, system = parse(argv)
     print(banner("ch3.4", "constraints", args.device, "smoke" if args.smoke else "full"))
-    print(f"{args.system}: {len(system['pairs'])} rods, seed {args.seed}; {args.integrator}, {steps} x {args.dt:g} s\n")
-    if "impulse" in modes and args.integrator not in ONE_FORCE:
-        modes.remove("impulse")
-        print(f"impulse left out: it presumes one force a step, {args.integrator} takes more\n")
-    runs = {}
-    for mode in modes:
-        tick = progress(mode, steps)
-        runs[mode] = simulate(system, args.integrator, table[mode], args.dt, steps, frames, tick)
-    print("mode         max rod error  final rod error  energy drift      a step   real time")
-    for mode, run in runs.items():
-        pace = run["seconds_per_step"]
-        errors = f"{run['max_violation']:11.3e} m {run['final_violation']:14.3e} m {run['energy_rel_max']:13.3e}"
-        print(f"{mode:<12} {errors} {1e6 * pace:8.1f} us {args.dt / pace:9.0f} x")
-    print("")
-    for mode, run in runs.items():
-        if run["stopped"]:
-            print(diagnosis(run, args, mode))
-    if {"none", "baumgarte"} <= runs.keys():
-        none, helped = (float(runs[mode]["max_violation"]) for mode in ("none", "baumgarte"))
-        expected = none > 3.0 * helped and not runs["baumgarte"]["stopped"]
-        verdict = "as expected, over 3" if expected else "UNEXPECTED, not over 3"
-        print(f"verdict: worst rod error, none / baumgarte = {none / max(helped, 1e-300):.1f}: {verdict}")
-    text = metrics(args, steps, runs)
+    seconds, rule, ladder = args.steps * args.dt, args.integrator, [args.dt]
+    at = args.dt * max(1, min(args.steps, round(RULED_SECONDS / args.dt)))
+    truth, known = true_position(system, at) if len(system["pairs"]) <= RULED_RODS else (None, math.inf)
+    if args.tol:  # a stage a digit, and the largest step that will do: in numpy stages cost little, steps a lot
+        rule = make_gauss(max(4, round(-math.log10(args.tol))), 4, min(0.1 * args.tol, 1e-3))
+        ladder = [at / (math.ceil(at / 0.16) * 2**k) for k in range(12)]
+    if "impulse" in args.modes and args.integrator not in ONE_FORCE:
+        args.modes.remove("impulse")
+        print(f"impulse left out: it presumes one force a step, {args.integrator} takes more")
+    for args.dt in ladder:
+        args.steps, check, runs, errors = math.ceil(seconds / args.dt - 1e-9), round(at / args.dt), {}, {}
+        stride = max(1, round(1.0 / (FRAME_RATE * args.dt)), args.steps * len(system["q0"]) // MAX_RECORDED)
+        frames = range(0, args.steps + 1, stride) if args.rerun else ()
+        for mode in args.modes:
+            hold = hold_table(args.dt, args.baumgarte, args.time_constant, args.impedance)[mode]
+            tick = progress(mode, args.steps)
+            run = runs[mode] = simulate(system, rule, hold, args.dt, args.steps, [*frames, check], tick)
+            there = run["kept"]["q"][run["kept"]["step"] == check]
+            errors[mode] = distance(there, truth) if truth is not None and len(there) else None
+        best = min((error for error in errors.values() if error is not None), default=math.inf)
+        if not args.tol or best <= args.tol and not any(run["stopped"] for run in runs.values()):
+            break
+    report(args, runs, errors)
+    if truth is not None:
+        print(f"error: farthest that a particle is from where it should be after {at:g} s, known to {known:.0e} m")
+    text, paths = metrics(args, runs, errors), [args.out / "metrics.json"]
     if args.rerun:
+        paths.append(args.out / "constraints.rrd")
         log_rerun(paths[1], system, runs, args.dt)
     write_whole(paths[0], lambda temporary: temporary.write_text(text, encoding="utf-8"))
     print(f"wrote {' and '.join(map(str, paths))}" + (f"\nlook: rerun {paths[1]}" if args.rerun else ""))

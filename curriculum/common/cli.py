@@ -2,6 +2,9 @@
 
 import argparse
 import math
+from pathlib import Path
+
+from curriculum.common.files import check_writable
 
 
 class Parser(argparse.ArgumentParser):
@@ -12,21 +15,51 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
+        message = r"\n".join(message.splitlines())  # a value may hold a line break
         self.exit(2, f"{self.prog}: error: {message}\n")
 
 
-def number(kind, low, include_low=True, high=math.inf):
-    """An argparse type: a finite `kind` (int or float), >= `low` (> unless `include_low`) and < `high`."""
-    allowed = f"a {'whole' if kind is int else 'finite'} number {'>=' if include_low else '>'} {low}"
-    allowed += f" and < {high}" if high < math.inf else ""
+def number(kind, low, include_low=True, high=1e12):
+    """An argparse type: a `kind` (int or float) >= `low` and < `high`; unless `include_low`, >= `low` + 1e-9.
+
+    Nobody means the numbers beyond, and they overflow once squared or divided by.
+    """
+    low = low if include_low else low + 1e-9
+    allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):
         try:
             value = kind(text)
         except ValueError:
             value = math.nan
-        if not (low <= value < high) or (value == low and not include_low):
+        if not low <= value < high:
             raise argparse.ArgumentTypeError(f"must be {allowed}, not {text!r}")
         return value
 
     return parse
+
+
+def chapter_parser(prog, folder, out, smoke_steps):
+    """A Parser with every chapter's flags: --seed, --smoke, --device, --out, --rerun; its --help ends with the studies."""
+    studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
+    module = ".".join(folder.parts[-2:])
+    about = "Every figure is a question: turn a flag, guess what it does, and look."
+    epilog = f"Studies, a question each: python -m {module}.studies.NAME, where NAME is one of: {studies}."
+    parser = Parser(prog=prog, description=about, epilog=epilog)
+    add = parser.add_argument
+    add("--seed", type=number(int, 0), default=0, help="draws the start: seeds a hair apart may end metres apart (0)")
+    add("--smoke", action="store_true", help=f"{smoke_steps} steps whatever --steps says: quick, for a byte-diff in CI")
+    add("--device", choices=["cpu"], default="cpu", help="the same in every chapter; this one is too small for another")
+    add("--out", type=Path, default=Path(out), metavar="FOLDER", help="one folder a run, to compare runs later")
+    add("--rerun", action=argparse.BooleanOptionalAction, default=True, help="off when only the numbers count (on)")
+    return parser
+
+
+def ready(parser, folder, names):
+    """Make `folder` and see that files `names` can be written there; else a line on stderr, and exit status 2."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            check_writable(folder / name)
+    except OSError as error:
+        parser.error(f"argument --out: cannot write into '{folder}': {error.strerror}; name a folder for the results")

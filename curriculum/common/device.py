@@ -43,8 +43,9 @@ def progress(what, steps):
 
     def tick(step):
         if time.monotonic() - begin > 2.0:
-            end = "\r\033[K" if step >= steps else ""
-            print(f"\r{what}: {step / steps:4.0%}", end=end, file=sys.stderr, flush=True)
+            # back to the line's start, so that whatever comes next, even if the run ends early, writes over it
+            line = f"{what}: {step / steps:4.0%}" if step < steps else ""
+            print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
 
     return tick
 

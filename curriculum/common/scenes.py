@@ -14,8 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-FIT = 1e-6  # how far, relative, a stated length may be from the distance between the positions
-SINGULAR = 1e-9  # relative, of the largest singular value: below, J has lost rank
+FIT = 1e-6  # relative: how far a stated length may be from the distance between the positions
+SINGULAR = 1e-9  # relative to the largest eigenvalue of J J^T: below, J has lost rank
+TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
+HUGE = 1e30  # what is larger, or smaller than 1 / HUGE and divides, may overflow once squared and multiplied
+GRAVITY = 9.81  # m/s^2 along -y
 
 
 class SceneError(ValueError):
@@ -33,7 +36,7 @@ def load_scene(path):
         raise SceneError(f"{str(path)!r} is no chapter scene (pendulum, double, triple, chain) and no file") from None
     except OSError as error:
         raise SceneError(f"{str(path)!r} cannot be read: {error.strerror}") from None
-    except ValueError as error:  # not UTF-8, or not JSON
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or a bottomless pit of brackets
         raise SceneError(f"{str(path)!r} is not JSON: {error}") from None
     try:
         scene = parse_scene(data)
@@ -51,19 +54,26 @@ def need(test, field, found, allowed):
 
 
 def is_number(x):
-    """A finite JSON number (true and false are not)."""
-    return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
+    """A finite JSON number under HUGE (true and false are none; NaN is under nothing)."""
+    return isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) < HUGE
 
 
 def vector(x, field):
     """Three finite numbers as a list."""
-    need(isinstance(x, list) and len(x) == 3 and all(map(is_number, x)), field, x, "three finite numbers [x, y, z]")
+    good = isinstance(x, list) and len(x) == 3 and all(map(is_number, x))
+    need(good, field, x, f"three finite numbers [x, y, z] under {HUGE:g}")
     return x
 
 
-def entries(data, key, field, keys):
-    """The list data[key] of objects that have no keys but `keys`; at least one."""
-    rows = data.get(key)
+def positive(x, field, unit):
+    """A number that can be divided by, as a float."""
+    need(is_number(x) and x > 1.0 / HUGE, field, x, f"a finite number of {unit} > 0 ({1.0 / HUGE:g} to {HUGE:g})")
+    return float(x)
+
+
+def entries(data, field, keys):
+    """The list data[field] of objects that have no keys but `keys`; at least one."""
+    rows = data.get(field)
     need(isinstance(rows, list) and rows, field, rows, "a list with at least one entry")
     for k, row in enumerate(rows):
         need(isinstance(row, dict), f"{field}[{k}]", row, f"an object with {', '.join(keys)}")
@@ -74,76 +84,70 @@ def entries(data, key, field, keys):
 def parse_scene(data):
     """Shapes, types and ranges of a scene's JSON; the arguments for make_system."""
     need(isinstance(data, dict), "the file", data, "an object with particles, rods and anchors")
-    unknown = sorted(set(data) - {"about", "anchors", "particles", "rods"})
-    need(not unknown, "the scene's keys", unknown, "about, anchors, particles, rods")
-    particles = entries(data, "particles", "particles", ("position", "velocity", "mass"))
+    known = ("about", "anchors", "particles", "rods")
+    need(set(data) <= set(known), "the file", sorted(data), f"an object with no keys but {', '.join(known)}")
+    particles = entries(data, "particles", ("position", "velocity", "mass"))
     anchors = data.get("anchors", [])
-    need(isinstance(anchors, list), "anchors", anchors, "a list of points")
+    need(isinstance(anchors, list), "anchors", anchors, "a list of points [x, y, z]")
     anchors = [vector(a, f"anchors[{k}]") for k, a in enumerate(anchors)]
-    q0 = np.array([vector(p.get("position"), f"particles[{k}].position") for k, p in enumerate(particles)], dtype=float)
+    q0 = [vector(p.get("position"), f"particles[{k}].position") for k, p in enumerate(particles)]
     v0 = [vector(p.get("velocity", [0, 0, 0]), f"particles[{k}].velocity") for k, p in enumerate(particles)]
-    m = [p.get("mass", 1.0) for p in particles]
-    for k, mass in enumerate(m):
-        need(is_number(mass) and mass > 0, f"particles[{k}].mass", mass, "a finite number of kilograms > 0")
+    m = [positive(p.get("mass", 1), f"particles[{k}].mass", "kilograms") for k, p in enumerate(particles)]
+    points = q0 + anchors[::-1]  # index -1: the first anchor
+    allowed = f"a particle 0..{len(q0) - 1}, tied to another"
+    allowed += f" or to an anchor -1..-{len(anchors)}" if anchors else "; there are no anchors"
     pairs, lengths, seen = [], [], {}
-    points = np.concatenate([q0, np.array(anchors, dtype=float).reshape(-1, 3)[::-1]])  # index -1: the first anchor
-    for k, rod in enumerate(entries(data, "rods", "rods", ("pair", "length"))):
+    for k, rod in enumerate(entries(data, "rods", ("pair", "length"))):
         pair, field = rod.get("pair"), f"rods[{k}].pair"
         whole = isinstance(pair, list) and len(pair) == 2 and all(type(i) is int for i in pair)
         need(whole, field, pair, "two whole numbers [i, j]")
         i, j = pair
-        allowed = f"a particle 0..{len(q0) - 1}, tied to another or to an anchor -1..-{len(anchors)}"
         need(0 <= i < len(q0) and -len(anchors) <= j < len(q0) and i != j, field, pair, allowed)
-        first = seen.setdefault((i, j) if j < 0 else (min(i, j), max(i, j)), k)
+        first = seen.setdefault(frozenset(pair), k)
         need(first == k, field, pair, f"given once; rods[{first}] ties the same two")
         found = math.dist(points[i], points[j])
-        need(found > 0, field, pair, "two points apart: a rod of length zero has no direction")
-        length = rod.get("length", found)
-        need(is_number(length) and length > 0, f"rods[{k}].length", length, "a finite number of metres > 0")
+        need(found > 1.0 / HUGE, field, pair, "two points apart: a rod of length zero has no direction")
+        length = positive(rod.get("length", found), f"rods[{k}].length", "metres")
         fits = abs(length - found) <= FIT * found
         need(fits, f"rods[{k}].length", length, f"the distance of its ends in the positions, {found:.9g} m")
         pairs.append((i, j))
-        lengths.append(float(length))
-    return {"q0": q0, "v0": v0, "m": m, "pairs": pairs, "lengths": lengths, "anchors": anchors or [[0.0, 0.0, 0.0]]}
+        lengths.append(length)
+    return {"q0": q0, "v0": v0, "m": m, "pairs": pairs, "lengths": lengths, "anchors": anchors or [[0, 0, 0]]}
 
 
 def check_start(scene):
     """Raise SceneError if the start cannot move without breaking a rod.
 
     The velocities must satisfy J v = 0. Where J has lost rank, a self-stress u (J^T u = 0) carries no force, so nothing
-    can keep u . gddot at zero but the motion itself: u . Jdot v = 0 is needed, and for a start at rest, two derivatives
-    on, sum_k u_k |a_k|^2 = 0 with a_k the acceleration of rod k. A taut level cable fails that: only an infinite
-    tension would carry its weight.
+    can keep u . gddot at zero but the motion itself: u . Jdot v = 0 is needed, and where its rods are at rest, two
+    derivatives on, sum_k u_k |a_k|^2 = 0 with a_k the acceleration of rod k. A taut level cable fails that: only an
+    infinite tension would carry its weight.
     """
-    pairs, n = scene["pairs"], len(scene["q0"])
-    ground = np.array(scene["anchors"], dtype=float)
-    inc = np.zeros((len(pairs), n))
-    for k, (i, j) in enumerate(pairs):
-        inc[k, i] += 1.0
-        if j >= 0:
-            inc[k, j] -= 1.0
-    fixed = np.array([ground[-1 - j] if j < 0 else np.zeros(3) for _, j in pairs])
-    d, rate = inc @ scene["q0"] - fixed, inc @ np.array(scene["v0"], dtype=float)
-    unit = d / np.linalg.norm(d, axis=1)[:, None]
+    points = np.array(scene["q0"] + scene["anchors"][::-1], dtype=float)
+    n, m, (i, j) = len(scene["q0"]), np.repeat(scene["m"], 3), np.array(scene["pairs"]).T
+    inc = np.zeros((len(i), len(points)))
+    inc[range(len(i)), i], inc[range(len(i)), j] = 1.0, -1.0
+    d, inc = inc @ points, inc[:, :n]
+    rate, length = inc @ np.array(scene["v0"], dtype=float), np.linalg.norm(d, axis=1)
+    unit = d / length[:, None]
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > FIT * (1.0 + np.abs(rate).max()):
         raise SceneError(f"rods[{k}] is being stretched at {stretch[k]:.3g} m/s; velocities must keep every length")
-    w = 1.0 / np.repeat(np.array(scene["m"], dtype=float), 3)
-    jac = (inc[:, :, None] * unit[:, None, :]).reshape(len(pairs), -1) * np.sqrt(w)
-    left, values, _ = np.linalg.svd(jac)
-    rank = int(np.sum(values > math.sqrt(SINGULAR) * values[0]))
-    stress = left[:, rank:].T  # one row a self-stress
-    curl = np.sum(rate**2, axis=1) / np.linalg.norm(d, axis=1)
-    if not rate.any() and len(stress):
-        fall = np.tile([0.0, -9.81, 0.0], n)
-        lam = np.linalg.lstsq(jac.T, fall / np.sqrt(w), rcond=math.sqrt(SINGULAR))[0]
-        accel = (fall - np.sqrt(w) * (jac.T @ lam)).reshape(n, 3)
-        curl = np.sum((inc @ accel) ** 2, axis=1) / np.linalg.norm(d, axis=1)
+    jac = (inc[:, :, None] * unit[:, None, :]).reshape(len(d), -1)
+    values, vectors = np.linalg.eigh(jac @ jac.T)
+    lost = values <= SINGULAR * values[-1]
+    stress, basis = vectors.T[lost], vectors.T[~lost]
+    curl = np.sum(rate**2, axis=1) / length
+    if lost.any() and np.abs(rate[np.abs(stress).max(axis=0) > FIT]).max() < FIT:
+        root, fall = np.sqrt(m), np.tile([0.0, -GRAVITY, 0.0], n)
+        rows = basis @ jac / root
+        accel = fall - rows.T @ np.linalg.lstsq(rows.T, root * fall, rcond=None)[0] / root
+        curl = np.sum((inc @ accel.reshape(n, 3)) ** 2, axis=1) / length
+    floor = (FIT * GRAVITY) ** 2 / length  # lest rounding errors of a structure at rest look like motion
     for row in stress:
-        if abs(row @ curl) > FIT * (np.abs(row) @ curl):
-            k = int(np.argmax(np.abs(row)))
+        if abs(row @ curl) > TAUT * (np.abs(row) @ (curl + floor)):
             raise SceneError(
-                f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them; "
-                "give the loop some slack, or leave a rod out"
+                f"the rods around rods[{int(np.argmax(np.abs(row)))}] are taut: in this pose no finite tension can "
+                "hold them; give the loop some slack, or leave a rod out"
             )

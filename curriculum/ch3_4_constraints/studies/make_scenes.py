@@ -1,0 +1,110 @@
+"""Writes the chapter's hard scenes, scenes/*.json:  python -m curriculum.ch3_4_constraints.studies.make_scenes
+
+Every pose comes from + - * / and square roots alone, so that every machine writes the same bytes.
+"""
+
+import json
+from itertools import zip_longest
+from math import sqrt
+from pathlib import Path
+
+from curriculum.common.files import write_whole
+
+SCENES = Path(__file__).resolve().parents[1] / "scenes"
+# Theo Jansen's numbers, here in m: each letter is a bar of the leg, a and l place its fixed pivot
+JANSEN = {"a": 0.38, "b": 0.415, "c": 0.393, "d": 0.401, "e": 0.558, "f": 0.394, "g": 0.367, "h": 0.657, "i": 0.49}
+JANSEN |= {"j": 0.5, "k": 0.619, "l": 0.078, "m": 0.15}
+
+
+def scene(about, points, rods, anchors=((0.0, 0.0),), more=()):
+    """The document of a planar scene; a rod is (i, j) or (i, j, published length), `more` a dict a particle."""
+    particles = [{"position": (x, y, 0.0)} | extra for (x, y), extra in zip_longest(points, more, fillvalue={})]
+    rods = [{"pair": rod[:2], "length": rod[2]} if rod[2:] else {"pair": rod} for rod in rods]
+    return {"about": about, "anchors": [(x, y, 0.0) for x, y in anchors], "particles": particles, "rods": rods}
+
+
+def chain(about, links, x=1.0, y=0.0, more=()):
+    """`links` unit rods from the pivot, all in the direction (x, y)."""
+    return scene(about, [(k * x, k * y) for k in range(1, links + 1)], [(k, k - 1) for k in range(links)], more=more)
+
+
+def windows(about, n):
+    """`n` square four-bar windows: n + 1 uprights on anchors of their own, crossbars between neighbouring tops."""
+    tops, feet = ([(float(k), y) for k in range(n + 1)] for y in (1.0, 0.0))
+    rods = [(k, -1 - k) for k in range(n + 1)] + [(k, k - 1) for k in range(1, n + 1)]
+    return scene(about, tops, rods, feet, [{"velocity": (1.0, 0.0, 0.0)}] * (n + 1))
+
+
+def cable(about, span):
+    """Ten unit links between anchors `span` apart, drawn to a V."""
+    x, y = span / 10, sqrt(1.0 - (span / 10) * (span / 10))
+    points = [(k * x, 0.0 - min(k, 10 - k) * y) for k in range(1, 10)]
+    return scene(about, points, [(k, k - 1) for k in range(9)] + [(8, -2)], [(0.0, 0.0), (span, 0.0)])
+
+
+def meet(p, r, q, s):
+    """The point r away from p and s away from q that lies to the left of the way from p to q."""
+    x, y = q[0] - p[0], q[1] - p[1]
+    d = sqrt(x * x + y * y)
+    along = (r * r - s * s + d * d) / (2.0 * d)
+    aside = sqrt(r * r - along * along)
+    return p[0] + (along * x - aside * y) / d, p[1] + (along * y + aside * x) / d
+
+
+def jansen_leg(about):
+    """The leg with its crank straight up, as it is mostly drawn: the upper triangle to the left, the foot below."""
+    n, pin, pivot = JANSEN, (0.0, JANSEN["m"]), (-JANSEN["a"], -JANSEN["l"])
+    upper, lower = meet(pivot, n["b"], pin, n["j"]), meet(pin, n["k"], pivot, n["c"])
+    corner = meet(pivot, n["d"], upper, n["e"])
+    ankle = meet(lower, n["g"], corner, n["f"])
+    points = [pin, upper, lower, corner, ankle, meet(lower, n["i"], ankle, n["h"])]
+    bars = "m 0 -1, j 1 0, b 1 -2, k 2 0, c 2 -2, d 3 -2, e 3 1, f 4 3, g 4 2, h 5 4, i 5 2"
+    rods = [(int(i), int(j), n[bar]) for bar, i, j in map(str.split, bars.split(","))]
+    return scene(about, points, rods, [(0.0, 0.0), pivot])
+
+
+def fourbar_coupler(about, bar, coupler):
+    """Roberts' linkage hanging from its pivots, the tracing point of its coupler up on the right-hand pivot."""
+    pivot, left = (2.0 * coupler, 0.0), (0.5 * bar, -0.5 * bar * sqrt(3.0))
+    right = meet(pivot, bar, left, coupler)
+    rods = [(0, -1, bar), (1, -2, bar), (1, 0, coupler), (2, 0, bar), (2, 1, bar)]
+    return scene(about, [left, right, meet(left, bar, right, bar)], rods, [(0.0, 0.0), pivot])
+
+
+# fmt: off
+MADE = {
+    "long_chain": chain("100 links let go level: a bend runs out along them and the tip cracks like a whip.", 100),
+    "heavy_tip": chain("A tonne on links of 1 kg, level: 30 kN make them buzz.", 5, more=[{}] * 4 + [{"mass": 1000.0}]),
+    "light_tip": chain("A gram on links of 1 kg, level: A has 1/kg and 1000/kg.", 5, more=[{}] * 4 + [{"mass": 0.001}]),
+    "spin": chain("Joint and tip thrown opposite ways: Jdot v is 3600 m^2/s^2 where gravity adds 10, and who leaves "
+        "it out loses the rods.", 2, more=[{"velocity": (0.0, y, 0.0)} for y in (30.0, -30.0)]),
+    "upright": chain("Balanced on rods that push: the least rounding error sideways would fell it.", 2, 0.0, 1.0),
+    "windows": windows("1 degree of freedom, 11 with all bars flat: the N four-bar mechanism of the IFToMM multibody "
+        "benchmark (M. Gonzalez et al., Multibody Syst. Dyn. 16 (2006) 179-190), N = 10, its mass at the joints.", 10),
+    "braced": scene("A square with both diagonals, hung by a corner: one rod too many, so that A is always singular.",
+        [(1.0, 0.0), (0.0, -1.0), (1.0, -1.0)], [(0, -1), (1, -1), (2, 0), (2, 1), (2, -1), (1, 0)]),
+    "cable": cable("Ten links drawn to a V between two anchors and let go: a loop through the ground.", 9.0),
+    "taut_cable": cable("Ten links in a straight line between two anchors: no finite tension holds them up.", 10.0),
+    "jansen_leg": jansen_leg("A leg of Theo Jansen's Strandbeest with his 'holy numbers' (strandbeest.com), 1 kg at "
+        "each joint, let go with the crank up: five loops, one degree of freedom."),
+    "fourbar_coupler": fourbar_coupler("Roberts' straight-line linkage as in A. B. Kempe, How to Draw a Straight Line "
+        "(1877), p. 10, its tracing point last: two loops, and a point that must run level.", 0.4, 0.2),
+}
+# fmt: on
+
+
+def text(document):
+    """The JSON of a scene, one particle or rod a line."""
+    lists = [(key, ",\n  ".join(map(json.dumps, document[key]))) for key in ("anchors", "particles", "rods")]
+    fields = [f'"about": {json.dumps(document["about"])}', *(f'"{key}": [\n  {rows}\n]' for key, rows in lists)]
+    return "{\n" + ",\n".join(fields) + "\n}\n"
+
+
+def main(argv=None):
+    """Write all the files, each whole or not at all."""
+    for name, document in MADE.items():
+        write_whole(SCENES / f"{name}.json", lambda path, made=document: path.write_bytes(text(made).encode()))
+
+
+if __name__ == "__main__":
+    main()
