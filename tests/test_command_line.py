@@ -93,7 +93,7 @@ def test_a_run_that_diverges_says_where_and_why(tmp_path, capsys):
 @pytest.mark.parametrize("integrator", constraints.INTEGRATORS)
 def test_a_hopeless_step_still_gives_results(integrator, tmp_path, capsys):
     lines, content = results(capsys, tmp_path, "--dt", "10", "--integrator", integrator)
-    assert f"none {content['none']['stopped']}; a smaller --dt may hold it" in lines
+    assert any(line.startswith(f"none {content['none']['stopped']}") for line in lines)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="an interrupt is no signal there")

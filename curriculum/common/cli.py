@@ -40,7 +40,7 @@ def number(kind, low, include_low=True, high=1e12):
 
 
 def chapter_parser(prog, folder, out, smoke_steps):
-    """A Parser with every chapter's flags: --seed, --smoke, --device, --out, --rerun; its --help ends with the studies."""
+    """A Parser with the flags of every chapter: seed, smoke, device, out, rerun; its help ends with the studies."""
     studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
     module = ".".join(folder.parts[-2:])
     about = "Every figure is a question: turn a flag, guess what it does, and look."

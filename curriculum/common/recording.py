@@ -7,12 +7,14 @@ import rerun.blueprint as rrb
 from curriculum.common.files import write_whole
 
 TIMELINE = "sim_time"  # seconds
+PALETTE = [("red", [230, 60, 50]), ("green", [70, 180, 90]), ("blue", [80, 140, 240]), ("orange", [240, 160, 40])]
+PALETTE += [("violet", [190, 110, 230]), ("grey", [150, 150, 150])]
 
 
 def record(path, name, movers, anchors, reach):
     """Write `path`, whole or not at all, from whole columns, a few calls a mover.
 
-    `movers`: {name: ((name of the color, [r, g, b]), seconds (F,), points (F, N, 3), segments (F, C, 2, 3), {title of
+    `movers`: {name: (index into PALETTE, seconds (F,), points (F, N, 3), segments (F, C, 2, 3), {title of
     a curve: (F,)})}; the last point leaves a path of a second. `anchors` (K, 3) stand still. Drawn in the x-y plane,
     y up, `reach` m to each side. Ids are fixed, no wall-clock timeline is written: the same run is the same recording.
     """
@@ -21,7 +23,7 @@ def record(path, name, movers, anchors, reach):
     last_second = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=end)])
     front = middle + np.array([0.0, 0.0, 2.2 * reach])
     scene = rrb.Spatial3DView(
-        name=", ".join(f"{color}: {key}" for key, ((color, _), *_) in movers.items()),
+        name=", ".join(f"{PALETTE[color][0]}: {key}" for key, (color, *_) in movers.items()),
         origin="scene",
         eye_controls=rrb.EyeControls3D(kind="Orbital", position=front, look_target=middle, eye_up=[0.0, 1.0, 0.0]),
         line_grid=False,
@@ -41,7 +43,8 @@ def record(path, name, movers, anchors, reach):
         recording.save(temporary, default_blueprint=blueprint)
         recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
         recording.log("scene/anchors", rr.Points3D(anchors, radii=0.02 * reach, colors=[150, 150, 150]), static=True)
-        for key, ((_, color), seconds, points, segments, curves) in movers.items():
+        for key, (index, seconds, points, segments, curves) in movers.items():
+            color = PALETTE[index][1]
             frames, count = segments.shape[:2]
             line, dot, ball = (
                 kind.from_fields(radii=size * reach, colors=color)

@@ -133,7 +133,7 @@ def check_start(scene):
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > FIT * (1.0 + np.abs(rate).max()):
-        raise SceneError(f"rods[{k}] is being stretched at {stretch[k]:.3g} m/s; velocities must keep every length")
+        raise SceneError(f"rods[{k}] is stretched at {stretch[k]:.3g} m/s; must be 0: velocities keep every length")
     jac = (inc[:, :, None] * unit[:, None, :]).reshape(len(d), -1)
     values, vectors = np.linalg.eigh(jac @ jac.T)
     lost = values <= SINGULAR * values[-1]

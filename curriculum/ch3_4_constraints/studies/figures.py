@@ -1,8 +1,8 @@
 """Do the texts still say what the programs print?  Runs every command named in them and rewrites the block below it.
 
-A block is a line `<!-- printed by: COMMAND -->` followed by a fenced block; README.md and the chapter's README.md hold
-them. `--check` changes nothing and compares instead, leaving out what belongs to the machine: numbers that carry a unit
-of time or a ratio of times (us, ms, x), and whatever follows the word wall-clock. `--only WORD` takes the commands that
+A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, in README.md, the chapter text and the
+exercises. `--check` changes nothing and compares instead, leaving out what belongs to the machine: numbers that carry a
+unit of time or a ratio of times (us, ms, x), and what follows the word wall-clock. `--only WORD` takes the commands that
 contain WORD: some studies take minutes.
 """
 
@@ -16,7 +16,8 @@ from curriculum.common.cli import Parser
 from curriculum.common.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[3]
-TEXTS = [ROOT / "README.md", ROOT / "curriculum/ch3_4_constraints/README.md"]
+CHAPTER = ROOT / "curriculum/ch3_4_constraints"
+TEXTS = [ROOT / "README.md", CHAPTER / "README.md", CHAPTER / "exercises/README.md"]
 BLOCK = re.compile(r"(<!-- printed by: (?P<command>.*?) -->\n```text\n)(?P<body>.*?)(```\n)", re.S)
 
 

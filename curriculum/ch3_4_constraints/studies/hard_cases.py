@@ -62,7 +62,7 @@ def text(entry):
 def study(scenes=SCENES, methods=METHODS, show=lambda line: None):
     """{scene: {"integrator mode": cell} or {"refused": why}}; show(line) is called with each row as it is finished."""
     names = [f"{integrator} {mode}".replace("semi_implicit ", "") for integrator, mode in methods]
-    show("scene       " + "".join(f"{name:>16}" for name in names))
+    show("scene       " + "".join(f"{name:>18}" for name in names))
     table = {}
     for scene in scenes:
         try:
@@ -72,7 +72,7 @@ def study(scenes=SCENES, methods=METHODS, show=lambda line: None):
             show(f"{scene:<12}  refused: {table[scene]['refused']}")
             continue
         table[scene] = {name: cell(system, *method) for name, method in zip(names, methods, strict=True)}
-        show(f"{scene:<12}" + "".join(f"{text(entry):>16}" for entry in table[scene].values()))
+        show(f"{scene:<12}" + "".join(f"{text(entry):>18}" for entry in table[scene].values()))
     return table
 
 

@@ -1,16 +1,16 @@
-"""Writes the chapter's hard scenes, scenes/*.json:  python -m curriculum.ch3_4_constraints.studies.make_scenes
+"""Writes the chapter's hard scenes, scenes/*.json:  python -m curriculum.ch3_4_constraints.scenes.make_scenes
 
 Every pose comes from + - * / and square roots alone, so that every machine writes the same bytes.
 """
 
 import json
-from itertools import zip_longest
+from itertools import accumulate, zip_longest
 from math import sqrt
 from pathlib import Path
 
 from curriculum.common.files import write_whole
 
-SCENES = Path(__file__).resolve().parents[1] / "scenes"
+SCENES = Path(__file__).resolve().parent
 # Theo Jansen's numbers, here in m: each letter is a bar of the leg, a and l place its fixed pivot
 JANSEN = {"a": 0.38, "b": 0.415, "c": 0.393, "d": 0.401, "e": 0.558, "f": 0.394, "g": 0.367, "h": 0.657, "i": 0.49}
 JANSEN |= {"j": 0.5, "k": 0.619, "l": 0.078, "m": 0.15}
@@ -36,10 +36,21 @@ def windows(about, n):
 
 
 def cable(about, span):
-    """Ten unit links between anchors `span` apart, drawn to a V."""
-    x, y = span / 10, sqrt(1.0 - (span / 10) * (span / 10))
-    points = [(k * x, 0.0 - min(k, 10 - k) * y) for k in range(1, 10)]
+    """Ten unit links between anchors `span` apart, bent evenly into an arc; bisection finds the turn at each joint."""
+    low, high = 0.0, 1.0  # its cosine
+    while low < (middle := 0.5 * (low + high)) < high:
+        half = [arc(middle, k).real for k in range(5)]
+        low, high = (middle, high) if 2.0 * sum(half) < span else (low, middle)
+    links = [arc(high, k) for k in (4, 3, 2, 1, 0)] + [arc(high, k).conjugate() for k in range(4)]
+    points = [(z.real, z.imag) for z in accumulate(links)]
     return scene(about, points, [(k, k - 1) for k in range(9)] + [(8, -2)], [(0.0, 0.0), (span, 0.0)])
+
+
+def arc(cosine, k):
+    """Direction x + iy of the link k joints left of the lowest point, half a turn down plus k turns."""
+    turn = complex(cosine, -sqrt(1.0 - cosine * cosine))
+    half = complex(sqrt(0.5 * (1.0 + cosine)), -sqrt(0.5 * (1.0 - cosine)))
+    return half if k == 0 else turn * arc(cosine, k - 1)
 
 
 def meet(p, r, q, s):
@@ -83,7 +94,7 @@ MADE = {
         "benchmark (M. Gonzalez et al., Multibody Syst. Dyn. 16 (2006) 179-190), N = 10, its mass at the joints.", 10),
     "braced": scene("A square with both diagonals, hung by a corner: one rod too many, so that A is always singular.",
         [(1.0, 0.0), (0.0, -1.0), (1.0, -1.0)], [(0, -1), (1, -1), (2, 0), (2, 1), (2, -1), (1, 0)]),
-    "cable": cable("Ten links drawn to a V between two anchors and let go: a loop through the ground.", 9.0),
+    "cable": cable("Ten links in an arc between two anchors, let go: a loop through the ground.", 9.0),
     "taut_cable": cable("Ten links in a straight line between two anchors: no finite tension holds them up.", 10.0),
     "jansen_leg": jansen_leg("A leg of Theo Jansen's Strandbeest with his 'holy numbers' (strandbeest.com), 1 kg at "
         "each joint, let go with the crank up: five loops, one degree of freedom."),

@@ -1,0 +1,1 @@
+"""Predict, then run: the exercises of chapter 3.4."""
