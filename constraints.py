@@ -4,23 +4,19 @@ Gravity pulls the bob down, the rod does not let it go down. Which force does th
 written anywhere: it is the *solution* of a linear system, J M^-1 J^T lambda = ..., solved anew at every step. This file
 derives that system for point masses tied by massless rods, hides the solve in `force(q, v)`, hands it to integrators
 that never learn about it, and measures what becomes of the rods: how far they drift, what the energy does, what a step
-costs. Read it from top to bottom; run it with
-
-    python constraints.py                 # the comparison, metrics.json and a Rerun recording
-    python constraints.py --help          # every flag, and why you would turn it
+costs. `python constraints.py` prints the comparison; `--help` names every flag, and why you would turn it.
 """
 
 # --- region: setup ---
 import json
 import math
-import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.common.cli import chapter_parser, number, ready
+from curriculum.common.cli import chapter_parser, number, ready, run_script
 from curriculum.common.device import banner, progress
 from curriculum.common.files import write_whole
 from curriculum.common.gauss import make_gauss
@@ -49,11 +45,9 @@ def build_system(name, seed=0, links=10):
     """
     if name not in SYSTEMS and name != "chain":
         return make_system(**load_scene(name))
-    tilt = np.random.default_rng(seed).uniform(-0.05, 0.05)
+    links, tilt = SYSTEMS.get(name, links), np.random.default_rng(seed).uniform(-0.05, 0.05)
     # math, not numpy: numpy picks its sine by processor, and the last bit with it
-    direction = np.array([math.cos(-tilt), math.sin(-tilt), 0.0])
-    links = SYSTEMS.get(name, links)
-    q0 = np.arange(1.0, links + 1.0)[:, None] * direction
+    q0 = np.arange(1.0, links + 1.0)[:, None] * np.array([math.cos(-tilt), math.sin(-tilt), 0.0])
     return make_system(q0, np.zeros_like(q0), np.ones(links), [(k, k - 1) for k in range(links)], np.ones(links))
 
 
@@ -66,8 +60,7 @@ def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     q0, v0, anchors = (np.asarray(a, dtype=float) for a in (q0, v0, anchors))
     m, pairs = np.asarray(m, dtype=float).reshape(-1, 1), [tuple(pair) for pair in pairs]
     system = {"q0": q0, "v0": v0, "m": m, "pairs": pairs, "anchors": anchors, "weight": m * GRAVITY}
-    system["chain"] = pairs == [(k, k - 1) for k in range(len(q0))]
-    w = 1.0 / m[:, 0]
+    w, system["chain"] = 1.0 / m[:, 0], pairs == [(k, k - 1) for k in range(len(q0))]
     if system["chain"]:
         # A_kk = (1/m_k + 1/m_k-1) |d_k|^2 and A_k,k-1 = -1/m_k-1 d_k . d_k-1; an anchor does not move: its 1/m is 0
         system["a_diag"], system["a_off"] = w + np.append(0.0, w[:-1]), -w[:-1]
@@ -196,15 +189,19 @@ def solve_rods(system, d, e, rhs, softness=0.0, cutoff=1e-9):
     tensions that do, the smallest is then the right one (eigenvalues under `cutoff` of the largest count as zero).
     """
     if not system["chain"]:
-        a = system["coupling"] * (d @ np.swapaxes(e, -1, -2))
-        if softness:
-            a = a * (1.0 + softness * np.eye(a.shape[-1]))
+        a = system["coupling"] * (d @ np.swapaxes(e, -1, -2)) * (1.0 + softness * np.eye(len(rhs.T)))
         if system["tree"] or softness:
             return np.linalg.solve(a, rhs[..., None])[..., 0]
         # rods measured in units of their own response, or a heavy particle would pass for a lost rank
         unit = 1.0 / np.sqrt(np.abs(np.diagonal(a, axis1=-2, axis2=-1)))
         a = a * (unit[..., :, None] * unit[..., None, :])
-        return unit * (np.linalg.pinv(a, rcond=cutoff, hermitian=d is e) @ (unit * rhs)[..., None])[..., 0]
+        rhs = (unit * rhs)[..., None]
+        if d is not e:
+            return unit * (np.linalg.pinv(a, rcond=cutoff) @ rhs)[..., 0]
+        share, u = np.linalg.eigh(a)
+        largest, share = share[..., -1:], share / share[..., -1:]
+        inverse = share**15 / (share**16 + cutoff**16) / largest  # 1/share, falling to 0 steeply yet smoothly at cutoff
+        return unit * (u @ (inverse[..., None] * (np.swapaxes(u, -1, -2) @ rhs)))[..., 0]
     diag = (1.0 + softness) * system["a_diag"] * dot(d, e)
     upper = system["a_off"] * dot(d[..., :-1, :], e[..., 1:, :])
     lower = upper if d is e else system["a_off"] * dot(d[..., 1:, :], e[..., :-1, :])
@@ -303,13 +300,11 @@ def project(system, q_start, q, v, dt):
         d = rod_vectors(system, q)
         g = 0.5 * (dot(d, d) - squared)
         if (np.abs(g) <= 1e-12 * squared).all():
-            break
+            v = v + (q - free) / dt
+            along = solve_rods(system, d, d, dot(d, rod_vectors(system, v, rate=True)))
+            return q, v - rod_pulls(system, d, along) / m
         q = q - rod_pulls(system, e, solve_rods(system, d, e, g)) / m
-    else:
-        raise FloatingPointError("no way back onto the rods")
-    v = v + (q - free) / dt
-    along = solve_rods(system, d, d, dot(d, rod_vectors(system, v, rate=True)))
-    return q, v - rod_pulls(system, d, along) / m
+    raise FloatingPointError("no way back onto the rods")
 
 
 # --- endregion ---
@@ -390,9 +385,8 @@ def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000,
     fails; what is reported was true until then. With leading axes in q0 and v0 all runs go in step.
     """
     hold, m, step = as_hold(hold), system["m"], INTEGRATORS.get(integrator, integrator)
-    force = make_force(system, hold)
+    force, size = make_force(system, hold), max(1, BLOCK // (system["q0"].size // 3))
     q, v = (system[key].copy(order="F") for key in ("q0", "v0"))  # leading axes contiguous: arrays to sweep over
-    size = max(1, BLOCK // (q.size // 3))
     qs, vs = (np.empty((size, *q.shape[::-1])).transpose(0, *range(q.ndim, 0, -1)) for _ in range(2))
     scale, start, lost = energy_scale(system), energy(system, q, v), LOST * float(np.sum(system["lengths"]))
     worst, drift = np.zeros(start.shape), np.zeros(start.shape)
@@ -400,8 +394,8 @@ def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000,
     qs[0], vs[0], done, count = q, v, -1, 1  # the first block is the start alone
     with np.errstate(all="ignore"):  # a run that blows up is reported once and in words
         while True:
-            violation = constraint_violation(system, qs[:count])
-            error = energy(system, qs[:count], vs[:count]) - start
+            block = qs[:count], vs[:count]
+            violation, error = constraint_violation(system, block[0]), energy(system, *block) - start
             sane = ((violation < lost) & np.isfinite(error)).all(axis=tuple(range(1, error.ndim)))
             if not sane.all():
                 count = int(np.argmin(sane))
@@ -471,7 +465,7 @@ def log_rerun(path, system, runs, dt):
         curves = {"rod error: log10 of metres": np.log10(np.maximum(violation, 1e-16))}
         curves["energy error: share of m g L"] = error
         movers[mode] = list(hold_table()).index(mode), step * dt, q, rods, curves
-    record(path, "constraints", movers, system["anchors"], float(np.sum(system["lengths"])))
+    record(path, "constraints", movers, system["anchors"])
 
 
 def parse(argv):
@@ -568,22 +562,19 @@ def main(argv=None):
         best = min((error for error in errors.values() if error is not None), default=math.inf)
         if best <= (args.tol or math.inf) and not any(run["stopped"] for run in runs.values()):
             break
-    report(args, runs, errors)
-    if truth is not None:
-        better = 10.0 ** math.ceil(math.log10(max(known, 1e-16)))
-        print(f"error: farthest that a particle is from where it should be after {at:g} s, known to {better:.0e} m")
     text, paths = metrics(args, runs, errors), [args.out / "metrics.json"]
     if args.rerun:
         paths.append(args.out / "constraints.rrd")
         log_rerun(paths[1], system, runs, args.dt)
     write_whole(paths[0], lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    report(args, runs, errors)
+    if truth is not None:
+        better = 10.0 ** math.ceil(math.log10(max(known, 1e-16)))
+        print(f"error: farthest that a particle is from where it should be after {at:g} s, known to {better:.0e} m")
     print(f"wrote {' and '.join(map(str, paths))}" + (f"\nlook: rerun {paths[1]}" if args.rerun else ""))
     return 0
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        sys.exit("\nconstraints.py: interrupted, nothing written")
+    run_script(main)
 # --- endregion ---

@@ -43,10 +43,10 @@ def test_nothing_but_rounding_could_tip_the_upright_pendulum_and_it_does_not():
         assert np.abs(run["q"][:, 0]).max() < 1e-9
 
 
-@pytest.mark.parametrize(("integrator", "dt"), [("gauss", 0.02), ("rk4", 0.005)])
-def test_windows_pass_the_flat_pose_with_their_energy(integrator, dt):
-    system = scene("windows")
-    run = c.simulate(system, integrator, c.hold_table(dt)["project"], dt, round(2 / dt), keep=range(round(2 / dt) + 1))
+@pytest.mark.parametrize(("integrator", "dt", "seconds"), [("gauss", 0.02, 10.0), ("rk4", 0.005, 2.0)])
+def test_windows_pass_the_flat_pose_with_their_energy(integrator, dt, seconds):
+    system, steps = scene("windows"), round(seconds / dt)
+    run = c.simulate(system, integrator, c.hold_table(dt)["project"], dt, steps, range(steps + 1))
     assert not run["stopped"]
     heights = run["kept"]["q"][..., 1]
     assert heights.min() < -0.99 and heights.max() > 0.99  # it went through

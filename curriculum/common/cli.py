@@ -2,6 +2,8 @@
 
 import argparse
 import math
+import os
+import sys
 from pathlib import Path
 
 from curriculum.common.files import check_writable
@@ -53,6 +55,19 @@ def chapter_parser(prog, folder, out, smoke_steps):
     add("--out", type=Path, default=Path(out), metavar="FOLDER", help="one folder a run, to compare runs later")
     add("--rerun", action=argparse.BooleanOptionalAction, default=True, help="off when only the numbers count (on)")
     return parser
+
+
+def run_script(main):
+    """Exit with main's status; Ctrl-C ends in one line, and a reader that has seen enough (`| head`) in none."""
+    try:
+        status = main()
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.exit(f"\n{Path(sys.argv[0]).name}: interrupted; files are as they were, or whole")
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
+        status = 1
+    sys.exit(status)
 
 
 def ready(parser, folder, names):

@@ -11,14 +11,17 @@ PALETTE = [("red", [230, 60, 50]), ("green", [70, 180, 90]), ("blue", [80, 140, 
 PALETTE += [("violet", [190, 110, 230]), ("grey", [150, 150, 150])]
 
 
-def record(path, name, movers, anchors, reach):
+def record(path, name, movers, anchors):
     """Write `path`, whole or not at all, from whole columns, a few calls a mover.
 
     `movers`: {name: (index into PALETTE, seconds (F,), points (F, N, 3), segments (F, C, 2, 3), {title of
-    a curve: (F,)})}; the last point leaves a path of a second. `anchors` (K, 3) stand still. Drawn in the x-y plane,
-    y up, `reach` m to each side. Ids are fixed, no wall-clock timeline is written: the same run is the same recording.
+    a curve: (F,)})}; the last point leaves a path of a second. `anchors` (K, 3) stand still. Seen in the x-y plane,
+    y up, all of the motion. Ids are fixed, no wall-clock timeline is written: the same run is the same recording.
     """
-    middle = 0.5 * (anchors.min(axis=0) + anchors.max(axis=0))
+    points = np.concatenate([mover[2].reshape(-1, 3) for mover in movers.values()])
+    low, high = np.quantile(points, (0.01, 0.99), axis=0)  # one that flies away shall not shrink the others to a dot
+    low, high = np.minimum(low, anchors.min(axis=0)), np.maximum(high, anchors.max(axis=0))
+    middle, reach = 0.5 * (low + high), 0.55 * float(np.max(high - low))
     begin, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
     last_second = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=end)])
     front = middle + np.array([0.0, 0.0, 2.2 * reach])

@@ -1,8 +1,7 @@
-"""What can a thousand seeds say that one cannot?  Four questions, a table each, and a recording of the fan of tips.
+"""What can a thousand seeds say that one cannot?  A table a question, and a recording of the fan of their tips.
 
-(a) How many million steps a second, with everything measured, for chunks of seeds that go in step?  (b) In how many
-seeds does the drift ordering hold?  (c) How fast do neighbouring seeds part: the largest Lyapunov exponent?  (d) Is the
-ensemble the same as its members run alone, and the same bytes twice?
+(a) How fast do many seeds go in step, measured and all?  (b) In how many does the drift ordering hold?  (c) How fast do
+neighbours part: the largest Lyapunov exponent?  (d) Is the ensemble what its members are alone, and the same twice?
 """
 
 import json
@@ -20,24 +19,19 @@ from curriculum.common.cli import Parser, number, ready
 from curriculum.common.device import processor
 from curriculum.common.files import check_writable, write_whole
 
-MODES = ("none", "baumgarte")
-# Particles of a chunk of seeds, to be tried. Few, and numpy's calls cost more than their arithmetic. Many, and malloc
-# may no longer keep the temporaries: each is given back and comes again as new pages, to be zeroed (page faults a step,
-# where they were counted: 0.4 for 4000, 56 for 8000, 261 for 16000), before the cache is full.
+MODES, SHOWN, FRAME_RATE = ("none", "baumgarte"), 300, 30.0  # compared; seeds recorded, and frames a simulated second
+# Particles of a chunk, to be tried. Few: numpy's calls cost more than their arithmetic. Many: malloc gives temporaries
+# back and gets new pages, to be zeroed (0.4 page faults a step at 4000, 56 at 8000, 261 at 16000, where counted).
 CHUNKS = (500, 1000, 2000, 4000, 6000, 8000)
-SPEED_STEPS, REPEATS = 400, 7
-YOUNG, ALONE = 2.0, 5  # s before chaos decides, and how many members to run alone
-PAIRS, SKIP, SPAN, RENEW, CLOSE = 500, 20.0, 200.0, 0.5, 1e-7  # of the exponent, see growth; s, s, s, m
-FINE = 0.0025  # s, the step of rk4 there; twice that must give the same exponent
-PUBLISHED = """\
-published: for equal masses and lengths at this energy, none found. The nearest is 2.4638 /s, 0.249 sqrt(g/l1), for rods
-of 0.1, 0.08 m, masses 0.2, 0.1 kg, energy not stated: sites.google.com/view/lyapunov-spectrum/home/double_pendulum"""
-SHOWN, FRAME_RATE = 300, 30.0  # seeds in the recording, and its frames a simulated second
+SPEED_STEPS, REPEATS, ALONE, YOUNG = 400, 7, 5, 2.0  # ALONE members are run, for YOUNG s, before chaos decides
+PAIRS, SKIP, SPAN, RENEW, CLOSE, FINE = 500, 20.0, 200.0, 0.5, 1e-7, 0.0025  # see growth; m, s; FINE is rk4's step
+PUBLISHED = """published: none found for equal masses and lengths at this energy; nearest: 2.4638 /s, 0.249 sqrt(g/l1),
+rods 0.1, 0.08 m, masses 0.2, 0.1 kg, energy not stated: sites.google.com/view/lyapunov-spectrum/home/double_pendulum"""
 
 
 def ensemble(name, seeds):
-    """The system `name` with q0, v0 (R, N, 3) of the starts that build_system draws for `seeds`, equal to the bit."""
-    systems = [c.build_system(name, seed) for seed in seeds]  # 0.06 ms each, nothing to gain from another way
+    """The system `name` with q0, v0 (R, N, 3), the starts that build_system itself draws for `seeds`, 0.06 ms each."""
+    systems = [c.build_system(name, seed) for seed in seeds]
     return systems[0] | {key: np.stack([system[key] for system in systems]) for key in ("q0", "v0")}
 
 
@@ -57,25 +51,23 @@ def simulate(system, mode, dt, steps, integrator="semi_implicit", keep=()):
 def speed(system, dt, repeats):
     """A row a chunk and mode: million steps a second with quartiles, runs taken in turns, and the rod error."""
     spent = {(mode, max(1, size // system["q0"].shape[1])): [] for mode in MODES for size in CHUNKS}
-    for _ in range(repeats + 1):
-        for (mode, members), samples in spent.items():
-            crowd, clock = part(system, np.arange(members) % len(system["q0"])), time.perf_counter()
-            run = simulate(crowd, mode, dt, SPEED_STEPS)
-            paces = SPEED_STEPS / (time.perf_counter() - clock), 1.0 / run["seconds_per_step"]
-            samples.append([1e-6 * members * pace for pace in paces] + [run["max_violation"].max()])
-    names, rows = ("all measured", "q1", "q3", "integration alone", "rod error m"), []
+    for (mode, members), samples in [*spent.items()] * (repeats + 1):
+        crowd, clock = part(system, np.arange(members) % len(system["q0"])), time.perf_counter()
+        run = simulate(crowd, mode, dt, SPEED_STEPS)
+        paces = SPEED_STEPS / (time.perf_counter() - clock), 1.0 / run["seconds_per_step"]
+        samples.append([1e-6 * members * pace for pace in paces] + [run["max_violation"].max()])
+    rows = []
     for (mode, members), samples in spent.items():  # the first of each was the warming up
-        (middle, alone, error), low, high = np.percentile(samples[1:], [50, 25, 75], axis=0).tolist()
-        numbers = dict(zip(names, (middle, low[0], high[0], alone, error), strict=True))
-        rows.append({"mode": mode, "seeds in step": members, **numbers})
+        (middle, alone, error), (low, *_), (high, *_) = np.percentile(samples[1:], [50, 25, 75], axis=0).tolist()
+        row = {"mode": mode, "seeds in step": members, "all measured": middle, "q1": low, "q3": high}
+        rows.append(row | {"integration alone": alone, "rod error m": error})
     return rows
 
 
 def ordering(system, dt, steps, chunk):
     """How often none drifts more than baumgarte, and over 3 times as much; `chunk` members at a time go in step."""
-    parts, worst = [part(system, slice(k, k + chunk)) for k in range(0, len(system["q0"]), chunk)], {}
-    for mode in MODES:
-        worst[mode] = np.concatenate([simulate(some, mode, dt, steps)["max_violation"] for some in parts])
+    parts = [part(system, slice(k, k + chunk)) for k in range(0, len(system["q0"]), chunk)]
+    worst = {m: np.concatenate([simulate(some, m, dt, steps)["max_violation"] for some in parts]) for m in MODES}
     ratio = worst["none"] / np.maximum(worst["baumgarte"], 1e-300)
     row = {"seeds": len(ratio), "none > baumgarte": int((ratio > 1.0).sum()), "over 3x": int((ratio > 3.0).sum())}
     row |= dict(zip(("ratio 5 %", "50 %", "95 %"), np.percentile(ratio, [5, 50, 95]).tolist(), strict=True))
@@ -86,9 +78,8 @@ def growth(system, skip, span, dt):
     """Rates (R, K) in 1/s at which each member and a neighbour part, in turns of RENEW s; rod and energy error.
 
     G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15 (1980) 9: every turn the neighbour is put back
-    to the distance CLOSE in (q, T v), T^2 = sum L / g, in the direction it has gone, and what it gained is noted, but
-    for the first `skip` seconds. Both start a turn on the rods, by `project` (with dt = inf: v is not told of the
-    move). Neighbours stay in the x-y plane: the exponent of the plane pendulum is meant.
+    to the distance CLOSE in (q, T v), T^2 = sum L / g, where it has gone to, and its gain noted, after `skip` seconds.
+    Both start a turn on the rods, by `project` (dt = inf: v is not told of the move), and stay in the x-y plane.
     """
     unit = math.sqrt(float(np.sum(system["lengths"])) / float(np.abs(c.GRAVITY).max()))
     q, v, rates, rods, start = system["q0"], system["v0"], [], 0.0, c.energy(system, system["q0"], system["v0"])
@@ -106,36 +97,33 @@ def growth(system, skip, span, dt):
     return np.array(rates[round(skip / RENEW) :]).T, rods, float(lost)
 
 
-def exponent(what, system, known, skip, span, dt):
-    """A row: the exponent, its standard error by members and by ten blocks of time, and what is known of it."""
-    rates, rods, lost = growth(system, skip, span, dt)
-    members, blocks = rates.mean(axis=1), [block.mean() for block in np.array_split(rates, 10, axis=1)]
-    row = {"pairs of": what, "pairs": len(members), "dt": dt, "exponent 1/s": float(members.mean()), "known": known}
-    for name, x in (("members", members), ("blocks", blocks)):
-        row[f"+- {name}"] = float(np.std(x, ddof=1) / math.sqrt(len(x)))
-    return row | {"least": float(members.min()), "rod error m": rods, "energy error": lost}
-
-
 def parting(name, system, quick):
-    """The exponents of `system`, and of two systems whose exponent is known, to trust the first by."""
+    """A row a case, with standard errors: `system` at two steps, then two whose exponent is known, to trust it by."""
     pairs, skip, span, steps = (20, 5.0, 10.0, [2 * FINE]) if quick else (PAIRS, SKIP, SPAN, [FINE, 2 * FINE])
-    rows, few = [exponent(name, part(system, slice(pairs)), "?", skip, span, dt) for dt in steps], range(20)
-    upright = ensemble("double", few) | {"q0": np.tile([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]], (len(few), 1, 1))}
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * 9.81)  # of x'' = 9.81 [[3, -1], [-3, 3]] x ...
-    rows.append(exponent("upright double", upright, top, 5.0, 5.0, steps[0]))
+    upright, few = np.tile([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]], (20, 1, 1)), range(20)
+    top = math.sqrt((2.0 + math.sqrt(2.0)) * 9.81)  # of angles'' = g/L [[2, -1], [-2, 2]] angles, equal rods and masses
     shear = f"ln(t)/t -> 0: {math.log((skip + span) / skip) / span:.3f}"  # periods differ, so neighbours part as t
-    return [*rows, exponent("pendulum", ensemble("pendulum", few), shear, skip, span, steps[0])]
+    cases, rows = [(name, part(system, slice(pairs)), "?", skip, span, dt) for dt in steps], []
+    cases.append(("upright double", ensemble("double", few) | {"q0": upright}, top, 5.0, 5.0, steps[0]))
+    cases.append(("pendulum", ensemble("pendulum", few), shear, skip, span, steps[0]))
+    for what, crowd, known, *settings in cases:
+        rates, rods, lost = growth(crowd, *settings)
+        members, blocks = rates.mean(axis=1), [some.mean() for some in np.array_split(rates, 10, axis=1)]  # of time
+        errors = [float(np.std(x, ddof=1) / math.sqrt(len(x))) for x in (members, blocks)]
+        row = {"pairs of": what, "pairs": len(members), "dt": settings[-1], "exponent 1/s": float(members.mean())}
+        row |= {"+- members": errors[0], "+- blocks": errors[1], "known": known, "least": float(members.min())}
+        rows.append(row | {"rod error m": rods, "energy error": lost})
+    return rows
 
 
 def consistency(system, dt):
     """A row a mode: how far apart members alone and in the ensemble end after YOUNG s, and whether bytes repeat."""
     rows, picks = [], np.linspace(0, len(system["q0"]) - 1, ALONE).astype(int)
-    for mode in MODES:
-        settings = (mode, dt, max(1, round(YOUNG / dt)))
+    for settings in ((mode, dt, max(1, round(YOUNG / dt))) for mode in MODES):
         once, again = simulate(system, *settings), simulate(system, *settings)
         gap = max(c.distance(once["q"][k], simulate(part(system, k), *settings)["q"]) for k in picks)
         same = all(once[key].tobytes() == again[key].tobytes() for key in ("q", "v", "max_violation", "energy_rel_max"))
-        rows.append({"mode": mode, "alone": ALONE, "farthest apart m": gap, "same bytes twice": same})
+        rows.append({"mode": settings[0], "alone": ALONE, "farthest apart m": gap, "same bytes twice": same})
     return rows
 
 
@@ -181,26 +169,21 @@ def main(argv=None):
     """Ask, print, maybe write JSON and the recording. Returns 0."""
     args = parse(argv)
     dt, steps, system = args.dt, max(1, round(args.seconds / args.dt)), ensemble(args.system, range(args.seeds))
-    host = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__}
-    host |= {"system": args.system, "seeds": args.seeds, "steps": steps, "dt": dt}
+    host = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__, "system": args.system}
+    host |= {"seeds": args.seeds, "steps": steps, "dt": dt}
     print(", ".join(f"{key} {value}" for key, value in host.items()), flush=True)
     rows = speed(system, dt, 1 if args.quick else REPEATS)
-    best = max(rows, key=lambda row: row["all measured"])
-    chunk, bar = best["seeds in step"], ("us a step at best (5 million a second)", 1.0 / best["all measured"], 0.2)
-    tables = [show(f"(a) million steps a second, semi_implicit, {SPEED_STEPS} steps", rows, [bar])]
-    title = f"(b) worst rod error in {args.seconds:g} s, {chunk} seeds in step"
-    tables.append(show(title, [ordering(system, dt, steps, chunk)], []))
-    title = "(c) the largest Lyapunov exponent: rk4, pairs put back on the rods and close together"
-    tables.append(show(title, parting(args.system, system, args.quick), []))
-    print(PUBLISHED)
-    title = f"(d) the ensemble and its members alone, after {YOUNG:g} s"
-    tables.append(show(title, consistency(system, dt), []))
+    pace, chunk = max((row["all measured"], row["seeds in step"]) for row in rows)
+    tables = [show("(a) million steps a second, semi_implicit", rows, [("us a step at best", 1.0 / pace, 0.2)])]
+    tables.append(show(f"(b) worst rod error in {args.seconds:g} s", [ordering(system, dt, steps, chunk)], []))
+    tables.append(show("(c) the largest Lyapunov exponent, rk4", parting(args.system, system, args.quick), []))
+    print(PUBLISHED if args.system == "double" else "")
+    tables.append(show(f"(d) ensemble and members alone, {YOUNG:g} s", consistency(system, dt), []))
     if args.rerun:
         fan(args.out / "chaos.rrd", system, dt, steps)
         print(f"\nwrote {args.out / 'chaos.rrd'}\nlook: rerun {args.out / 'chaos.rrd'}")
     if args.json:
-        content = json.dumps(host | {"answers": tables}, indent=1) + "\n"
-        write_whole(args.json, lambda temporary: temporary.write_text(content, encoding="utf-8"))
+        write_whole(args.json, lambda temporary: temporary.write_text(json.dumps(host | {"answers": tables}, indent=1)))
     return 0
 
 

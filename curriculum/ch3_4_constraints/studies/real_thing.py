@@ -3,8 +3,8 @@
 (a) The same quantity, two names: `soft` is MuJoCo's tendon equality, digit by digit.  (b) Time to a given error: the
 double pendulum, 5 s, beside reference.json.  (c) A published task with published tolerances: the simple pendulum A01.
 (d) How a step grows with a chain.
-The engines are set up at their fastest, and their models are built before the clock starts. Whatever is compared is
-timed in turns, A B A B, so that a busy machine slows both; only ratios carry over to another machine.
+Engines run at their fastest, their models built before the clock starts (_peers.py). Whatever is compared is timed in turns, A B A B, so that a busy machine
+slows both; only ratios carry over to another machine.
 """
 
 import json
@@ -13,13 +13,16 @@ import time
 from argparse import RawDescriptionHelpFormatter
 from decimal import Decimal, localcontext
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies import _peers as peers
+from curriculum.ch3_4_constraints.studies._race import in_turns, race
 from curriculum.ch3_4_constraints.studies.benchmark import show, spread
 from curriculum.common.cli import Parser, number
 from curriculum.common.device import processor
@@ -27,52 +30,12 @@ from curriculum.common.files import check_writable, write_whole
 from curriculum.common.gauss import make_gauss
 
 NEEDED = ("mujoco", "exudyn", "scipy")
+OURS, HINGES, RODS = "ours, gauss none", "MuJoCo hinges", "MuJoCo rods"
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-12)  # m
-A01 = {"low precision": 1e-1, "high precision": 1e-3}  # its specification; outputs and threshold are in `a01`
-OFF = "contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp nativeccd autoreset"
-POINT = 1e-14  # kg m^2 about the particle: MuJoCo wants some inertia; as a share of m L^2 this moves no digit we show
-
-
-# --- the engines' models of a system of constraints.py ---
-def mjcf(world, rest="", off="", **option):
-    """A MuJoCo model from XML, with everything switched off that these systems do not need."""
-    import mujoco
-
-    flags = " ".join(f'{name}="disable"' for name in [*OFF.split(), *off.split()])
-    options = " ".join(f'{name}="{value}"' for name, value in option.items())
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian" boundmass="0" boundinertia="0"/><size memory="256M"/>'
-        f'<option gravity="0 -9.81 0" {options}><flag {flags}/></option><worldbody>{world}</worldbody>{rest}</mujoco>'
-    )
-
-
-def inertial(m, x, inertia):
-    return f'<inertial pos="{x!r} 0 0" mass="{m!r}" diaginertia="{inertia} {inertia} {inertia}"/>'
-
-
-def hinges(system, dt):
-    """MuJoCo's model of a planar chain in joint angles: rods cannot stretch, RK4, no constraint anywhere."""
-    body, beyond = "", list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True))
-    for k, (m, length) in reversed(list(enumerate(beyond))):
-        at = beyond[k - 1][1] if k else 0.0
-        mass = inertial(m, length, POINT)
-        body = f'<body pos="{at!r} 0 0"><joint type="hinge" axis="0 0 1"/>{mass}{body}</body>'
-    return mjcf(body, off="constraint", timestep=dt, integrator="RK4")
-
-
-def tendons(system, dt, soft=(0.02, 0.95), axes=3, off="", **option):
-    """MuJoCo's model of a chain in particles: each slides along `axes` axes, each rod a tendon made equal to L."""
-    joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")[:axes])
-    bodies, ropes, equal = '<site name="s-1"/>', "", ""
-    for k, (m, length) in enumerate(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True)):
-        bodies += f'<body>{joints}{inertial(m, 0.0, 1.0)}<site name="s{k}"/></body>'
-        ropes += f'<spatial name="t{k}"><site site="s{k - 1}"/><site site="s{k}"/></spatial>'
-        equal += f'<tendon tendon1="t{k}" polycoef="{length!r} 0 0 0 0" '
-        equal += f'solref="{soft[0]!r} 1" solimp="{soft[1]} {soft[1]} 0.001 0.5 2"/>'
-    rest = f"<tendon>{ropes}</tendon><equality>{equal}</equality>"
-    # the rods ask for a linear system, of which one Newton iteration is the exact solution
-    settings = {"solver": "Newton", "jacobian": "auto", "iterations": 1, "tolerance": 0, "timestep": dt} | option
-    return mjcf(bodies, rest, off, **settings)
+GRID = (2, 3), (5, 6, 7, 8, 9, 10, 11, 12), (3, 4, 5), (1e-4, 1e-5, 1e-6, 5e-7, 1e-7, 1e-9, 1e-10, 1e-11, 1e-13)
+QUICK_GRID = (2, 3), (6, 8, 10, 12), (3, 4), (1e-5, 5e-7, 1e-10, 1e-13)  # steps a sample, stages, window, tol
+SLOW = [("rk4", "none"), ("rk4", "project"), ("semi_implicit", "project")]
+TOLS = 10.0 ** -np.arange(3, 15)
 
 
 # --- (a) the same quantity, two names ---
@@ -116,7 +79,7 @@ def mujoco_named(system, dt, shapes):
 
     fields = {}
     for solver in ("PGS", "Newton"):  # the force of the primal solver is the exact one and comes last
-        model = tendons(system, dt, solver=solver, iterations=100, jacobian="dense")
+        model = peers.tendons(system, dt, solver=solver, iterations=100, jacobian="dense")
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = system["q0"].ravel(), system["v0"].ravel()
         mujoco.mj_forward(model, data)
@@ -126,12 +89,16 @@ def mujoco_named(system, dt, shapes):
     return {name: fields[name].reshape(shape) for name, shape in shapes.items()}
 
 
-def names(states):
+def names(repeats, quick):
     """Table (a): our names and MuJoCo's, a value of the first state, and the largest difference over all states."""
-    rng, dt, rows = np.random.default_rng(0), 0.005, {}
+    rng, dt, rows, dropped, states = np.random.default_rng(0), 0.005, {}, 0.0, 20 if quick else 100
     for state in range(states):
         system = random_chain(rng, 1 + (state + 1) % 4)  # the first is a double pendulum
         ours = ours_named(system, dt)
+        whole = c.hold_table(dt)["soft"]._replace(use_jdotv=1.0)
+        moved = c.constraint_force(system, system["q0"], system["v0"], whole) / system["m"]
+        moved += c.GRAVITY - ours["acceleration", "qacc"]
+        dropped = max(dropped, float(np.abs(moved).max() / np.abs(ours["acceleration", "qacc"]).max()))
         theirs = mujoco_named(system, dt, {field: value.shape for (_, field), value in ours.items()})
         for (name, field), value in ours.items():
             row = {"ours": name, "MuJoCo's": field, "set by": WHERE[field], "ours, last": float(value.flat[-1])}
@@ -140,145 +107,190 @@ def names(states):
             row = rows.setdefault(field, row)
             row["largest gap"] = max(row["largest gap"], gap)
     worst = max(rows[field]["largest gap"] for field in ("efc_force", "qacc"))
-    title = f"(a) the same quantity, two names: soft and MuJoCo {version('mujoco')}, {states} random chains off the rods"
+    print(f"\nneither soft nor MuJoCo asks for Jdot v: with it, accelerations would differ by up to {dropped:.0%}")
+    title = f"(a) the same quantity, two names: soft and MuJoCo {version('mujoco')}; gaps over {states} random chains"
     bars = [("acceleration and rod force, largest difference as a share of the largest", worst, 1e-12)]
     return show(title, list(rows.values()), bars)
 
 
 # --- (b), (c) time to an error ---
-class Task(NamedTuple):
-    """A system from its start to time samples * every (s), and how far positions (samples, N, 2) are off."""
-
-    system: dict
-    samples: int
-    every: float
-    error: Callable
-
-
-def clocked(task, advance, positions):
-    """(seconds, seconds with everything, positions (samples, N, 2)) of an engine that advances a sample at a time."""
-    q, seconds = [], 0.0
-    for _ in range(task.samples):
-        clock = time.perf_counter()
-        advance()
-        seconds += time.perf_counter() - clock
-        q.append(positions())
-    return seconds, seconds, np.array(q)
-
-
-def run_hinges(task, per):
-    """MuJoCo in joint angles, `per` steps a sample in one C call."""
-    import mujoco
-
-    model = hinges(task.system, task.every / per)
-    data, lengths = mujoco.MjData(model), task.system["lengths"][:, None]
-    d = c.rod_vectors(task.system, task.system["q0"])
-    data.qpos[:] = np.diff(np.arctan2(d[:, 1], d[:, 0]), prepend=0.0)
-
-    def positions():
-        angle = np.cumsum(data.qpos)
-        return np.cumsum(lengths * np.stack([np.cos(angle), np.sin(angle)], axis=1), axis=0)
-
-    return clocked(task, partial(mujoco.mj_step, model, data, per), positions)
-
-
-def run_tendons(task, per, integrator, impedance, constant):
-    """MuJoCo's rods; `constant`(dt) is the time constant of solref in s."""
-    import mujoco
-
-    dt, n = task.every / per, len(task.system["q0"])
-    model = tendons(task.system, dt, (constant(dt), impedance), 2, "refsafe", integrator=integrator)
-    data = mujoco.MjData(model)
-    data.qpos[:] = task.system["q0"][:, :2].ravel()
-    return clocked(task, partial(mujoco.mj_step, model, data, per), lambda: data.qpos.reshape(n, 2).copy())
-
-
-def run_exudyn(task, per, tol):
-    """Exudyn's point masses and distance constraints, trapezoidal rule of index 2 (it keeps gdot = 0), full Newton."""
-    import exudyn
-    from exudyn import itemInterface as item
-
-    system, sensors, settings = exudyn.SystemContainer().AddSystem(), [], exudyn.SimulationSettings()
-    ground = system.AddObject(item.ObjectGround())
-    tied = system.AddMarker(item.MarkerBodyPosition(bodyNumber=ground, localPosition=[0.0, 0.0, 0.0]))
-    for x, m, w, length in zip(*(task.system[key] for key in ("q0", "m", "weight", "lengths")), strict=True):
-        node = system.AddNode(item.NodePoint2D(referenceCoordinates=x[:2].tolist()))
-        system.AddObject(item.MassPoint2D(mass=float(m[0]), nodeNumber=node))
-        before, tied = tied, system.AddMarker(item.MarkerNodePosition(nodeNumber=node))
-        system.AddLoad(item.LoadForceVector(markerNumber=tied, loadVector=w.tolist()))
-        system.AddObject(item.DistanceConstraint(markerNumbers=[before, tied], distance=float(length)))
-        kind = exudyn.OutputVariableType.Position
-        sensors.append(system.AddSensor(item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kind)))
-    system.Assemble()
-    settings.solution.file.write = False
-    settings.solution.sensors.writePeriod = task.every
-    settings.linearSolver.solverType = exudyn.LinearSolverType.EXUdense
-    rule = settings.timeIntegration
-    rule.numberOfSteps, rule.endTime, rule.verboseMode = per * task.samples, task.samples * task.every, 0
-    rule.newton.relativeTolerance, rule.newton.absoluteTolerance = tol, 0.01 * tol
-    clock = time.perf_counter()
-    system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
-    seconds = time.perf_counter() - clock
-    return seconds, seconds, np.stack([system.GetSensorStoredData(s)[1:, 1:3] for s in sensors], axis=1)
-
-
-def run_scipy(task, tol):
-    """scipy's DOP853 on our force: order 8, steps of its own choice."""
-    from scipy.integrate import solve_ivp
-
-    m, q0, force = task.system["m"], task.system["q0"], c.make_force(task.system, 0.0)
-
-    def rate(_, y):
-        q, v = y.reshape(2, *q0.shape)
-        return np.concatenate([v, force(q, v) / m], axis=None)
-
-    times, start = np.arange(1, task.samples + 1) * task.every, np.concatenate([q0, 0.0 * q0], axis=None)
-    clock = time.perf_counter()
-    y = solve_ivp(rate, (0.0, times[-1]), start, "DOP853", times, rtol=tol, atol=tol).y
-    seconds = time.perf_counter() - clock
-    return seconds, seconds, y[: q0.size].T.reshape(-1, *q0.shape)[..., :2]
-
-
 def run_ours(task, per, mode, rule, *settings):
-    """Our simulate: the clock of its integration loop, and with making the rule and measuring every state."""
+    """Our simulate, `per` steps a sample: the clock of its loop, and with making the rule and measuring every state."""
     dt, clock, steps = task.every / per, time.perf_counter(), per * task.samples
-    run = c.simulate(
-        task.system, make_gauss(*settings) if settings else rule, c.hold_table(dt)[mode], dt, steps, range(per, steps + 1, per)
-    )
-    q = run["kept"]["q"][..., :2]
-    if run["stopped"]:
-        q = np.full((task.samples, *q.shape[1:]), np.nan)
+    rule = make_gauss(*settings) if settings else rule
+    run = c.simulate(task.system, rule, c.hold_table(dt)[mode], dt, steps, range(per, steps + 1, per))
+    q = np.full(1, np.nan) if run["stopped"] else run["kept"]["q"][..., :2]
     return run["seconds_per_step"] * run["steps"], time.perf_counter() - clock, q
 
 
-def rungs(low, high, ratio):
-    """Whole numbers from low to high, each about `ratio` times the one before."""
-    return np.unique(np.geomspace(low, high, 1 + round(np.log(high / low) / np.log(ratio))).round().astype(int)).tolist()
+def gauss_ladder(task, *choices):
+    """{setting: job} of gauss with all combinations of modes, steps a sample, stages, windows and tolerances."""
+    ladder, text = {}, "{}, dt {:.4g}, {} stages, window {}, tol {:g}"
+    for mode, per, *rule in product(*choices):
+        ladder[text.format(mode, task.every / per, *rule)] = partial(run_ours, task, per, mode, "gauss", *rule)
+    return ladder
 
 
-def climb(task, ladder, cap):
-    """[(error, seconds, setting)] of the jobs {setting: job}, in that order; ends after a run longer than `cap` s."""
-    found = []
-    for setting, job in ladder.items():
-        seconds, _, q = job()
-        found.append((float(np.nan_to_num(task.error(q), nan=np.inf)), seconds, setting))
-        if seconds > cap:
-            break
-    return found
+def steps_ladder(task, text, run, low, high, *settings):
+    """{setting: job}: `run` with ever more steps a sample, each rung about a tenth more than the one before."""
+    pers = np.unique(np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)).tolist()
+    return {f"{text}dt {task.every / per:.4g}": partial(run, task, per, *settings) for per in pers}
 
 
-def cheapest(found, ladder, target):
-    """The setting that reaches `target` soonest: the best few of the climb, timed once more in turns."""
-    reach = sorted((seconds, setting) for error, seconds, setting in found if error <= target)
-    close = [setting for seconds, setting in reach[:6] if seconds < 1.3 * reach[0][0]]
-    again = rounds({setting: ladder[setting] for setting in close}, 3 if len(close) > 1 else 0)
-    return min(close, key=lambda s: np.median(again[s]), default=None) if len(close) > 1 else next(iter(close), None)
+def double(repeats, quick):
+    """(b) The double pendulum of seed 0, 5 s; error: the farthest that a particle is off at 20 times."""
+    truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
+    q = np.array(truth["cases"]["double"]["positions"])
+
+    def error(found):
+        return np.max(np.linalg.norm(found - q, axis=-1))
+
+    task = peers.Task(c.build_system("double"), len(q), truth["times"][0], error)
+    steps, cap = partial(steps_ladder, task), 0.05 if quick else 0.5
+    shipped = steps("Euler, ", peers.run_tendons, 10, 500, "Euler", 0.95, lambda dt: max(0.02, 2.0 * dt))
+    # the hardest that RK4 bears: 0.6 steps; MuJoCo's own limit is two, it clips the impedance at 0.9999
+    hardened = steps("RK4, ", peers.run_tendons, 20, 3000, "RK4", 0.9999, lambda dt: 0.6 * dt)
+    ladders = {OURS: gauss_ladder(task, ["none"], *(QUICK_GRID if quick else GRID))}
+    ladders |= {f"ours, {rule} {mode}": steps("", run_ours, 5, 1000, mode, rule) for rule, mode in SLOW}
+    ladders |= {HINGES: steps("RK4, ", peers.run_hinges, 4, 1500)}
+    ladders |= {f"{RODS}, as shipped": shipped, f"{RODS}, hardened": hardened}
+    if has("scipy"):
+        ladders["scipy, DOP853 on our force"] = {f"tol {t:.0e}": partial(peers.run_scipy, task, t) for t in TOLS}
+    if has("exudyn"):
+        tight, loose = (steps(f"tol {tol:g}, ", peers.run_exudyn, 10, 4000, tol) for tol in (1e-8, 1e-4))
+        ladders |= {"Exudyn rods, loose": loose, "Exudyn rods, tight": tight}
+    limits = [("1e-12 m", [HINGES], 0.15), ("1e-09 m", [HINGES], 0.6), ("1e-06 m", [HINGES], 2.0)]
+    limits += [(f"{t:.0e} m", [who for who in ladders if " rods, " in who], 0.1) for t in TARGETS[1:]]
+    title = f"(b) the double pendulum, 5 s, time to an error; {versions()}"
+    return race(title, task, ladders, {f"{t:.0e} m": t for t in TARGETS}, cap, repeats, limits)
 
 
-def rounds(jobs, repeats):
-    """{name: seconds (repeats,)} of the jobs, run in turns; a job returns its own seconds first."""
-    seconds = {name: [] for name in jobs}
-    for _ in range(repeats):
-        for name, job in jobs.items():
-            seconds[name].append(job()[:2])
-    return {name: np.array(s) for name, s in seconds.items()}
+def swing(times):
+    """Positions (T, 1, 2) of the unit pendulum released level, and how well they are known, in m.
+
+    sin(phi / 2) = k cd(sqrt(g) t, k), k = sin(phi_0 / 2), phi from straight down (DLMF 22.19(i)); decimals take off
+    whole periods, 2000 s would cost a double three digits. Doubt: scipy's value half a period later is minus this one.
+    """
+    from scipy.special import ellipj
+
+    with localcontext() as context:
+        context.prec = 40
+        a, b = Decimal(1), Decimal("0.5").sqrt()
+        while a - b > Decimal("1e-36"):
+            a, b = (a + b) / 2, (a * b).sqrt()
+        half = Decimal("3.141592653589793238462643383279502884197") / a  # 2 K(k) by Gauss's mean
+        pace = Decimal(-c.GRAVITY[1].item()).sqrt()
+        u = np.array([[float(pace * Decimal(t) % (2 * half) + late * half) for t in times] for late in (0, 1)])
+    _, cn, dn, _ = ellipj(u, 0.5)
+    s = np.sqrt(0.5) * cn / dn
+    q = np.stack([2.0 * s * np.sqrt(1.0 - s * s), 2.0 * s * s - 1.0], axis=-1)
+    return q[0, :, None], float(np.abs(q[0] - q[1] * [-1.0, 1.0]).max())
+
+
+def a01(repeats, quick):
+    """(c) M. Gonzalez et al., Multibody Syst. Dyn. 16 (2006) 179, A01_specification.xml: outputs, threshold, errors."""
+    times = 0.5 * np.arange(1, 4001)
+    q, doubt = swing(times.tolist())
+
+    def error(found):
+        return np.sqrt(np.mean((np.abs(found - q) / np.maximum(np.abs(q), 1e-3)) ** 2))
+
+    system = c.make_system([[1.0, 0.0, 0.0]], np.zeros((1, 3)), [1.0], [(0, -1)])
+    task = peers.Task(system, len(times), 0.5, error)
+    ladders = {OURS: gauss_ladder(task, ["none", "project"], (2, 4), (8, 10), (3, 5), (1e-10, 1e-12))}
+    ladders |= {HINGES: steps_ladder(task, "RK4, ", peers.run_hinges, 25, 120)}
+    title = f"(c) A01, the simple pendulum for 2000 s; {versions()}; the truth is known to {doubt:.0e} m"
+    targets = {"low precision, 0.1": 1e-1, "high precision, 0.001": 1e-3}
+    answer = race(title, task, ladders, targets, 60.0, repeats, [("high precision, 0.001", [HINGES], 0.6)])
+    slow = min(run_ours(task._replace(samples=200), 25, "project", "rk4")[0] for _ in range(3)) * len(times) / 200
+    print(f"rk4 with project left out: at MuJoCo's coarsest step above it would take {slow:.0f} s")
+    return answer
+
+
+# --- (d) scale ---
+def chain_jobs(n, dense):
+    """{who: job} for a step of a chain of n links; a job returns (seconds a step, rod error in m) of a short run."""
+    import mujoco
+
+    dt, steps = 0.005, max(10, 20_000 // n)
+    system = c.build_system("chain", links=n)
+
+    def ours(system, mode, steps):
+        run = c.simulate(system, "semi_implicit", c.hold_table(dt)[mode], dt, steps)
+        return run["seconds_per_step"], float(run["max_violation"])
+
+    def theirs(model, data, axes):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = system["q0"][:, :axes].ravel()
+        clock = time.perf_counter()
+        mujoco.mj_step(model, data, steps)
+        return (time.perf_counter() - clock) / steps, float(np.abs(data.efc_pos).max())
+
+    jobs = {f"ours, {mode}": partial(ours, system, mode, steps) for mode in ("none", "impulse")}
+    if dense:  # one rod named from its other end, and it is no chain to the solver
+        pairs = [system["pairs"][0], (0, 1), *system["pairs"][2:]]
+        twin = c.make_system(system["q0"], system["v0"], system["m"], pairs, system["lengths"])
+        jobs["ours, dense"] = partial(ours, twin, "none", max(2, 400 // n))
+    for axes in (3, 2):
+        model = peers.tendons(system, dt, axes=axes, jacobian="sparse" if n > 30 else "dense")
+        jobs[f"{RODS}, {axes} axes"] = partial(theirs, model, mujoco.MjData(model), axes)
+    return jobs
+
+
+def scale(repeats, quick):
+    """(d) ms a step of a chain; the dense solve only while its cube law lets it end within seconds."""
+    rows, links = [], (10, 100, 1000) if quick else (10, 100, 1000, 10_000)
+    for n in links:
+        jobs = chain_jobs(n, n <= 1000)
+        clocks = in_turns(jobs, repeats + 1)
+        for who, s in clocks.items():
+            row = {"links": n, "who": who, **spread(1e3 * s[1:, 0], "ms"), "rod error m": float(s[-1, 1])}
+            rows.append(row | {"ours, none/this": float(np.median(clocks["ours, none"][1:, 0] / s[1:, 0]))})
+    for who in dict.fromkeys(row["who"] for row in rows):
+        n, ms = np.array([(row["links"], row["ms"]) for row in rows if row["who"] == who and row["links"] >= 100]).T
+        print(f"{who}: grows as links to the power {np.polyfit(np.log(n), np.log(ms), 1)[0]:.2f} from {n[0]:.0f} on")
+    at = {row["who"]: row["ours, none/this"] for row in rows if row["links"] == 1000}
+    title = f"(d) a step of a chain, MuJoCo {version('mujoco')}; 3 axes is our model, 2 axes what a planar chain needs"
+    bars = [("1000 links: time of ours as a share of MuJoCo's, 3 axes", at[f"{RODS}, 3 axes"], 1.0 / 1.5)]
+    return show(title, rows, bars)
+
+
+def has(name):
+    return find_spec(name) is not None
+
+
+def versions():
+    return ", ".join(f"{name} {version(name)}" for name in NEEDED if has(name))
+
+
+def main(argv=None) -> int:
+    """Measure, print, maybe write JSON."""
+    parser = Parser(prog="real_thing", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a look in seconds: fewer repeats and rungs, no A01")
+    parser.add_argument("--repeats", type=number(int, 1), help="of each timing (9; quick: 3)")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the same as JSON, ladders and all")
+    args = parser.parse_args(argv)
+    try:
+        if args.json:
+            check_writable(args.json)
+    except OSError as error:
+        parser.error(f"argument --json: cannot write '{args.json}': {error.strerror}")
+    if not has("mujoco"):
+        parser.error("MuJoCo is not installed; pip install -e '.[compare]'")
+    repeats = args.repeats or (3 if args.quick else 9)
+    host = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__, "repeats": repeats}
+    host |= {name: version(name) for name in NEEDED if has(name)}
+    print(", ".join(f"{key} {value}" for key, value in host.items()) + "; medians, q1 and q3 the quartiles")
+    for name in NEEDED:
+        if not has(name):
+            print(f"{name} is not installed, its rows{' and A01' if name == 'scipy' else ''} are left out")
+    asked = [names, double, *([a01] if has("scipy") and not args.quick else []), scale]
+    answers = [ask(repeats, args.quick) for ask in asked]
+    if args.json:
+        text = json.dumps(host | {"answers": answers}, indent=1) + "\n"
+        write_whole(args.json, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,150 @@
+"""The systems of constraints.py in other engines, each at its fastest: for the study real_thing and its test.
+
+An engine is imported where it is used, so that this module needs none. Models are built before the clock starts.
+"""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+import constraints as c
+
+OFF = "contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp nativeccd autoreset"
+POINT = 1e-14  # kg m^2 about the particle: MuJoCo wants some inertia; as a share of m L^2 this moves no digit we show
+
+
+def mjcf(world, rest="", off="", **option):
+    """A MuJoCo model from XML, with everything switched off that these systems do not need."""
+    import mujoco
+
+    flags = " ".join(f'{name}="disable"' for name in [*OFF.split(), *off.split()])
+    options = " ".join(f'{name}="{value}"' for name, value in option.items())
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian" boundmass="0" boundinertia="0"/><size memory="256M"/>'
+        f'<option gravity="0 -9.81 0" {options}><flag {flags}/></option><worldbody>{world}</worldbody>{rest}</mujoco>'
+    )
+
+
+def inertial(m, x, inertia):
+    return f'<inertial pos="{x!r} 0 0" mass="{m!r}" diaginertia="{inertia} {inertia} {inertia}"/>'
+
+
+def hinges(system, dt):
+    """MuJoCo's model of a planar chain in joint angles: rods cannot stretch, RK4, no constraint anywhere."""
+    body, beyond = "", list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True))
+    for k, (m, length) in reversed(list(enumerate(beyond))):
+        at = beyond[k - 1][1] if k else 0.0
+        mass = inertial(m, length, POINT)
+        body = f'<body pos="{at!r} 0 0"><joint type="hinge" axis="0 0 1"/>{mass}{body}</body>'
+    return mjcf(body, off="constraint", timestep=dt, integrator="RK4")
+
+
+def tendons(system, dt, soft=(0.02, 0.95), axes=3, off="", **option):
+    """MuJoCo's model of a chain in particles: each slides along `axes` axes, each rod a tendon made equal to L."""
+    joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")[:axes])
+    bodies, ropes, equal = '<site name="s-1"/>', "", ""
+    for k, (m, length) in enumerate(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True)):
+        bodies += f'<body>{joints}{inertial(m, 0.0, 1.0)}<site name="s{k}"/></body>'
+        ropes += f'<spatial name="t{k}"><site site="s{k - 1}"/><site site="s{k}"/></spatial>'
+        equal += f'<tendon tendon1="t{k}" polycoef="{length!r} 0 0 0 0" '
+        equal += f'solref="{soft[0]!r} 1" solimp="{soft[1]} {soft[1]} 0.001 0.5 2"/>'
+    rest = f"<tendon>{ropes}</tendon><equality>{equal}</equality>"
+    # the rods ask for a linear system, of which one Newton iteration is the exact solution
+    settings = {"solver": "Newton", "jacobian": "auto", "iterations": 1, "tolerance": 0, "timestep": dt} | option
+    return mjcf(bodies, rest, off, **settings)
+
+
+class Task(NamedTuple):
+    """A system from its start to time samples * every (s), and how far positions (samples, N, 2) are off."""
+
+    system: dict
+    samples: int
+    every: float
+    error: Callable
+
+
+def clocked(task, advance, positions):
+    """(seconds, seconds with everything, positions (samples, N, 2)) of an engine that advances a sample at a time."""
+    q, seconds = [], 0.0
+    for _ in range(task.samples):
+        clock = time.perf_counter()
+        advance()
+        seconds += time.perf_counter() - clock
+        q.append(positions())
+    return seconds, seconds, np.array(q)
+
+
+def run_hinges(task, per):
+    """MuJoCo in joint angles, `per` steps a sample in one C call."""
+    import mujoco
+
+    model = hinges(task.system, task.every / per)
+    data, lengths = mujoco.MjData(model), task.system["lengths"][:, None]
+    d = c.rod_vectors(task.system, task.system["q0"])
+    data.qpos[:] = np.diff(np.arctan2(d[:, 1], d[:, 0]), prepend=0.0)
+
+    def positions():
+        angle = np.cumsum(data.qpos)
+        return np.cumsum(lengths * np.stack([np.cos(angle), np.sin(angle)], axis=1), axis=0)
+
+    return clocked(task, partial(mujoco.mj_step, model, data, per), positions)
+
+
+def run_tendons(task, per, integrator, impedance, constant):
+    """MuJoCo's rods; `constant`(dt) is the time constant of solref in s."""
+    import mujoco
+
+    dt, n = task.every / per, len(task.system["q0"])
+    model = tendons(task.system, dt, (constant(dt), impedance), 2, "refsafe", integrator=integrator)
+    data = mujoco.MjData(model)
+    data.qpos[:] = task.system["q0"][:, :2].ravel()
+    return clocked(task, partial(mujoco.mj_step, model, data, per), lambda: data.qpos.reshape(n, 2).copy())
+
+
+def run_exudyn(task, per, tol):
+    """Exudyn's point masses and distance constraints, trapezoidal rule of index 2 (it keeps gdot = 0), full Newton."""
+    import exudyn
+    from exudyn import itemInterface as item
+
+    system, sensors, settings = exudyn.SystemContainer().AddSystem(), [], exudyn.SimulationSettings()
+    ground = system.AddObject(item.ObjectGround())
+    tied = system.AddMarker(item.MarkerBodyPosition(bodyNumber=ground, localPosition=[0.0, 0.0, 0.0]))
+    for x, m, w, length in zip(*(task.system[key] for key in ("q0", "m", "weight", "lengths")), strict=True):
+        node = system.AddNode(item.NodePoint2D(referenceCoordinates=x[:2].tolist()))
+        system.AddObject(item.MassPoint2D(mass=float(m[0]), nodeNumber=node))
+        before, tied = tied, system.AddMarker(item.MarkerNodePosition(nodeNumber=node))
+        system.AddLoad(item.LoadForceVector(markerNumber=tied, loadVector=w.tolist()))
+        system.AddObject(item.DistanceConstraint(markerNumbers=[before, tied], distance=float(length)))
+        kind = exudyn.OutputVariableType.Position
+        sensors.append(system.AddSensor(item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kind)))
+    system.Assemble()
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = task.every
+    settings.linearSolver.solverType = exudyn.LinearSolverType.EXUdense
+    rule = settings.timeIntegration
+    rule.numberOfSteps, rule.endTime, rule.verboseMode = per * task.samples, task.samples * task.every, 0
+    rule.newton.relativeTolerance, rule.newton.absoluteTolerance = tol, 0.01 * tol
+    clock = time.perf_counter()
+    system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
+    seconds = time.perf_counter() - clock
+    return seconds, seconds, np.stack([system.GetSensorStoredData(s)[1:, 1:3] for s in sensors], axis=1)
+
+
+def run_scipy(task, tol):
+    """scipy's DOP853 on our force: order 8, steps of its own choice."""
+    from scipy.integrate import solve_ivp
+
+    m, q0, force = task.system["m"], task.system["q0"], c.make_force(task.system, 0.0)
+
+    def rate(_, y):
+        q, v = y.reshape(2, *q0.shape)
+        return np.concatenate([v, force(q, v) / m], axis=None)
+
+    times, start = np.arange(1, task.samples + 1) * task.every, np.concatenate([q0, 0.0 * q0], axis=None)
+    clock = time.perf_counter()
+    y = solve_ivp(rate, (0.0, times[-1]), start, "DOP853", times, rtol=tol, atol=tol).y
+    seconds = time.perf_counter() - clock
+    return seconds, seconds, y[: q0.size].T.reshape(-1, *q0.shape)[..., :2]

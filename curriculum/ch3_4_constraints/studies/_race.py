@@ -1,0 +1,78 @@
+"""Who reaches an error soonest: a ladder of settings each, its cheapest rungs timed in turns. For the study real_thing.
+
+A job returns (seconds of the work, seconds with all around it, positions); a setting is its text.
+"""
+
+import numpy as np
+
+from curriculum.ch3_4_constraints.studies.benchmark import show, spread
+
+
+def climb(task, ladder, cap, least):
+    """[(seconds, error, setting)] in the order of the ladder, up to a run over `cap` s or an error under `least`."""
+    found = []
+    for setting, job in ladder.items():
+        seconds, _, q = job()
+        found.append((seconds, float(np.nan_to_num(task.error(q), nan=np.inf)), setting))
+        if seconds > cap or found[-1][1] < least:
+            break
+    return found
+
+
+def in_turns(jobs, repeats):
+    """{name: (repeats, 2)}: what jobs called A B A B return first: seconds of the work, and with all around it."""
+    seconds = {name: [] for name in jobs}
+    for _ in range(repeats):
+        for name, job in jobs.items():
+            seconds[name].append(job()[:2])
+    return {name: np.array(s) for name, s in seconds.items()}
+
+
+def cheapest(found, ladder, target):
+    """(setting, error) of what reaches the target soonest; () if nothing does. The few best are timed once more."""
+    reach = sorted(rung for rung in found if rung[1] <= target)[:4]
+    error = {setting: e for seconds, e, setting in reach if seconds < 1.5 * reach[0][0]}
+    again = in_turns({setting: ladder[setting] for setting in error}, 3 if len(error) > 1 else 1)
+    return min(error.items(), key=lambda rung: np.median(again[rung[0]][:, 0]), default=())
+
+
+def front(found):
+    """A ladder as a line: the rungs ten times better than any cheaper one, and the best."""
+    best = {}
+    for seconds, error, setting in sorted(found):
+        if error < 0.1 * min(best, default=np.inf) or error == min(rung[1] for rung in found):
+            best[error] = f"{error:.0e} in {1e3 * seconds:.3g} ms ({setting})"
+    return "; ".join(best.values())
+
+
+def race(title, task, ladders, targets, cap, repeats, limits):
+    """The cheapest setting of each of `ladders` {who: {setting: job}}, ours first, for each of `targets`, side by side.
+
+    `limits`: (target, rivals, limit) of the time of ours over that of the quickest of these rivals.
+    """
+    rows, bars, chosen, climbs, ours = [], [], {}, {}, next(iter(ladders))
+    print(
+        f"\nladders of {title[:3]}: error in time (setting); rungs ten times better than any cheaper one, and the best"
+    )
+    for who, ladder in ladders.items():
+        climbs[who] = climb(task, ladder, cap, 0.0 if who == ours else min(targets.values()))
+        print(f"{who}: {front(climbs[who])}", flush=True)
+        for name, target in targets.items():
+            if found := cheapest(climbs[who], ladder, target):
+                chosen[name, who] = found
+    clocks = in_turns({(name, who): ladders[who][s] for (name, who), (s, _) in chosen.items()}, repeats)
+    us = {name: clocks.get((name, ours), np.full((1, 2), np.nan))[:, 0] for name in targets}
+    ratio = {key: float(np.median(us[key[0]] / s[:, 0])) for key, s in clocks.items()}
+    for name, who in sorted(chosen, key=lambda key: list(targets).index(key[0])):
+        setting, error = chosen[name, who]
+        row = {"target": name, "who": who, "error": error, **spread(1e3 * clocks[name, who][:, 0], "ms")}
+        row |= {"with all around it": 1e3 * float(np.median(clocks[name, who][:, 1])), "ours/this": ratio[name, who]}
+        rows.append(row | {"setting": setting})
+    for name, rivals, limit in limits:
+        present = {who: ratio[name, who] for who in rivals if (name, who) in ratio}
+        if present:
+            who = max(present, key=present.get)
+            bars.append((f"{name}: time of ours as a share of {who}", present[who], limit))
+        else:
+            print(f"{name}: in {cap:g} s a run, none of {', '.join(rivals)} gets there")
+    return show(title, rows, bars) | {"ladders": climbs}
