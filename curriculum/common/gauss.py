@@ -37,8 +37,8 @@ def make_gauss(stages=8, window=4, tol=1e-13):
     Its stages solve a(t_s) = force(q(t_s), v(t_s)) / m, by iterating just that (E. Hairer, C. Lubich, G. Wanner,
     Geometric Numerical Integration, VIII.6). One force call evaluates all of them, and those of the next `window` - 1
     steps besides: extra stages are nearly free in numpy, and a step whose stages were iterated before needs only two
-    or three calls.
-    It ends when the step's end moves by less than `tol`, relatively; FloatingPointError if not after 50 calls.
+    or three calls. A step ahead whose stages run away is guessed anew. It ends when the end of the step moves by less
+    than `tol`, relatively; FloatingPointError if it does not within 50 calls.
     """
     to_q, to_v, times, ahead = collocation(stages, window)
     n, memory = stages * window, {"run": None}
@@ -50,30 +50,34 @@ def make_gauss(stages=8, window=4, tol=1e-13):
             table = np.vstack([q_rows[:n], v_rows[:n], q_rows[n:], v_rows[n:]]).T.copy()
             memory.update(run=(force, dt, q.shape), table=table, x=np.empty((q.size, n + 2)))
             memory["x"][:, :n] = (force(q, v) / m).T.reshape(-1, 1)
-        x, shape, last, ends = memory["x"], q.T.shape, math.inf, 0.0
+        x, shape, before, last = memory["x"], q.T.shape, 0.0, math.inf
         a = x[:, :n]  # a row a coordinate, a column a stage
         x[:, n], x[:, n + 1] = q.T.ravel(), v.T.ravel()
         size = float(np.square(x[:, n:]).sum())
         for k in range(51):
             y = x @ memory["table"]  # q at all stages, v at all stages, q and v at the ends of the steps
-            moved = np.square(y[:, 2 * n :] - ends).sum(axis=0).tolist()
-            change, ends = moved[0] + moved[window], y[:, 2 * n :]
-            settled = k > 0 and (
-                change <= tol * tol * size or last <= change < 1e-18 * size
-            )  # or as far as rounding lets
-            if not change < math.inf:
-                a[:] = (force(q, v) / m).T.reshape(-1, 1)
-            elif settled or k % 8 == 7:
-                wild = [j for j in range(1, window) if not moved[j] + moved[window + j] < 0.1 * size]
-                for j in range(wild[0] if wild else window, window):  # ran away: guess it from the step before it
+            ends = y[:, 2 * n :]
+            gap = (ends - before)[:, ::window].ravel()  # of the end of this step
+            change, moved, before = float(gap.dot(gap)), ends - before, ends
+            if not change < math.inf:  # nothing to mend: start again from constant accelerations
+                a[:], change = (force(q, v) / m).T.reshape(-1, 1), math.inf
+                y = x @ memory["table"]
+                before = y[:, 2 * n :]
+            # down to tol, or as far down as rounding lets
+            settled = k > 0 and (change <= tol * tol * size or last <= change < 1e-18 * size)
+            if settled or k % 8 == 7:
+                far = np.square(moved).sum(axis=0)
+                wild = np.flatnonzero(~(far[:window] + far[window:] < 0.1 * size))
+                for j in range(max(1, wild[0]) if len(wild) else window, window):  # guess it from the step before it
                     a[:, j * stages : (j + 1) * stages] = a[:, (j - 1) * stages : j * stages] @ ahead.T
-            if settled:
-                a[:, :-stages] = a[:, stages:].copy()
-                a[:, -stages:] = a[:, -stages:] @ ahead.T
-                return ends[:, 0].reshape(shape).T, ends[:, window].reshape(shape).T
-            stage_q, stage_v = (y[:, i : i + n].reshape(*shape, n).T for i in (0, n))
+                if settled:
+                    a[:, :-stages] = a[:, stages:].copy()
+                    a[:, -stages:] = a[:, -stages:] @ ahead.T
+                    return ends[:, 0].reshape(shape).T, ends[:, window].reshape(shape).T
+                y = x @ memory["table"]
+            stage_q, stage_v = y[:, :n].reshape(*shape, n).T, y[:, n : 2 * n].reshape(*shape, n).T
             a[:] = (force(stage_q, stage_v) / m).T.reshape(q.size, n)
             last = change
-        raise FloatingPointError(f"the Gauss stages do not settle; try dt {0.5 * dt:g}")
+        raise FloatingPointError(f"the Gauss stages do not settle at dt {dt:g}")
 
     return gauss_step

@@ -57,6 +57,22 @@ def tendons(system, dt, soft=(0.02, 0.95), axes=3, off="", **option):
     return mjcf(bodies, rest, off, **settings)
 
 
+def named(system, dt, shapes):
+    """{field: value} of MuJoCo at the same state; efc_AR is made for its dual solver PGS only, hence a second model."""
+    import mujoco
+
+    fields = {}
+    for solver in ("PGS", "Newton"):  # the force of the primal solver is the exact one and comes last
+        model = tendons(system, dt, solver=solver, iterations=100, jacobian="dense")
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = system["q0"].ravel(), system["v0"].ravel()
+        mujoco.mj_forward(model, data)
+        fields |= {name: np.array(getattr(data, name)) for name in shapes if getattr(data, name).size}
+    k, b, imp = fields["efc_KBIP"][:, :3].T
+    fields["efc_KBIP"] = np.stack([k * imp, b], axis=1)
+    return {name: fields[name].reshape(shape) for name, shape in shapes.items()}
+
+
 class Task(NamedTuple):
     """A system from its start to time samples * every (s), and how far positions (samples, N, 2) are off."""
 

@@ -3,9 +3,38 @@
 A job returns (seconds of the work, seconds with all around it, positions); a setting is its text.
 """
 
+import time
+from functools import partial
+from itertools import product
+
 import numpy as np
 
+import constraints as c
 from curriculum.ch3_4_constraints.studies.benchmark import show, spread
+from curriculum.common.gauss import make_gauss
+
+
+def run_ours(task, per, mode, rule, *settings):
+    """Our simulate, `per` steps a sample: the clock of its loop, and with making the rule and measuring every state."""
+    dt, clock, steps = task.every / per, time.perf_counter(), per * task.samples
+    rule = make_gauss(*settings) if settings else rule
+    run = c.simulate(task.system, rule, c.hold_table(dt)[mode], dt, steps, range(per, steps + 1, per))
+    q = np.full(1, np.nan) if run["stopped"] else run["kept"]["q"][..., :2]
+    return run["seconds_per_step"] * run["steps"], time.perf_counter() - clock, q
+
+
+def gauss_ladder(task, *choices):
+    """{setting: job} of gauss with all combinations of modes, steps a sample, stages, windows and tolerances."""
+    ladder, text = {}, "{}, dt {:.4g}, {} stages, window {}, tol {:g}"
+    for mode, per, *rule in product(*choices):
+        ladder[text.format(mode, task.every / per, *rule)] = partial(run_ours, task, per, mode, "gauss", *rule)
+    return ladder
+
+
+def steps_ladder(task, text, run, low, high, *settings):
+    """{setting: job}: `run` with ever more steps a sample, each rung about a tenth more than the one before."""
+    pers = np.unique(np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)).tolist()
+    return {f"{text}dt {task.every / per:.4g}": partial(run, task, per, *settings) for per in pers}
 
 
 def climb(task, ladder, cap, least):
@@ -52,7 +81,7 @@ def race(title, task, ladders, targets, cap, repeats, limits):
     """
     rows, bars, chosen, climbs, ours = [], [], {}, {}, next(iter(ladders))
     print(
-        f"\nladders of {title[:3]}: error in time (setting); rungs ten times better than any cheaper one, and the best"
+        f"\nladders of {title[:3]}, error in time (setting): rungs ten times better than any cheaper one, and the best"
     )
     for who, ladder in ladders.items():
         climbs[who] = climb(task, ladder, cap, 0.0 if who == ours else min(targets.values()))
@@ -75,4 +104,5 @@ def race(title, task, ladders, targets, cap, repeats, limits):
             bars.append((f"{name}: time of ours as a share of {who}", present[who], limit))
         else:
             print(f"{name}: in {cap:g} s a run, none of {', '.join(rivals)} gets there")
-    return show(title, rows, bars) | {"ladders": climbs}
+    rungs = {who: [[s, e if np.isfinite(e) else None, text] for s, e, text in found] for who, found in climbs.items()}
+    return show(title, rows, bars) | {"ladders, s, m, setting": rungs}

@@ -3,8 +3,9 @@
 (a) The same quantity, two names: `soft` is MuJoCo's tendon equality, digit by digit.  (b) Time to a given error: the
 double pendulum, 5 s, beside reference.json.  (c) A published task with published tolerances: the simple pendulum A01.
 (d) How a step grows with a chain.
-Engines run at their fastest, their models built before the clock starts (_peers.py). Whatever is compared is timed in turns, A B A B, so that a busy machine
-slows both; only ratios carry over to another machine.
+Engines run at their fastest, their models built before the clock starts (_peers.py). Whatever is compared is timed in
+turns, A B A B (_race.py), so that a busy machine slows both; only ratios carry over to another machine. The time of
+ours is that of the integration loop, first stages and all; `with all around it` adds measuring every state.
 """
 
 import json
@@ -15,22 +16,20 @@ from decimal import Decimal, localcontext
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._race import in_turns, race
+from curriculum.ch3_4_constraints.studies._race import gauss_ladder, in_turns, race, run_ours, steps_ladder
 from curriculum.ch3_4_constraints.studies.benchmark import show, spread
 from curriculum.common.cli import Parser, number
 from curriculum.common.device import processor
 from curriculum.common.files import check_writable, write_whole
-from curriculum.common.gauss import make_gauss
 
 NEEDED = ("mujoco", "exudyn", "scipy")
-OURS, HINGES, RODS = "ours, gauss none", "MuJoCo hinges", "MuJoCo rods"
+OURS, HINGES, RODS = "ours, gauss", "MuJoCo hinges", "MuJoCo rods"
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-12)  # m
 GRID = (2, 3), (5, 6, 7, 8, 9, 10, 11, 12), (3, 4, 5), (1e-4, 1e-5, 1e-6, 5e-7, 1e-7, 1e-9, 1e-10, 1e-11, 1e-13)
 QUICK_GRID = (2, 3), (6, 8, 10, 12), (3, 4), (1e-5, 5e-7, 1e-10, 1e-13)  # steps a sample, stages, window, tol
@@ -73,22 +72,6 @@ WHERE |= {"efc_vel": "mj_referenceConstraint", "efc_aref": "mj_referenceConstrai
 WHERE |= {"efc_AR": "mj_projectConstraint", "efc_force": "mj_fwdConstraint", "qacc": "mj_fwdConstraint"}
 
 
-def mujoco_named(system, dt, shapes):
-    """{field: value} of MuJoCo at the same state; efc_AR is made for its dual solver PGS only, hence a second model."""
-    import mujoco
-
-    fields = {}
-    for solver in ("PGS", "Newton"):  # the force of the primal solver is the exact one and comes last
-        model = peers.tendons(system, dt, solver=solver, iterations=100, jacobian="dense")
-        data = mujoco.MjData(model)
-        data.qpos[:], data.qvel[:] = system["q0"].ravel(), system["v0"].ravel()
-        mujoco.mj_forward(model, data)
-        fields |= {name: np.array(getattr(data, name)) for name in shapes if getattr(data, name).size}
-    k, b, imp = fields["efc_KBIP"][:, :3].T
-    fields["efc_KBIP"] = np.stack([k * imp, b], axis=1)
-    return {name: fields[name].reshape(shape) for name, shape in shapes.items()}
-
-
 def names(repeats, quick):
     """Table (a): our names and MuJoCo's, a value of the first state, and the largest difference over all states."""
     rng, dt, rows, dropped, states = np.random.default_rng(0), 0.005, {}, 0.0, 20 if quick else 100
@@ -99,7 +82,7 @@ def names(repeats, quick):
         moved = c.constraint_force(system, system["q0"], system["v0"], whole) / system["m"]
         moved += c.GRAVITY - ours["acceleration", "qacc"]
         dropped = max(dropped, float(np.abs(moved).max() / np.abs(ours["acceleration", "qacc"]).max()))
-        theirs = mujoco_named(system, dt, {field: value.shape for (_, field), value in ours.items()})
+        theirs = peers.named(system, dt, {field: value.shape for (_, field), value in ours.items()})
         for (name, field), value in ours.items():
             row = {"ours": name, "MuJoCo's": field, "set by": WHERE[field], "ours, last": float(value.flat[-1])}
             row |= {"MuJoCo's, last": float(theirs[field].flat[-1]), "largest gap": 0.0}
@@ -114,29 +97,6 @@ def names(repeats, quick):
 
 
 # --- (b), (c) time to an error ---
-def run_ours(task, per, mode, rule, *settings):
-    """Our simulate, `per` steps a sample: the clock of its loop, and with making the rule and measuring every state."""
-    dt, clock, steps = task.every / per, time.perf_counter(), per * task.samples
-    rule = make_gauss(*settings) if settings else rule
-    run = c.simulate(task.system, rule, c.hold_table(dt)[mode], dt, steps, range(per, steps + 1, per))
-    q = np.full(1, np.nan) if run["stopped"] else run["kept"]["q"][..., :2]
-    return run["seconds_per_step"] * run["steps"], time.perf_counter() - clock, q
-
-
-def gauss_ladder(task, *choices):
-    """{setting: job} of gauss with all combinations of modes, steps a sample, stages, windows and tolerances."""
-    ladder, text = {}, "{}, dt {:.4g}, {} stages, window {}, tol {:g}"
-    for mode, per, *rule in product(*choices):
-        ladder[text.format(mode, task.every / per, *rule)] = partial(run_ours, task, per, mode, "gauss", *rule)
-    return ladder
-
-
-def steps_ladder(task, text, run, low, high, *settings):
-    """{setting: job}: `run` with ever more steps a sample, each rung about a tenth more than the one before."""
-    pers = np.unique(np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)).tolist()
-    return {f"{text}dt {task.every / per:.4g}": partial(run, task, per, *settings) for per in pers}
-
-
 def double(repeats, quick):
     """(b) The double pendulum of seed 0, 5 s; error: the farthest that a particle is off at 20 times."""
     truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
