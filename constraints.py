@@ -515,10 +515,9 @@ def report(args, runs, errors):
     z, limit = args.dt * args.baumgarte, STABILITY_LIMIT.get(args.integrator, math.inf)
     for mode, run in runs.items():
         if run["stopped"]:
-            known = f"dt*omega = {z:.3g} is past the limit of {limit:.2f} for {args.integrator}"
-            print(
-                f"{mode} {run['stopped']}: {known if mode == 'baumgarte' and z > limit else f'try --dt {args.dt / 2:g}'}"
-            )
+            past = f"dt*omega = {z:.3g} is past the limit of {limit:.2f} for {args.integrator}"
+            hint = past if mode == "baumgarte" and z > limit else f"try --dt {0.5 * args.dt:g}"
+            print(f"{mode} {run['stopped']}: {hint}")
     if args.system in SYSTEMS and {"none", "baumgarte"} <= runs.keys():
         none, helped = (float(runs[mode]["max_violation"]) for mode in ("none", "baumgarte"))
         expected = none > 3.0 * helped and not runs["baumgarte"]["stopped"]

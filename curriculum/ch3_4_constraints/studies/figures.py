@@ -2,8 +2,8 @@
 
 A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, in README.md, the chapter text and the
 exercises. `--check` changes nothing and compares instead, leaving out what belongs to the machine: numbers that carry
-a unit of time or a ratio of times (us, ms, x), and what follows the word wall-clock. `--only WORD` takes the commands that
-contain WORD: some studies take minutes.
+a unit of time or a ratio of times (us, ms, x), and what follows the word wall-clock. `--only WORD` takes the commands
+that contain WORD: some studies take minutes.
 """
 
 import re
