@@ -16,25 +16,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.common.cli import chapter_parser, number, ready, run_script
+from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.device import banner, progress
-from curriculum.common.files import write_whole
+from curriculum.common.files import make_ready, write_whole
 from curriculum.common.gauss import make_gauss
 from curriculum.common.scenes import SceneError, load_scene
 
 HERE = Path(__file__).resolve().parent
 CHAPTER = "curriculum/ch3_4_constraints"
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
-SMOKE_STEPS = 800
-FRAME_RATE, MAX_RECORDED = 60.0, 1_000_000  # recorded: states a simulated second, and particle positions at most
+SMOKE_STEPS, FRAME_RATE, MAX_RECORDED = 800, 60.0, 10**6  # recorded: states a simulated second; positions at most
 RULED_SECONDS, RULED_RODS = 2.0, 30  # the true error is taken then, before chaos decides, for scenes of this size
 # --- endregion ---
 
 
 # --- region: systems ---
 # A scene is particles, rods and anchors, nothing else. Rod k is the pair (i, j): particle i tied to particle j, or to a
-# fixed anchor when j is negative (-1 the first anchor, -2 the second, ...). A chain, rod k tying particle k to the one
-# before it and rod 0 to an anchor, is so common and so much cheaper to solve that the system remembers being one.
+# fixed anchor when j is negative (-1 the first, -2 the second, ...). A chain, rod k tying particle k to the one before
+# it and rod 0 to an anchor, is so common and so much cheaper to solve that the system remembers being one.
 
 
 def build_system(name, seed=0, links=10):
@@ -54,8 +53,7 @@ def build_system(name, seed=0, links=10):
 def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     """System dict: positions q0 (N, 3) m, velocities v0 (N, 3) m/s, masses m (N,) kg, rods `pairs`, anchors (K, 3) m.
 
-    `lengths` (C,) m, by default the distances found in q0. Keys q0, v0, m (N, 1), pairs, lengths, anchors, and what the
-    solvers need again and again: `weight` (N, 3) newtons, whether it is a `chain`, how the rods couple.
+    `lengths` (C,) m, by default as in q0. Beside these keys, m as (N, 1), whatever the solvers need again and again.
     """
     q0, v0, anchors = (np.asarray(a, dtype=float) for a in (q0, v0, anchors))
     m, pairs = np.asarray(m, dtype=float).reshape(-1, 1), [tuple(pair) for pair in pairs]
@@ -112,8 +110,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The modes by name, each a Hold; `dt` s, `baumgarte` rad/s, MuJoCo's `time_constant` s and `impedance` (0..1)."""
     spring = impedance * max(time_constant, 2.0 * dt)  # MuJoCo too keeps the time constant above two steps
     return {
-        # gddot = 0 and nothing else: what has drifted stays, and every step adds to it. One solve a force.
-        # Fails by slow rot, in every run that is long enough.
+        # gddot = 0 and nothing else. One solve a force. Fails by slow rot: what has drifted stays, every step adds.
         "none": Hold(),
         # gddot = -2 w gdot - w^2 g: an error dies like a critically damped spring of frequency w. One solve a force.
         # Fails when dt w passes STABILITY_LIMIT. J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1-16.
@@ -124,8 +121,8 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # A rod that may give: MuJoCo's equality with solref and solimp, Jdot v dropped as MuJoCo drops it. One solve a
         # force, never singular. Fails by design: a rod under load is longer. MuJoCo documentation, Computation.
         "soft": Hold(0.0, 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance),
-        # none, then Newton back onto the rods (see `project`). One solve a force and three or four more a step.
-        # Fails when one step overshoots so far that no pull along the rods leads back. SHAKE/RATTLE.
+        # none, then Newton back onto the rods: SHAKE/RATTLE, see `project`. One solve a force and three or four a step.
+        # Fails when a step overshoots so far that no pull along the rods leads back.
         "project": Hold(project=True),
     }
 
@@ -136,10 +133,7 @@ def as_hold(hold):
 
 
 def external_force(system, q, v):
-    """Newtons (..., N, 3) that act on the particles besides the rods, at q and v (..., N, 3): their weight.
-
-    Add wind or drag here and the rods answer to it: the constraint force is solved against whatever this returns.
-    """
+    """Newtons (..., N, 3) at q and v (..., N, 3) besides the rods': weight. Add wind or drag and the rods answer."""
     return system["weight"]
 
 
@@ -170,10 +164,7 @@ def rod_pulls(system, d, lam):
 
 
 def constraint_terms(system, q, v):
-    """The terms as derived: jac (..., C, 3N) m, and (..., C) each: g m^2, gdot m^2/s, jdotv m^2/s^2; q, v (..., N, 3).
-
-    To read, and to check the solvers against; nothing below needs the matrix J itself.
-    """
+    """As derived, to read and to check against: jac (..., C, 3N) m; g m^2, gdot m^2/s, jdotv m^2/s^2, (..., C) each."""
     d, rate = rod_vectors(system, q), rod_vectors(system, v, rate=True)
     inc, _ = incidence(system["pairs"], q.shape[-2], system["anchors"])
     jac = (inc[:, :, None] * d[..., :, None, :]).reshape(*d.shape[:-1], -1)
@@ -183,10 +174,10 @@ def constraint_terms(system, q, v):
 def solve_rods(system, d, e, rhs, softness=0.0, cutoff=1e-9):
     """lam (..., C) of (A + softness diag A) lam = rhs, with A_kl = (B M^-1 B^T)_kl d_k . e_l; mostly e is d.
 
-    Rods that share no particle do not couple. A chain's A is tridiagonal: a sweep towards the tip eliminates, one back
-    substitutes; O(N), + - * / only, hence the same bytes everywhere (and R. Featherstone's articulated-body method).
-    Anything else gets the dense matrix. A loop may have more rods than it needs, or lose rank in passing: among all
-    tensions that do, the smallest is then the right one (eigenvalues under `cutoff` of the largest count as zero).
+    A chain's A is tridiagonal: a sweep towards the tip eliminates, one back substitutes; O(N), + - * / only, hence the
+    same bytes everywhere (and R. Featherstone's articulated-body method). All else gets the dense matrix. A loop may
+    have more rods than it needs, or lose rank in passing: of all tensions that do, the smallest is then the right one
+    (eigenvalues under `cutoff` of the largest count as zero).
     """
     if not system["chain"]:
         a = system["coupling"] * (d @ np.swapaxes(e, -1, -2)) * (1.0 + softness * np.eye(len(rhs.T)))
@@ -217,11 +208,6 @@ def solve_rods(system, d, e, rhs, softness=0.0, cutoff=1e-9):
     return np.array(lam[::-1]).T
 
 
-def position_error(dd, length, softness, sqrt):
-    """g from dd = |d|^2; a soft rod uses |d| (|d| - L) instead, the stretch itself, to equal MuJoCo in every digit."""
-    return dd - length * sqrt(dd) if softness else 0.5 * (dd - length * length)
-
-
 def constraint_force(system, q, v, hold):
     """Newtons (..., N, 3) from the rods at q (m) and v (m/s), (..., N, 3); `hold`: a row of the table, or as_hold's."""
     hold, applied = as_hold(hold), external_force(system, q, v)
@@ -231,7 +217,9 @@ def constraint_force(system, q, v, hold):
     fall = system["fall"] if applied is system["weight"] else rod_vectors(system, applied / system["m"], rate=True)
     rhs = -(dot(d, fall) + hold.use_jdotv * dot(rate, rate))
     if hold.stiffness:
-        error = position_error(dot(d, d), system["lengths"], hold.softness, np.sqrt)
+        dd, length = dot(d, d), system["lengths"]
+        # a soft rod measures |d| (|d| - L), the stretch itself, so as to equal MuJoCo in every digit
+        error = dd - length * np.sqrt(dd) if hold.softness else 0.5 * (dd - length * length)
         rhs = rhs - hold.damping * dot(d, rate) - hold.stiffness * error
     # Near a pose where J loses rank, the tensions about to become arbitrary are hopelessly sensitive, too. If the step
     # ends with a projection, leave those to it: 60 times below what a straight chain of as many rods needs.
@@ -239,13 +227,10 @@ def constraint_force(system, q, v, hold):
     return rod_pulls(system, d, solve_rods(system, d, d, rhs, hold.softness, cutoff))
 
 
-SHORT_CHAIN = 18  # links; beyond, a numpy call has enough rods to spread its overhead over (see the study benchmark)
-
-
 def short_chain_force(system, q, v, hold, applied):
-    """constraint_force for one short chain: the same formula and the same two sweeps, in one loop over plain floats.
+    """constraint_force for a short chain: the same formula, the same two sweeps, in one loop over plain floats.
 
-    Six coordinates are too few for numpy: a call costs as much as a dozen multiplications. This loop is 4x faster.
+    For six coordinates a numpy call costs as much as a dozen multiplications; a step is more than twice as fast so.
     """
     use_jdotv, damping, stiffness, softness, _ = hold
     sweep = []  # what the way back needs: d, coupling to the rod before, pivot, eliminated right-hand side
@@ -259,7 +244,7 @@ def short_chain_force(system, q, v, hold, applied):
         dd = dx * dx + dy * dy + dz * dz
         b = -(dx * (ax - pax) + dy * (ay - pay) + dz * (az - paz)) - use_jdotv * (du * du + dv * dv + dw * dw)
         if stiffness:
-            error = position_error(dd, length, softness, math.sqrt)
+            error = dd - length * math.sqrt(dd) if softness else 0.5 * (dd - length * length)
             b -= damping * (dx * du + dy * dv + dz * dw) + stiffness * error
         off = -w_back * (dx * ex + dy * ey + dz * ez)
         ratio = off / pivot
@@ -280,20 +265,16 @@ def short_chain_force(system, q, v, hold, applied):
 def make_force(system, hold):
     """The seam of the chapter: force(q, v) -> newtons (..., N, 3), gravity and rods together, solve and all, inside."""
     hold = as_hold(hold)
-
-    def force(q, v):
-        return external_force(system, q, v) + constraint_force(system, q, v, hold)
-
-    return force
+    return lambda q, v: external_force(system, q, v) + constraint_force(system, q, v, hold)
 
 
 def project(system, q_start, q, v, dt):
     """A step begun at q_start ended at q, v (..., N, 3), a little off: put it back on g(q) = 0 and J v = 0.
 
-    Positions move along M^-1 J(q_start)^T mu and v is told of the move: with semi-implicit Euler that is SHAKE
-    (Ryckaert, Ciccotti, Berendsen, J. Comput. Phys. 23 (1977) 327), and v freed of its part along the rods makes it
-    RATTLE (Andersen, J. Comput. Phys. 52 (1983) 24): symplectic. RK4 keeps its order 4. The obvious variant, along J(q)
-    and without telling v, pumps energy without end. Raises FloatingPointError if Newton's method finds no way back.
+    Positions move along M^-1 J(q_start)^T mu and v is told: with semi-implicit Euler that is SHAKE (Ryckaert, Ciccotti,
+    Berendsen, J. Comput. Phys. 23 (1977) 327), and v freed of its part along the rods makes it RATTLE (Andersen,
+    J. Comput. Phys. 52 (1983) 24), symplectic. RK4 keeps order 4. Moving along J(q) instead and not telling v pumps
+    energy without end. Raises FloatingPointError if Newton's method finds no way back.
     """
     e, m, squared, free = rod_vectors(system, q_start), system["m"], system["lengths"] ** 2, q
     for _ in range(20):
@@ -307,12 +288,13 @@ def project(system, q_start, q, v, dt):
     raise FloatingPointError("no way back onto the rods")
 
 
+SHORT_CHAIN = 18  # links; beyond, a numpy call has enough rods to spread its overhead over (see the study benchmark)
 # --- endregion ---
 
 
 # --- region: integrators ---
-# The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), and not a word about rods in them. They do not know that
-# force() solves a linear system, and need not. What they decide is how fast their own error turns into drift.
+# The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods. They do not know that force()
+# solves a linear system, and need not; what they decide is how fast their own error turns into drift.
 
 
 def euler_step(q, v, m, force, dt):
@@ -354,8 +336,6 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (math.sqrt(2.0) - 1.0), 
 # --- region: simulate ---
 # Honesty is cheap in bulk: the loop only steps and stores, and every so often the rods and the energy of a whole block
 # of states are measured in one go. Memory is that block and the states asked for, however long the run.
-BLOCK = 8192  # particle states measured at once: they fit the processor's cache
-LOST = 100.0  # a rod error of so many times the length of all rods is no mechanism any more: the run has diverged
 
 
 def energy(system, q, v):
@@ -375,14 +355,14 @@ def constraint_violation(system, q):
     return np.max(np.abs(np.sqrt(dot(d, d)) - system["lengths"]), axis=-1)
 
 
-def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000, keep=(), tick=None):
+def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000, keep=(), tick=lambda step: None):
     """Integrate `system` for `steps` steps of `dt` seconds, by a name of INTEGRATORS or a rule; measure every step.
 
-    `keep`: step numbers (0 is the start) whose states to return; `tick(step)` is called after each block. Returns q, v
-    (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in units of energy_scale (...,) each;
-    kept: step (K,), q (K, ..., N, 3), violation and energy error (K, ...); seconds_per_step of the integration alone;
-    steps done; stopped: None, or why it ended early: at the first state that is LOST or not finite, or when a step
-    fails; what is reported was true until then. With leading axes in q0 and v0 all runs go in step.
+    `keep`: the steps (0 is the start) whose states to return; `tick(step)` is called now and then. Returns q, v
+    (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in energy_scale, (...,) each; kept:
+    step (K,), q (K, ..., N, 3), violation, energy error (K, ...); seconds_per_step, integration alone; steps done;
+    stopped: None, or why it ended early, at a state LOST or not finite or a step that failed; the rest was true until
+    then. With leading axes in q0 and v0 all runs go in step.
     """
     hold, m, step = as_hold(hold), system["m"], INTEGRATORS.get(integrator, integrator)
     force, size = make_force(system, hold), max(1, BLOCK // (system["q0"].size // 3))
@@ -406,10 +386,10 @@ def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000,
                 last = qs[count - 1].copy(order="K"), vs[count - 1].copy(order="K"), violation[count - 1]
             q, v, final = last  # of the block before, if not one state of this is sane
             rows = keep[(keep > done) & (keep <= done + count)] - done - 1
-            kept.append((rows + done + 1, qs[rows], violation[rows], error[rows] / scale))
+            if len(rows) or not kept:  # not an entry a block: memory must not grow with the steps
+                kept.append((rows + done + 1, qs[rows], violation[rows], error[rows] / scale))
             done += count
-            if tick:
-                tick(done)
+            tick(done)
             if stopped or done >= steps:
                 break
             count, clock = min(size, steps - done), time.perf_counter()
@@ -435,10 +415,7 @@ def distance(a, b):
 
 
 def true_position(system, seconds):
-    """q (N, 3) after `seconds` by the ruler, gauss, and how far two of its steps differ there, in m.
-
-    (None, inf) where that stays over 1e-9: the motion is too fast for the steps tried, or chaos has had its time.
-    """
+    """q (N, 3) after `seconds` by the ruler, gauss, and by how many m two steps differ; (None, inf) if over 1e-9."""
     before = None
     for steps in (math.ceil(seconds / dt) for dt in (0.05, 0.025, 0.0125, 0.00625)):
         run = simulate(system, "gauss", hold_table()["project"], seconds / steps, steps)
@@ -448,6 +425,8 @@ def true_position(system, seconds):
     return None, math.inf
 
 
+BLOCK = 8192  # particle states measured at once: they fit the processor's cache
+LOST = 100.0  # a rod error of so many times the length of all rods is no mechanism any more: the run has diverged
 # --- endregion ---
 
 
@@ -495,11 +474,8 @@ def parse(argv):
             f"argument --stabilization: impulse is for --integrator {' or '.join(ONE_FORCE)}, which call the "
             f"force once a step; {args.integrator} does not"
         )
-    try:
-        system = build_system(args.system, args.seed, args.links)
-    except SceneError as error:
-        parser.error(f"argument --system: {error}")
-    ready(parser, args.out, ("metrics.json", "constraints.rrd"))
+    system = parser.attempt("--system", SceneError, build_system, args.system, args.seed, args.links)
+    parser.attempt("--out", OSError, make_ready, args.out, ("metrics.json", "constraints.rrd"))
     return args, system
 
 
@@ -520,8 +496,7 @@ def report(args, runs, errors):
             print(f"{mode} {run['stopped']}: {hint}")
     if args.system in SYSTEMS and {"none", "baumgarte"} <= runs.keys():
         none, helped = (float(runs[mode]["max_violation"]) for mode in ("none", "baumgarte"))
-        expected = none > 3.0 * helped and not runs["baumgarte"]["stopped"]
-        verdict = "as expected, over 3" if expected else "UNEXPECTED, not over 3"
+        verdict = "as expected, over 3" if none > 3.0 * helped else "UNEXPECTED, not over 3"
         print(f"verdict: worst rod error, none / baumgarte = {none / max(helped, 1e-300):.1f}: {verdict}")
 
 
@@ -557,8 +532,8 @@ def main(argv=None):
         frames = range(0, args.steps + 1, stride) if args.rerun else ()
         for mode in args.modes:
             hold = hold_table(args.dt, args.baumgarte, args.time_constant, args.impedance)[mode]
-            tick = progress(mode, args.steps)
-            run = runs[mode] = simulate(system, rule, hold, args.dt, args.steps, [*frames, check], tick)
+            keep, tick = [*frames, check], progress(mode, args.steps)
+            run = runs[mode] = simulate(system, rule, hold, args.dt, args.steps, keep, tick)
             there = run["kept"]["q"][run["kept"]["step"] == check]
             errors[mode] = distance(there, truth) if truth is not None and len(there) else None
         best = min((error for error in errors.values() if error is not None), default=math.inf)

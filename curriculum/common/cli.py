@@ -6,8 +6,6 @@ import os
 import sys
 from pathlib import Path
 
-from curriculum.common.files import check_writable
-
 
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is a single line and no flag may be abbreviated."""
@@ -19,6 +17,13 @@ class Parser(argparse.ArgumentParser):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
         self.exit(2, f"{self.prog}: error: {message}\n")
+
+    def attempt(self, flag, failure, function, *args):
+        """function(*args), whose exception `failure` becomes the error of the argument `flag`."""
+        try:
+            return function(*args)
+        except failure as error:
+            self.error(f"argument {flag}: {error}")
 
 
 def number(kind, low, include_low=True, high=1e12):
@@ -68,13 +73,3 @@ def run_script(main):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
         status = 1
     sys.exit(status)
-
-
-def ready(parser, folder, names):
-    """Make `folder` and see that files `names` can be written there; else a line on stderr, and exit status 2."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            check_writable(folder / name)
-    except OSError as error:
-        parser.error(f"argument --out: cannot write into '{folder}': {error.strerror}; name a folder for the results")

@@ -36,9 +36,9 @@ def banner(chapter, title, device, tier, ledger=LEDGER):
 
 
 def progress(what, steps):
-    """A callback for long runs that shows the share done, after two seconds; None where stderr is no terminal."""
+    """A callback for long runs that shows the share done, after two seconds and where stderr is a terminal."""
     if not sys.stderr.isatty():
-        return None
+        return lambda step: None
     begin = time.monotonic()
 
     def tick(step):

@@ -27,3 +27,13 @@ def check_writable(path):
         raise IsADirectoryError(errno.EISDIR, f"{path.name} is a folder there", str(path))
     with tempfile.TemporaryFile(dir=path.parent):
         pass
+
+
+def make_ready(folder, names):
+    """Make `folder`; raise OSError, with a sentence for the user, unless files `names` can be written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            check_writable(folder / name)
+    except OSError as error:
+        raise OSError(f"cannot write into '{folder}': {error.strerror}; name a folder for the results") from None

@@ -20,7 +20,7 @@ import numpy as np
 
 import constraints
 from constraints import INTEGRATORS, SHORT_CHAIN, build_system, make_force, simulate
-from curriculum.common.cli import Parser, number
+from curriculum.common.cli import Parser, number, run_script
 from curriculum.common.device import processor
 from curriculum.common.files import check_writable, write_whole
 
@@ -197,4 +197,4 @@ def main(argv=None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -15,9 +15,9 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies.benchmark import show
-from curriculum.common.cli import Parser, number, ready
+from curriculum.common.cli import Parser, number, run_script
 from curriculum.common.device import processor
-from curriculum.common.files import check_writable, write_whole
+from curriculum.common.files import check_writable, make_ready, write_whole
 
 MODES, SHOWN, FRAME_RATE = ("none", "baumgarte"), 300, 30.0  # compared; seeds recorded, and frames a simulated second
 # Particles of a chunk, to be tried. Few: numpy's calls cost more than their arithmetic. Many: malloc gives temporaries
@@ -43,9 +43,7 @@ def part(system, members):
 def simulate(system, mode, dt, steps, integrator="semi_implicit", keep=()):
     """constraints.simulate, but a run that ends early ends the program: one member that fails stops all."""
     run = c.simulate(system, integrator, c.hold_table(dt)[mode], dt, steps, keep)
-    if run["stopped"]:
-        sys.exit(f"chaos: {mode} {run['stopped']}; try a smaller --dt")
-    return run
+    return run if not run["stopped"] else sys.exit(f"chaos: {mode} {run['stopped']}; try a smaller --dt")
 
 
 def speed(system, dt, repeats):
@@ -80,11 +78,11 @@ def growth(system, skip, span, dt):
     to the distance CLOSE in (q, T v), T^2 = sum L / g, where it has gone to, and its gain noted, after `skip` seconds.
     Both start a turn on the rods, by `project` (dt = inf: v is not told of the move), and stay in the x-y plane.
     """
-    unit = math.sqrt(float(np.sum(system["lengths"])) / float(np.abs(c.GRAVITY).max()))
-    (q, v), rates, rods, size = (system[key] for key in ("q0", "v0")), [], 0.0, 1.0
-    away, start = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0], c.energy(system, q, v)
+    q, v, unit = system["q0"], system["v0"], math.sqrt(system["lengths"].sum() / np.abs(c.GRAVITY).max())
+    away, size = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0], np.ones(len(q))
+    rates, rods, start = [], 0.0, c.energy(system, q, v)
     for _ in range(round((skip + span) / RENEW)):
-        near = away * (CLOSE / np.reshape(size, (-1, 1, 1)))
+        near = away * (CLOSE / size)[:, None, None]
         q, v = np.stack([q, q + near[0]]), np.stack([v, v + near[1] / unit])
         q, v = c.project(system, q, q, v, math.inf)
         run = simulate(system | {"q0": q, "v0": v}, "none", dt, round(RENEW / dt), "rk4")
@@ -141,8 +139,8 @@ def fan(path, system, dt, steps):
 
 def parse(argv):
     """The command line."""
-    parser = Parser(prog="chaos", description="What can a thousand seeds say that one cannot?")
-    add, positive = parser.add_argument, number(float, 0, False)
+    parser, positive = Parser(prog="chaos", description=__doc__.splitlines()[0]), number(float, 0, False)
+    add = parser.add_argument
     add("--system", choices=[*c.SYSTEMS, "chain"], default="double", help="whose start the seeds draw (double)")
     add("--seeds", type=number(int, 2, high=10**6), default=1000, help="so many, from 0 on (1000)")
     add("--seconds", type=positive, default=20.0, help="drift is patient (20)")
@@ -155,7 +153,7 @@ def parse(argv):
     if args.quick:
         args.seeds, args.seconds = min(args.seeds, 100), min(args.seconds, 5.0)
     if args.rerun:
-        ready(parser, args.out, ("chaos.rrd",))
+        parser.attempt("--out", OSError, make_ready, args.out, ("chaos.rrd",))
     try:
         if args.json:
             check_writable(args.json)
@@ -173,7 +171,7 @@ def main(argv=None):
     print(", ".join(f"{key} {value}" for key, value in host.items()), flush=True)
     rows = speed(system, dt, 1 if args.quick else REPEATS)
     pace, chunk = max((row["all measured"], row["seeds in step"]) for row in rows)
-    bars = [("us a step at best", 1.0 / pace, 0.2)] if args.system == "double" else []
+    bars = [("us a step at best", 1.0 / pace, 0.2)] * (args.system == "double")  # the bar is for that one
     tables = [show("(a) million steps a second, semi_implicit", rows, bars)]
     tables.append(show(f"(b) worst rod error in {args.seconds:g} s", [ordering(system, dt, steps, chunk)], []))
     tables.append(show("(c) the largest Lyapunov exponent, rk4", parting(args.system, system, args.quick), []))
@@ -188,4 +186,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

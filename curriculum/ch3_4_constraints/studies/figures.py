@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from curriculum.common.cli import Parser
+from curriculum.common.cli import Parser, run_script
 from curriculum.common.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -61,4 +61,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -8,13 +8,12 @@ reached one step up.
 """
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 
 import constraints as c
-from curriculum.common.cli import Parser
+from curriculum.common.cli import Parser, run_script
 from curriculum.common.files import write_whole
 from curriculum.common.scenes import SceneError
 
@@ -93,4 +92,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import constraints as c
-from curriculum.common.cli import Parser, number
+from curriculum.common.cli import Parser, number, run_script
 from curriculum.common.device import processor
 from curriculum.common.files import write_whole
 from curriculum.common.gauss import make_gauss
@@ -204,4 +204,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)
