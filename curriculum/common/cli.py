@@ -6,6 +6,8 @@ import os
 import sys
 from pathlib import Path
 
+from curriculum.common.files import check_writable
+
 
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is a single line and no flag may be abbreviated."""
@@ -44,6 +46,15 @@ def number(kind, low, include_low=True, high=1e12):
         return value
 
     return parse
+
+
+def writable(text):
+    """An argparse type: the path of a file that can be written."""
+    try:
+        check_writable(text)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"cannot write {text!r}: {error.strerror}") from None
+    return Path(text)
 
 
 def chapter_parser(prog, folder, out, smoke_steps):

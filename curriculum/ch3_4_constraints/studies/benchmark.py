@@ -13,16 +13,14 @@ import tempfile
 import time
 from argparse import RawDescriptionHelpFormatter
 from functools import partial
-from json import dumps
-from pathlib import Path
 
 import numpy as np
 
 import constraints
 from constraints import INTEGRATORS, SHORT_CHAIN, build_system, make_force, simulate
-from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.cli import Parser, number, run_script, writable
 from curriculum.common.device import processor
-from curriculum.common.files import check_writable, write_whole
+from curriculum.common.files import write_json
 
 DT, OMEGA = 0.005, {"none": 0.0, "baumgarte": 20.0}  # s, rad/s
 SAME = 1e-12  # largest difference of two forces, as a share of the largest force: beyond, they are not the same formula
@@ -180,19 +178,14 @@ def main(argv=None) -> int:
     parser = Parser(prog="benchmark", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a look in seconds: fewer repeats, shorter runs")
     parser.add_argument("--repeats", type=number(int, 1), help="of each timing (15; quick: 3)")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="write the same as JSON")
+    parser.add_argument("--json", type=writable, metavar="PATH", help="write the same as JSON")
     args = parser.parse_args(argv)
-    try:
-        if args.json:
-            check_writable(args.json)
-    except OSError as error:
-        parser.error(f"argument --json: cannot write '{args.json}': {error.strerror}")
     repeats = args.repeats or (3 if args.quick else 15)
     host = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__, "repeats": repeats}
     print(", ".join(f"{key} {value}" for key, value in host.items()) + "; medians, q1 and q3 the quartiles")
     answers = [show(*ask(repeats, args.quick)) for ask in (beside_plain, processes, growth, ensembles)]
     if args.json:
-        write_whole(args.json, lambda temporary: temporary.write_text(dumps(host | {"answers": answers}, indent=2)))
+        write_json(args.json, host | {"answers": answers})
     return 0
 
 

@@ -4,7 +4,6 @@
 neighbours part: the largest Lyapunov exponent?  (d) Is the ensemble what its members are alone, and the same twice?
 """
 
-import json
 import math
 import sys
 import time
@@ -15,9 +14,9 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies.benchmark import show
-from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.cli import Parser, number, run_script, writable
 from curriculum.common.device import processor
-from curriculum.common.files import check_writable, make_ready, write_whole
+from curriculum.common.files import make_ready, write_json
 
 MODES, SHOWN, FRAME_RATE = ("none", "baumgarte"), 300, 30.0  # compared; seeds recorded, and frames a simulated second
 # Particles of a chunk, to be tried. Few: numpy's calls cost more than their arithmetic. Many: malloc gives temporaries
@@ -146,7 +145,7 @@ def parse(argv):
     add("--seconds", type=positive, default=20.0, help="drift is patient (20)")
     add("--dt", type=positive, default=0.005, metavar="S", help="a smaller one drifts less (0.005)")
     add("--quick", action="store_true", help="a look in seconds: at most 100 seeds, 5 s, a rough exponent")
-    add("--json", type=Path, metavar="PATH", help="also write all tables here")
+    add("--json", type=writable, metavar="PATH", help="also write all tables here")
     add("--rerun", action=BooleanOptionalAction, default=True, help="off when only the numbers count (on)")
     add("--out", type=Path, default=Path("outputs/ch3.4-chaos"), metavar="FOLDER", help="for the recording, chaos.rrd")
     args = parser.parse_args(argv)
@@ -154,11 +153,6 @@ def parse(argv):
         args.seeds, args.seconds = min(args.seeds, 100), min(args.seconds, 5.0)
     if args.rerun:
         parser.attempt("--out", OSError, make_ready, args.out, ("chaos.rrd",))
-    try:
-        if args.json:
-            check_writable(args.json)
-    except OSError as error:
-        parser.error(f"argument --json: cannot write '{args.json}': {error.strerror}")
     return args
 
 
@@ -181,7 +175,7 @@ def main(argv=None):
         fan(args.out / "chaos.rrd", system, dt, steps)
         print(f"\nwrote {args.out / 'chaos.rrd'}\nlook: rerun {args.out / 'chaos.rrd'}")
     if args.json:
-        write_whole(args.json, lambda temporary: temporary.write_text(json.dumps(host | {"answers": tables}, indent=1)))
+        write_json(args.json, host | {"answers": tables})
     return 0
 
 

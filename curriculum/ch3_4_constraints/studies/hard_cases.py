@@ -7,14 +7,12 @@ is `-` where no step of the ladder does; `~` marks a borderline: half the allowa
 reached one step up.
 """
 
-import json
-from pathlib import Path
-
 import numpy as np
 
 import constraints as c
-from curriculum.common.cli import Parser, run_script
-from curriculum.common.files import write_whole
+from curriculum.common.cli import Parser, run_script, writable
+from curriculum.common.device import processor
+from curriculum.common.files import write_json
 from curriculum.common.scenes import SceneError
 
 LADDER = [0.02, 0.01, 0.005, 0.002, 0.001, 0.0005]
@@ -79,15 +77,14 @@ def main(argv=None):
     """Print the table, one row at a time; `--json` also writes it."""
     parser = Parser(prog="hard_cases", description="Which method holds it when it gets hard, and for how much?")
     parser.add_argument("scenes", nargs="*", choices=[*SCENES, []], help="only these; all of them by default")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="also write the table here, times and all")
+    parser.add_argument("--json", type=writable, metavar="PATH", help="also write the table here, times and all")
     args = parser.parse_args(argv)
     print(
         "largest dt that holds the scene for 2 s, and what a simulated second costs there; semi_implicit unless named"
     )
     table = study(args.scenes or SCENES, show=lambda line: print(line, flush=True))
     if args.json:
-        content = json.dumps({"ladder": LADDER, "seconds": SECONDS, "scenes": table}, indent=1) + "\n"
-        write_whole(args.json, lambda temporary: temporary.write_text(content, encoding="utf-8"))
+        write_json(args.json, {"host": processor(), "ladder": LADDER, "seconds": SECONDS, "scenes": table})
     return 0
 
 

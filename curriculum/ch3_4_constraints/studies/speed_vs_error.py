@@ -5,18 +5,16 @@ with 12 stages, run at two steps whose difference is its own error. The horizon 
 not chaos: the longest of 5, 2, 1, 0.5 s in which two starts 1e-9 m apart stay within 1e-7.
 """
 
-import json
 import math
 import statistics
 import sys
-from pathlib import Path
 
 import numpy as np
 
 import constraints as c
-from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.cli import Parser, number, run_script, writable
 from curriculum.common.device import processor
-from curriculum.common.files import write_whole
+from curriculum.common.files import write_json, write_whole
 from curriculum.common.gauss import make_gauss
 
 SAMPLES = 20
@@ -172,13 +170,15 @@ def main(argv=None):
     add("--links", type=number(int, 1), default=5, help="rods of --system chain (5)")
     add("--all", action="store_true", help="print every row, not the frontier alone")
     add("--repeats", type=number(int, 1), default=5, help="timings of each row, of which the median counts (5)")
-    add("--json", type=Path, metavar="PATH", help="write every row here, with the host and the spread of the timings")
-    add("--rerun", type=Path, metavar="PATH", help="write the picture here: one line a method, log-log")
+    add(
+        "--json",
+        type=writable,
+        metavar="PATH",
+        help="write every row here, with host and spread of timings",
+    )
+    add("--rerun", type=writable, metavar="PATH", help="write the picture here: one line a method, log-log")
     args = parser.parse_args(argv)
-    try:
-        system = c.build_system(args.system, links=args.links)
-    except c.SceneError as error:
-        parser.error(f"argument --system: {error}")
+    system = parser.attempt("--system", c.SceneError, c.build_system, args.system, 0, args.links)
     seconds, growth, truth, known = horizon(system)
     print(
         f"{args.system}, {seconds:g} s: neighbours part {growth:.0f}-fold by then; the truth is known to {known:.0e} m"
@@ -196,8 +196,7 @@ def main(argv=None):
     if args.json:
         content = {"system": args.system, "seconds": seconds, "growth": growth, "known_to": known, "host": processor()}
         content |= {"numpy": np.__version__, "python": sys.version.split()[0], "frontier": front, "rows": table}
-        text = json.dumps(content, indent=1) + "\n"
-        write_whole(args.json, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+        write_json(args.json, content)
     if args.rerun:
         picture(args.rerun, table, front)
     return 0
