@@ -149,7 +149,7 @@ def rod_vectors(system, x, rate=False):
         return system["incidence"] @ x + (0.0 if rate else system["fixed"])
     d = x.copy(order="K")
     d[..., 1:, :] -= x[..., :-1, :]
-    if not rate:
+    if not rate and system["anchors"][0].any():
         d[..., 0, :] -= system["anchors"][0]
     return d
 
@@ -193,7 +193,7 @@ def solve_rods(system, d, e, rhs, softness=0.0, cutoff=1e-9):
         largest, share = share[..., -1:], share / share[..., -1:]
         inverse = share**15 / (share**16 + cutoff**16) / largest  # 1/share, falling to 0 steeply yet smoothly at cutoff
         return unit * (u @ (inverse[..., None] * (np.swapaxes(u, -1, -2) @ rhs)))[..., 0]
-    diag = (1.0 + softness) * system["a_diag"] * dot(d, e)
+    diag = dot(d, e) * (system["a_diag"] if softness == 0.0 else system["a_diag"] * (1.0 + softness))
     upper = system["a_off"] * dot(d[..., :-1, :], e[..., 1:, :])
     lower = upper if d is e else system["a_off"] * dot(d[..., 1:, :], e[..., :-1, :])
     # one run sweeps over floats, leading axes sweep over whole arrays: the lines below do not care
@@ -215,7 +215,7 @@ def constraint_force(system, q, v, hold):
         return short_chain_force(system, q, v, hold, applied)
     d, rate = rod_vectors(system, q), rod_vectors(system, v, rate=True)
     fall = system["fall"] if applied is system["weight"] else rod_vectors(system, applied / system["m"], rate=True)
-    rhs = -(dot(d, fall) + hold.use_jdotv * dot(rate, rate))
+    rhs = -(dot(d, fall) + dot(rate, rate)) if hold.use_jdotv else -dot(d, fall)
     if hold.stiffness:
         dd, length = dot(d, d), system["lengths"]
         # a soft rod measures |d| (|d| - L), the stretch itself, so as to equal MuJoCo in every digit

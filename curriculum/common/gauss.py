@@ -50,31 +50,35 @@ def make_gauss(stages=8, window=4, tol=1e-13):
             table = np.vstack([q_rows[:n], v_rows[:n], q_rows[n:], v_rows[n:]]).T.copy()
             memory.update(run=(force, dt, q.shape), table=table, x=np.empty((q.size, n + 2)))
             memory["x"][:, :n] = (force(q, v) / m).T.reshape(-1, 1)
-        x, shape, before, last = memory["x"], q.T.shape, 0.0, math.inf
-        a = x[:, :n]  # a row a coordinate, a column a stage
-        x[:, n], x[:, n + 1] = q.T.ravel(), v.T.ravel()
-        size = float(np.square(x[:, n:]).sum())
+        x, table, shape = memory["x"], memory["table"], q.T.shape
+        a, start = x[:, :n], x[:, n:]  # of a: a row a coordinate, a column a stage
+        start[:, 0], start[:, 1] = q.T.ravel(), v.T.ravel()
+        size, front, ends, last = float(np.vdot(start, start)), 0.0, 0.0, math.inf
         for k in range(51):
-            y = x @ memory["table"]  # q at all stages, v at all stages, q and v at the ends of the steps
-            ends = y[:, 2 * n :]
-            gap = (ends - before)[:, ::window].ravel()  # of the end of this step
-            change, moved, before = float(gap.dot(gap)), ends - before, ends
+            y = x @ table  # q at all stages, v at all stages, q and v at the ends of the steps
+            before, ends = ends, y[:, 2 * n :]
+            here = ends[:, ::window].ravel()  # the end of this step
+            gap, front = here - front, here
+            change = float(gap.dot(gap))
             if not change < math.inf:  # nothing to mend: start again from constant accelerations
                 a[:], change = (force(q, v) / m).T.reshape(-1, 1), math.inf
-                y = x @ memory["table"]
-                before = y[:, 2 * n :]
+                y = x @ table
+                ends = y[:, 2 * n :]
+                front = ends[:, ::window].ravel()
             # down to tol, or as far down as rounding lets
             settled = k > 0 and (change <= tol * tol * size or last <= change < 1e-18 * size)
             if settled or k % 8 == 7:
-                far = np.square(moved).sum(axis=0)
-                wild = np.flatnonzero(~(far[:window] + far[window:] < 0.1 * size))
-                for j in range(max(1, wild[0]) if len(wild) else window, window):  # guess it from the step before it
-                    a[:, j * stages : (j + 1) * stages] = a[:, (j - 1) * stages : j * stages] @ ahead.T
+                moved = np.square(ends - before)
+                if not moved.sum() < 0.1 * size:  # a step ahead has run away: guess it from the one before it
+                    far = moved.sum(axis=0)
+                    wild = np.flatnonzero(~(far[:window] + far[window:] < 0.1 * size))
+                    for j in range(max(1, wild[0]) if len(wild) else window, window):
+                        a[:, j * stages : (j + 1) * stages] = a[:, (j - 1) * stages : j * stages] @ ahead.T
+                    y = x @ table
                 if settled:
                     a[:, :-stages] = a[:, stages:].copy()
                     a[:, -stages:] = a[:, -stages:] @ ahead.T
                     return ends[:, 0].reshape(shape).T, ends[:, window].reshape(shape).T
-                y = x @ memory["table"]
             stage_q, stage_v = y[:, :n].reshape(*shape, n).T, y[:, n : 2 * n].reshape(*shape, n).T
             a[:] = (force(stage_q, stage_v) / m).T.reshape(q.size, n)
             last = change
