@@ -65,27 +65,14 @@ def cheapest(found, ladder, target):
     return min(error.items(), key=lambda rung: np.median(again[rung[0]][:, 0]), default=())
 
 
-def front(found):
-    """A ladder as a line: the rungs ten times better than any cheaper one, and the best."""
-    best = {}
-    for seconds, error, setting in sorted(found):
-        if error < 0.1 * min(best, default=np.inf) or error == min(rung[1] for rung in found):
-            best[error] = f"{error:.0e} in {1e3 * seconds:.3g} ms ({setting})"
-    return "; ".join(best.values())
-
-
 def race(title, task, ladders, targets, cap, repeats, limits):
     """The cheapest setting of each of `ladders` {who: {setting: job}}, ours first, for each of `targets`, side by side.
 
     `limits`: (target, rivals, limit) of the time of ours over that of the quickest of these rivals.
     """
     rows, bars, chosen, climbs, ours = [], [], {}, {}, next(iter(ladders))
-    print(
-        f"\nladders of {title[:3]}, error in time (setting): rungs ten times better than any cheaper one, and the best"
-    )
     for who, ladder in ladders.items():
         climbs[who] = climb(task, ladder, cap, 0.0 if who == ours else min(targets.values()))
-        print(f"{who}: {front(climbs[who])}", flush=True)
         for name, target in targets.items():
             if found := cheapest(climbs[who], ladder, target):
                 chosen[name, who] = found

@@ -24,9 +24,9 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies._race import gauss_ladder, in_turns, race, run_ours, steps_ladder
 from curriculum.ch3_4_constraints.studies.benchmark import show, spread
-from curriculum.common.cli import Parser, number
+from curriculum.common.cli import Parser, number, run_script, writable
 from curriculum.common.device import processor
-from curriculum.common.files import check_writable, write_whole
+from curriculum.common.files import write_json
 
 NEEDED = ("mujoco", "exudyn", "scipy")
 OURS, HINGES, RODS = "ours, gauss", "MuJoCo hinges", "MuJoCo rods"
@@ -228,13 +228,8 @@ def main(argv=None) -> int:
     parser = Parser(prog="real_thing", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a look in seconds: fewer repeats and rungs, no A01")
     parser.add_argument("--repeats", type=number(int, 1), help="of each timing (9; quick: 3)")
-    parser.add_argument("--json", type=Path, metavar="PATH", help="write the same as JSON, ladders and all")
+    parser.add_argument("--json", type=writable, metavar="PATH", help="write the same as JSON, ladders and all")
     args = parser.parse_args(argv)
-    try:
-        if args.json:
-            check_writable(args.json)
-    except OSError as error:
-        parser.error(f"argument --json: cannot write '{args.json}': {error.strerror}")
     if not has("mujoco"):
         parser.error("MuJoCo is not installed; pip install -e '.[compare]'")
     repeats = args.repeats or (3 if args.quick else 9)
@@ -247,10 +242,9 @@ def main(argv=None) -> int:
     asked = [names, double, *([a01] if has("scipy") and not args.quick else []), scale]
     answers = [ask(repeats, args.quick) for ask in asked]
     if args.json:
-        text = json.dumps(host | {"answers": answers}, indent=1) + "\n"
-        write_whole(args.json, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+        write_json(args.json, host | {"answers": answers})
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)
