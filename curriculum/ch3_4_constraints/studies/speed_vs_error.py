@@ -124,7 +124,7 @@ def picture(path, table, front):
         for k in range(left, right + 1)
     ]
     grid += [
-        ([[STRETCH * left, k], [STRETCH * right, k]], [STRETCH * left - 0.8, k], f"{10.0**-k:.0e} m")
+        ([[STRETCH * left, k], [STRETCH * right, k]], [STRETCH * left - 0.8, k - 0.35], f"{10.0**-k:.0e} m")
         for k in range(high, low + 1)
     ]
     lines, points, labels = (list(column) for column in zip(*grid, strict=True))
