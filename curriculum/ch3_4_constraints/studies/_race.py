@@ -77,12 +77,12 @@ def race(title, task, ladders, targets, cap, repeats, limits):
             if found := cheapest(climbs[who], ladder, target):
                 chosen[name, who] = found
     clocks = in_turns({(name, who): ladders[who][s] for (name, who), (s, _) in chosen.items()}, repeats)
-    us = {name: clocks.get((name, ours), np.full((1, 2), np.nan))[:, 0] for name in targets}
-    ratio = {key: float(np.median(us[key[0]] / s[:, 0])) for key, s in clocks.items()}
+    alike = {key: clocks[key[0], ours][:, 0] / s[:, 0] for key, s in clocks.items() if (key[0], ours) in clocks}
+    ratio = {key: float(np.median(samples)) for key, samples in alike.items()}
     for name, who in sorted(chosen, key=lambda key: list(targets).index(key[0])):
         setting, error = chosen[name, who]
         row = {"target": name, "who": who, "error": error, **spread(1e3 * clocks[name, who][:, 0], "ms")}
-        row |= {"with all around it": 1e3 * float(np.median(clocks[name, who][:, 1])), "ours/this": ratio[name, who]}
+        row |= {"with all around it": 1e3 * float(np.median(clocks[name, who][:, 1])), "ours/this": ratio.get((name, who), "-")}
         rows.append(row | {"setting": setting})
     for name, rivals, limit in limits:
         present = {who: ratio[name, who] for who in rivals if (name, who) in ratio}
@@ -90,6 +90,7 @@ def race(title, task, ladders, targets, cap, repeats, limits):
             who = max(present, key=present.get)
             bars.append((f"{name}: time of ours as a share of {who}", present[who], limit))
         else:
-            print(f"{name}: in {cap:g} s a run, none of {', '.join(rivals)} gets there")
+            late = [who for who in (ours, *rivals) if (name, who) not in chosen]
+            print(f"{name}: in {cap:g} s a run, not reached by {', '.join(late)}")
     rungs = {who: [[s, e if np.isfinite(e) else None, text] for s, e, text in found] for who, found in climbs.items()}
     return show(title, rows, bars) | {"ladders, s, m, setting": rungs}

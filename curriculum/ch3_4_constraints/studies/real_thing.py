@@ -29,7 +29,7 @@ from curriculum.common.device import processor
 from curriculum.common.files import write_json
 
 NEEDED = ("mujoco", "exudyn", "scipy")
-OURS, HINGES, RODS = "ours, gauss", "MuJoCo hinges", "MuJoCo rods"
+OURS, DENSE, HINGES, RODS = "ours, gauss", "ours, dense", "MuJoCo hinges", "MuJoCo rods"
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-12)  # m
 GRID = (2, 3), (5, 6, 7, 8, 9, 10, 11, 12), (3, 4, 5), (1e-4, 1e-5, 1e-6, 5e-7, 1e-7, 1e-9, 1e-10, 1e-11, 1e-13)
 QUICK_GRID = (2, 3), (6, 8, 10, 12), (3, 4), (1e-5, 5e-7, 1e-10, 1e-13)  # steps a sample, stages, window, tol
@@ -190,7 +190,7 @@ def chain_jobs(n, dense):
     if dense:  # one rod named from its other end, and it is no chain to the solver
         pairs = [system["pairs"][0], (0, 1), *system["pairs"][2:]]
         twin = c.make_system(system["q0"], system["v0"], system["m"], pairs, system["lengths"])
-        jobs["ours, dense"] = partial(ours, twin, "none", max(2, 400 // n))
+        jobs[DENSE] = partial(ours, twin, "none", max(2, 400 // n))
     for axes in (3, 2):
         model = peers.tendons(system, dt, axes=axes, jacobian="sparse" if n > 30 else "dense")
         jobs[f"{RODS}, {axes} axes"] = partial(theirs, model, mujoco.MjData(model), axes)
@@ -202,7 +202,8 @@ def scale(repeats, quick):
     rows, links = [], (10, 100, 1000) if quick else (10, 100, 1000, 10_000)
     for n in links:
         jobs = chain_jobs(n, n <= 1000)
-        clocks = in_turns(jobs, repeats + 1)
+        dense = {who: jobs.pop(who) for who in list(jobs) if who == DENSE}  # alone: the idle threads of a BLAS spin on
+        clocks = in_turns(jobs, repeats + 1) | in_turns(dense, repeats + 1)
         for who, s in clocks.items():
             row = {"links": n, "who": who, **spread(1e3 * s[1:, 0], "ms"), "rod error m": float(s[-1, 1])}
             rows.append(row | {"ours, none/this": float(np.median(clocks["ours, none"][1:, 0] / s[1:, 0]))})
