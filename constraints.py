@@ -21,6 +21,7 @@ from curriculum.common.device import banner, progress
 from curriculum.common.files import make_ready, write_whole
 from curriculum.common.gauss import make_gauss
 from curriculum.common.scenes import SceneError, load_scene
+from curriculum.common.tridiagonal import by_halving
 
 HERE = Path(__file__).resolve().parent
 CHAPTER = "curriculum/ch3_4_constraints"
@@ -196,16 +197,20 @@ def solve_rods(system, d, e, rhs, softness=0.0, cutoff=1e-9):
     diag = dot(d, e) * (system["a_diag"] if softness == 0.0 else system["a_diag"] * (1.0 + softness))
     upper = system["a_off"] * dot(d[..., :-1, :], e[..., 1:, :])
     lower = upper if d is e else system["a_off"] * dot(d[..., 1:, :], e[..., :-1, :])
-    # one run sweeps over floats, leading axes sweep over whole arrays: the lines below do not care
+    return by_halving(sweep, LONG_CHAIN, diag, upper, lower, rhs)
+
+
+def sweep(diag, upper, lower, rhs):
+    """x (..., C) of a tridiagonal system, by Gauss's elimination: over floats for one run, else over whole arrays."""
     diag, upper, lower, rhs = (a.tolist() if a.ndim == 1 else list(a.T) for a in (diag, upper, lower, rhs))
     for k in range(1, len(diag)):
         ratio = lower[k - 1] / diag[k - 1]
         diag[k] = diag[k] - ratio * upper[k - 1]
         rhs[k] = rhs[k] - ratio * rhs[k - 1]
-    lam = [rhs[-1] / diag[-1]]
+    x = [rhs[-1] / diag[-1]]
     for k in range(len(diag) - 2, -1, -1):
-        lam.append((rhs[k] - upper[k] * lam[-1]) / diag[k])
-    return np.array(lam[::-1]).T
+        x.append((rhs[k] - upper[k] * x[-1]) / diag[k])
+    return np.array(x[::-1]).T
 
 
 def constraint_force(system, q, v, hold):
@@ -288,7 +293,7 @@ def project(system, q_start, q, v, dt):
     raise FloatingPointError("no way back onto the rods")
 
 
-SHORT_CHAIN = 18  # links; beyond, a numpy call has enough rods to spread its overhead over (see the study benchmark)
+SHORT_CHAIN, LONG_CHAIN = 18, 150  # links: a loop over floats beats numpy below, halving beats walking above
 # --- endregion ---
 
 

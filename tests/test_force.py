@@ -47,7 +47,7 @@ def assert_close(a, b, tolerance=1e-12):
 
 
 @pytest.mark.parametrize("mode", TABLE)
-@pytest.mark.parametrize("n", [1, 2, 3, 7, c.SHORT_CHAIN, 40])
+@pytest.mark.parametrize("n", [1, 2, 3, 7, c.SHORT_CHAIN, 40, c.LONG_CHAIN + 1, 2 * c.LONG_CHAIN + 2])
 def test_chain_force_solves_the_explicit_system(mode, n):
     rng = np.random.default_rng(n)
     for off in (0.0, 0.02):
@@ -109,7 +109,7 @@ def test_jacobian_is_the_derivative_of_g():
 def test_leading_axes_are_separate_runs(mode):
     """Everything takes (..., N, 3): a stack of states gives the stack of what each gives alone."""
     rng = np.random.default_rng(5)
-    for system in (random_chain(rng, 3, 0.01), random_linkage(rng, 5, 2, 0.01)):
+    for system in (random_chain(rng, 3, 0.01), random_chain(rng, 152, 1e-4), random_linkage(rng, 5, 2, 0.01)):
         q = system["q0"] + 1e-3 * rng.normal(size=(2, 4, *system["q0"].shape))
         v = rng.normal(size=q.shape)
         stacked = (

@@ -18,7 +18,7 @@ def test_soft_is_mujocos_tendon_equality(rods):
     """qacc and efc_force of mj_forward, at states some per cent off the rods; MuJoCo drops Jdot v, and so does soft."""
     rng = np.random.default_rng(rods)
     for _ in range(10):
-        system = real_thing.random_chain(rng, rods)
+        system = peers.random_chain(rng, rods)
         ours = {field: value for (_, field), value in real_thing.ours_named(system, 0.005).items()}
         theirs = peers.named(system, 0.005, {field: value.shape for field, value in ours.items()})
         for field, value in ours.items():
@@ -27,7 +27,7 @@ def test_soft_is_mujocos_tendon_equality(rods):
 
 def test_soft_keeps_mujocos_lower_bound_of_two_steps():
     """With dt over half the time constant MuJoCo takes two steps instead of it."""
-    system = real_thing.random_chain(np.random.default_rng(0), 3)
+    system = peers.random_chain(np.random.default_rng(0), 3)
     model = peers.tendons(system, 0.05)
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = system["q0"].ravel(), system["v0"].ravel()

@@ -57,6 +57,14 @@ def tendons(system, dt, soft=(0.02, 0.95), axes=3, off="", **option):
     return mjcf(bodies, rest, off, **settings)
 
 
+def random_chain(rng, rods):
+    """A chain of `rods` rods, its particles a few per cent off the rods and moving anyhow."""
+    unit, lengths = rng.normal(size=(rods, 3)), rng.uniform(0.5, 2.0, rods)
+    d = unit / np.linalg.norm(unit, axis=1, keepdims=True) * (lengths * (1.0 + 0.03 * rng.normal(size=rods)))[:, None]
+    pairs = [(k, k - 1) for k in range(rods)]
+    return c.make_system(d.cumsum(0), rng.normal(size=(rods, 3)), rng.uniform(0.3, 3.0, rods), pairs, lengths)
+
+
 def named(system, dt, shapes):
     """{field: value} of MuJoCo at the same state; efc_AR is made for its dual solver PGS only, hence a second model."""
     import mujoco

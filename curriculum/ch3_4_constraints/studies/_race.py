@@ -82,8 +82,8 @@ def race(title, task, ladders, targets, cap, repeats, limits):
     for name, who in sorted(chosen, key=lambda key: list(targets).index(key[0])):
         setting, error = chosen[name, who]
         row = {"target": name, "who": who, "error": error, **spread(1e3 * clocks[name, who][:, 0], "ms")}
-        row |= {"with all around it": 1e3 * float(np.median(clocks[name, who][:, 1])), "ours/this": ratio.get((name, who), "-")}
-        rows.append(row | {"setting": setting})
+        row["with all around it"] = 1e3 * float(np.median(clocks[name, who][:, 1]))
+        rows.append(row | {"ours/this": ratio.get((name, who), "-"), "setting": setting})
     for name, rivals, limit in limits:
         present = {who: ratio[name, who] for who in rivals if (name, who) in ratio}
         if present:

@@ -9,6 +9,8 @@ ours is that of the integration loop, first stages and all; `with all around it`
 """
 
 import json
+import os
+import subprocess
 import sys
 import time
 from argparse import RawDescriptionHelpFormatter
@@ -29,23 +31,17 @@ from curriculum.common.device import processor
 from curriculum.common.files import write_json
 
 NEEDED = ("mujoco", "exudyn", "scipy")
-OURS, DENSE, HINGES, RODS = "ours, gauss", "ours, dense", "MuJoCo hinges", "MuJoCo rods"
+OURS, HINGES, RODS = "ours, gauss", "MuJoCo hinges", "MuJoCo rods"
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-12)  # m
 GRID = (2, 3), (5, 6, 7, 8, 9, 10, 11, 12), (3, 4, 5), (1e-4, 1e-5, 1e-6, 5e-7, 1e-7, 1e-9, 1e-10, 1e-11, 1e-13)
 QUICK_GRID = (2, 3), (6, 8, 10, 12), (3, 4), (1e-5, 5e-7, 1e-10, 1e-13)  # steps a sample, stages, window, tol
 SLOW = [("rk4", "none"), ("rk4", "project"), ("semi_implicit", "project")]
+STEP = 0.005  # s, of the chains
+MODULE = "curriculum.ch3_4_constraints.studies.real_thing"
 TOLS = 10.0 ** -np.arange(3, 15)
 
 
 # --- (a) the same quantity, two names ---
-def random_chain(rng, rods):
-    """A chain of 1 to 4 rods, its particles a few per cent off the rods and moving anyhow."""
-    unit, lengths = rng.normal(size=(rods, 3)), rng.uniform(0.5, 2.0, rods)
-    d = unit / np.linalg.norm(unit, axis=1, keepdims=True) * (lengths * (1.0 + 0.03 * rng.normal(size=rods)))[:, None]
-    pairs = [(k, k - 1) for k in range(rods)]
-    return c.make_system(d.cumsum(0), rng.normal(size=(rods, 3)), rng.uniform(0.3, 3.0, rods), pairs, lengths)
-
-
 def ours_named(system, dt):
     """{our name: value} for what MuJoCo has a field for. Its row of J is ours / |d|, so lambda is ours |d|: newtons."""
     q, v, m, hold = system["q0"], system["v0"], system["m"], c.hold_table(dt)["soft"]
@@ -76,7 +72,7 @@ def names(repeats, quick):
     """Table (a): our names and MuJoCo's, a value of the first state, and the largest difference over all states."""
     rng, dt, rows, dropped, states = np.random.default_rng(0), 0.005, {}, 0.0, 20 if quick else 100
     for state in range(states):
-        system = random_chain(rng, 1 + (state + 1) % 4)  # the first is a double pendulum
+        system = peers.random_chain(rng, 1 + (state + 1) % 4)  # the first is a double pendulum
         ours = ours_named(system, dt)
         whole = c.hold_table(dt)["soft"]._replace(use_jdotv=1.0)
         moved = c.constraint_force(system, system["q0"], system["v0"], whole) / system["m"]
@@ -168,16 +164,17 @@ def a01(repeats, quick):
 
 
 # --- (d) scale ---
-def chain_jobs(n, dense):
+def short_run(system, mode, steps):
+    """(seconds a step, rod error in m) of ours."""
+    run = c.simulate(system, "semi_implicit", c.hold_table(STEP)[mode], STEP, steps)
+    return run["seconds_per_step"], float(run["max_violation"])
+
+
+def chain_jobs(n):
     """{who: job} for a step of a chain of n links; a job returns (seconds a step, rod error in m) of a short run."""
     import mujoco
 
-    dt, steps = 0.005, max(10, 20_000 // n)
-    system = c.build_system("chain", links=n)
-
-    def ours(system, mode, steps):
-        run = c.simulate(system, "semi_implicit", c.hold_table(dt)[mode], dt, steps)
-        return run["seconds_per_step"], float(run["max_violation"])
+    system, steps = c.build_system("chain", links=n), max(10, 20_000 // n)
 
     def theirs(model, data, axes):
         mujoco.mj_resetData(model, data)
@@ -186,24 +183,34 @@ def chain_jobs(n, dense):
         mujoco.mj_step(model, data, steps)
         return (time.perf_counter() - clock) / steps, float(np.abs(data.efc_pos).max())
 
-    jobs = {f"ours, {mode}": partial(ours, system, mode, steps) for mode in ("none", "impulse")}
-    if dense:  # one rod named from its other end, and it is no chain to the solver
-        pairs = [system["pairs"][0], (0, 1), *system["pairs"][2:]]
-        twin = c.make_system(system["q0"], system["v0"], system["m"], pairs, system["lengths"])
-        jobs[DENSE] = partial(ours, twin, "none", max(2, 400 // n))
+    jobs = {f"ours, {mode}": partial(short_run, system, mode, steps) for mode in ("none", "impulse")}
     for axes in (3, 2):
-        model = peers.tendons(system, dt, axes=axes, jacobian="sparse" if n > 30 else "dense")
+        model = peers.tendons(system, STEP, axes=axes, jacobian="sparse" if n > 30 else "dense")
         jobs[f"{RODS}, {axes} axes"] = partial(theirs, model, mujoco.MjData(model), axes)
     return jobs
+
+
+def dense_runs(n, repeats):
+    """[(seconds a step, rod error in m)] of ours for a chain with one rod named from its other end: no chain to us."""
+    q, v, m, pairs, lengths = (c.build_system("chain", links=n)[key] for key in ("q0", "v0", "m", "pairs", "lengths"))
+    system = c.make_system(q, v, m, [pairs[0], (0, 1), *pairs[2:]], lengths)
+    return [list(short_run(system, "none", max(2, 400 // n))) for _ in range(repeats)]
+
+
+def dense_alone(n, repeats):
+    """dense_runs with one BLAS thread, which takes a process of its own: on a busy machine two wait for each other."""
+    code = f"from {MODULE} import dense_runs; print(dense_runs({n}, {repeats}))"
+    alone = os.environ | dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    settings = {"cwd": c.HERE, "env": alone, "check": True, "capture_output": True, "text": True}
+    return np.array(json.loads(subprocess.run([sys.executable, "-c", code], **settings).stdout))
 
 
 def scale(repeats, quick):
     """(d) ms a step of a chain; the dense solve only while its cube law lets it end within seconds."""
     rows, links = [], (10, 100, 1000) if quick else (10, 100, 1000, 10_000)
     for n in links:
-        jobs = chain_jobs(n, n <= 1000)
-        dense = {who: jobs.pop(who) for who in list(jobs) if who == DENSE}  # alone: the idle threads of a BLAS spin on
-        clocks = in_turns(jobs, repeats + 1) | in_turns(dense, repeats + 1)
+        clocks = in_turns(chain_jobs(n), repeats + 1)
+        clocks |= {"ours, dense": dense_alone(n, repeats + 1)} if n <= 1000 else {}
         for who, s in clocks.items():
             row = {"links": n, "who": who, **spread(1e3 * s[1:, 0], "ms"), "rod error m": float(s[-1, 1])}
             rows.append(row | {"ours, none/this": float(np.median(clocks["ours, none"][1:, 0] / s[1:, 0]))})
