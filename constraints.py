@@ -20,12 +20,11 @@ from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.device import banner, progress
 from curriculum.common.files import make_ready, write_whole
 from curriculum.common.gauss import make_gauss
-from curriculum.common.scenes import SceneError, load_scene
+from curriculum.common.scenes import GRAVITY, SceneError, incidence, load_scene
 from curriculum.common.tridiagonal import by_halving
 
-HERE = Path(__file__).resolve().parent
-CHAPTER = "curriculum/ch3_4_constraints"
-GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
+HERE, CHAPTER = Path(__file__).resolve().parent, "curriculum/ch3_4_constraints"
+OUTPUTS = ("metrics.json", "constraints.rrd")
 SMOKE_STEPS, FRAME_RATE, MAX_RECORDED = 800, 60.0, 10**6  # recorded: states a simulated second; positions at most
 RULED_SECONDS, RULED_RODS = 2.0, 30  # the true error is taken then, before chaos decides, for scenes of this size
 # --- endregion ---
@@ -46,7 +45,7 @@ def build_system(name, seed=0, links=10):
     if name not in SYSTEMS and name != "chain":
         return make_system(**load_scene(name))
     links, tilt = SYSTEMS.get(name, links), np.random.default_rng(seed).uniform(-0.05, 0.05)
-    # math, not numpy: numpy picks its sine by processor, and the last bit with it
+    # math, not numpy: numpy has a sine of its own for every kind of processor
     q0 = np.arange(1.0, links + 1.0)[:, None] * np.array([math.cos(-tilt), math.sin(-tilt), 0.0])
     return make_system(q0, np.zeros_like(q0), np.ones(links), [(k, k - 1) for k in range(links)], np.ones(links))
 
@@ -70,15 +69,9 @@ def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     d = rod_vectors(system, q0)
     system["lengths"] = np.sqrt(dot(d, d)) if lengths is None else np.asarray(lengths, dtype=float)
     system["fall"] = rod_vectors(system, system["weight"] / m, rate=True)
-    system["links"] = list(zip(w.tolist(), [0.0, *w[:-1].tolist()], system["lengths"].tolist(), strict=False))
+    if system["chain"]:
+        system["per_rod"] = list(zip(w.tolist(), [0.0, *w[:-1].tolist()], system["lengths"].tolist(), strict=True))
     return system
-
-
-def incidence(pairs, n, anchors):
-    """Signed incidence B (C, n) of rods on particles, +1 at i and -1 at j, and the anchors' part of d = B q + fixed."""
-    eye, (i, j) = np.eye(n + len(anchors)), np.array(pairs).T
-    full = eye[i] - eye[j]  # a negative j counts from the end, where the anchors stand in reverse
-    return full[:, :n], full[:, n:] @ anchors[::-1]
 
 
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes and their rods
@@ -122,7 +115,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # A rod that may give: MuJoCo's equality with solref and solimp, Jdot v dropped as MuJoCo drops it. One solve a
         # force, never singular. Fails by design: a rod under load is longer. MuJoCo documentation, Computation.
         "soft": Hold(0.0, 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance),
-        # none, then Newton back onto the rods: SHAKE/RATTLE, see `project`. One solve a force and three or four a step.
+        # none, then Newton back onto the rods: SHAKE/RATTLE, see `project`. One solve a force and two or three a step.
         # Fails when a step overshoots so far that no pull along the rods leads back.
         "project": Hold(project=True),
     }
@@ -238,12 +231,11 @@ def short_chain_force(system, q, v, hold, applied):
     For six coordinates a numpy call costs as much as a dozen multiplications; a step is more than twice as fast so.
     """
     use_jdotv, damping, stiffness, softness, _ = hold
-    sweep = []  # what the way back needs: d, coupling to the rod before, pivot, eliminated right-hand side
+    pivot, sweep = 1.0, []  # for the way back: d, coupling to the rod before, pivot, eliminated right-hand side
     px, py, pz = system["anchors"][0].tolist()
     pu = pv = pw = pax = pay = paz = ex = ey = ez = y = 0.0
-    pivot = 1.0
     columns = (*q.T.tolist(), *v.T.tolist(), *applied.T.tolist())
-    for (w_here, w_back, length), qx, qy, qz, vx, vy, vz, fx, fy, fz in zip(system["links"], *columns, strict=True):
+    for (w_here, w_back, length), qx, qy, qz, vx, vy, vz, fx, fy, fz in zip(system["per_rod"], *columns, strict=True):
         dx, dy, dz, du, dv, dw = qx - px, qy - py, qz - pz, vx - pu, vy - pv, vz - pw
         ax, ay, az = w_here * fx, w_here * fy, w_here * fz
         dd = dx * dx + dy * dy + dz * dz
@@ -327,8 +319,8 @@ def rk4_step(q, v, m, force, dt):
     return q + (dt / 6.0) * (v + 2.0 * (v2 + v3) + v4), v + (dt / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
 
 
-# The fourth is the ruler that measures the others: Gauss-Legendre collocation, order 16, implicit, symplectic, exact to
-# rounding at steps of 0.05 s. It iterates its stages, and those of some steps ahead, by calls of the same force.
+# The fourth is the ruler that measures the others: Gauss-Legendre collocation, order 16, implicit, symplectic; for the
+# double pendulum exact to rounding at 0.05 s. It iterates its stages by calls of the same force (curriculum/common).
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step, "gauss": make_gauss()}
 ONE_FORCE = ("euler", "semi_implicit")  # evaluate the force once a step, as impulse presumes
 
@@ -367,9 +359,9 @@ def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000,
     (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in energy_scale, (...,) each; kept:
     step (K,), q (K, ..., N, 3), violation, energy error (K, ...); seconds_per_step, integration alone; steps done;
     stopped: None, or why it ended early, at a state LOST or not finite or a step that failed; the rest was true until
-    then. With leading axes in q0 and v0 all runs go in step.
+    then. With leading axes in q0 and v0 all runs go in step, and end together.
     """
-    hold, m, step = as_hold(hold), system["m"], INTEGRATORS.get(integrator, integrator)
+    hold, m, step = as_hold(hold), system["m"], integrator if callable(integrator) else INTEGRATORS[integrator]
     force, size = make_force(system, hold), max(1, BLOCK // (system["q0"].size // 3))
     q, v = (system[key].copy(order="F") for key in ("q0", "v0"))  # leading axes contiguous: arrays to sweep over
     qs, vs = (np.empty((size, *q.shape[::-1])).transpose(0, *range(q.ndim, 0, -1)) for _ in range(2))
@@ -408,10 +400,9 @@ def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000,
                     break
                 qs[i], vs[i] = q, v = q_next, v_next
             seconds, tried = seconds + time.perf_counter() - clock, tried + count
-    columns = (np.concatenate(column) for column in zip(*kept, strict=True))
-    run = {"q": q, "v": v, "max_violation": worst, "final_violation": final, "energy_rel_max": drift}
-    run |= {"kept": dict(zip(("step", "q", "violation", "energy"), columns, strict=True)), "stopped": stopped}
-    return run | {"steps": done, "seconds_per_step": seconds / max(1, tried)}
+    kept = dict(zip(("step", "q", "violation", "energy"), map(np.concatenate, zip(*kept, strict=True)), strict=True))
+    run = {"q": q, "v": v, "max_violation": worst, "final_violation": final, "energy_rel_max": drift, "kept": kept}
+    return run | {"stopped": stopped, "steps": done, "seconds_per_step": seconds / max(1, tried)}
 
 
 def distance(a, b):
@@ -457,41 +448,45 @@ def parse(argv):
     """The command line and the system it names; the help of each flag says why one would turn it."""
     parser = chapter_parser("constraints.py", HERE / CHAPTER, "outputs/ch3.4-constraints", SMOKE_STEPS)
     add, positive = parser.add_argument, number(float, 0, False)
-    # fmt: off
     add("--system", default="double", metavar="NAME", help="pendulum, double, triple, chain, or a scene file (double)")
-    add("--links", type=number(int, 1, high=10**6), default=10, help="rods of chain: cost grows with N, not N^3 (10)")
+    add(
+        "--links",
+        type=number(int, 1, high=10**6),
+        default=10,
+        help="rods of --system chain; their cost grows with N (10)",
+    )
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who drifts, how fast? (semi_implicit)")
     add("--stabilization", choices=["all", *hold_table()], default="all", help="what to do about drift? (all)")
     add("--baumgarte", type=number(float, 0), default=20.0, metavar="RAD/S", help="its pull: too much blows up (20)")
     add("--time-constant", type=positive, default=0.02, metavar="S", help="how long soft takes to mend a rod (0.02)")
     add("--impedance", type=number(float, 0, False, 1), default=0.95, metavar="P", help="soft: hard rods near 1 (0.95)")
-    add("--dt", type=positive, default=0.005, metavar="S", help="halve it and read off each rule's order (0.005)")
-    add("--tol", type=positive, metavar="M", help="gauss only: chooses dt and stages for this error after 2 s")
+    add("--dt", type=positive, default=0.005, metavar="S", help="halve it, double --steps: each rule's order (0.005)")
+    add("--tol", type=positive, metavar="M", help="gauss only: picks stages and step for this error after 2 s")
     add("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer and none gets worse (4000)")
-    # fmt: on
     args = parser.parse_args(argv)
     args.steps = SMOKE_STEPS if args.smoke else args.steps
     args.modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; {args.integrator} takes --dt")
     if args.stabilization == "impulse" and args.integrator not in ONE_FORCE:
-        parser.error(
-            f"argument --stabilization: impulse is for --integrator {' or '.join(ONE_FORCE)}, which call the "
-            f"force once a step; {args.integrator} does not"
-        )
+        one = " or ".join(ONE_FORCE) + ", which call the force once a step"
+        parser.error(f"argument --stabilization: impulse is for --integrator {one}; {args.integrator} does not")
     system = parser.attempt("--system", SceneError, build_system, args.system, args.seed, args.links)
-    parser.attempt("--out", OSError, make_ready, args.out, ("metrics.json", "constraints.rrd"))
+    parser.attempt("--out", OSError, make_ready, args.out, OUTPUTS)
+    if args.tol and len(system["pairs"]) > RULED_RODS:
+        parser.error(f"argument --tol: {args.tol:g} cannot be judged; the ruler is for at most {RULED_RODS} rods")
     return args, system
 
 
-def report(args, runs, errors):
+def report(args, runs, errors, at):
     """Print what was run, the table, a sentence for every run that ended early, and the verdict."""
     print(f"{args.system}: seed {args.seed}; {args.integrator}, {args.steps} steps of {args.dt:.4g} s\n")
-    print("mode         max rod error  final rod error  energy drift  error at 2 s     a step  real time")
+    when = f"error at {at:.3g} s"
+    print(f"mode         max rod error  final rod error  energy drift {when:>14}     a step  real time")
     for mode, run in runs.items():
         pace, error = run["seconds_per_step"], "-" if errors[mode] is None else f"{errors[mode]:.3e} m"
         numbers = f"{run['max_violation']:11.3e} m {run['final_violation']:14.3e} m {run['energy_rel_max']:13.3e}"
-        print(f"{mode:<12} {numbers} {error:>13} {1e6 * pace:7.1f} us {args.dt / pace:8.0f} x")
+        print(f"{mode:<12} {numbers} {error:>14} {1e6 * pace:7.1f} us {args.dt / pace:8.0f} x")
     print("")
     z, limit = args.dt * args.baumgarte, STABILITY_LIMIT.get(args.integrator, math.inf)
     for mode, run in runs.items():
@@ -499,21 +494,23 @@ def report(args, runs, errors):
             past = f"dt*omega = {z:.3g} is past the limit of {limit:.2f} for {args.integrator}"
             hint = past if mode == "baumgarte" and z > limit else f"try --dt {0.5 * args.dt:g}"
             print(f"{mode} {run['stopped']}: {hint}")
-    if args.system in SYSTEMS and {"none", "baumgarte"} <= runs.keys():
-        none, helped = (float(runs[mode]["max_violation"]) for mode in ("none", "baumgarte"))
+    pair = [runs[mode] for mode in ("none", "baumgarte") if mode in runs and not runs[mode]["stopped"]]
+    if args.system in SYSTEMS and len(pair) == 2 and args.baumgarte > 0.0 and args.steps >= SMOKE_STEPS:
+        none, helped = (float(run["max_violation"]) for run in pair)
         verdict = "as expected, over 3" if none > 3.0 * helped else "UNEXPECTED, not over 3"
         print(f"verdict: worst rod error, none / baumgarte = {none / max(helped, 1e-300):.1f}: {verdict}")
 
 
-def metrics(args, runs, errors):
+def metrics(args, runs, errors, at):
     """The text of metrics.json: results and what they depend on, nothing of the host, so equal runs are equal bytes."""
-    names = ("system", "integrator", "dt", "steps", "seed", "baumgarte", "time_constant", "impedance")
-    content = {name: getattr(args, name) for name in names} | {"results": {}}
+    names = ("integrator", "dt", "tol", "steps", "seed", "links", "baumgarte", "time_constant", "impedance")
+    content = {name: getattr(args, name) for name in names} | {"system": Path(args.system).name, "error_at": at}
+    content["results"] = {}
     for mode, run in runs.items():
         row = {key: round(float(run[key]), 12) for key in ("max_violation", "final_violation", "energy_rel_max")}
         row["tip_final"] = [round(x, 6) for x in run["q"][-1].tolist()]
         # the ruler rests on BLAS, whose last digits are the processor's; these are not the last
-        row["error_2s"] = None if errors[mode] is None else round(errors[mode], 8)
+        row["error"] = None if errors[mode] is None else round(errors[mode], 8)
         content["results"][mode] = row | ({"stopped": run["stopped"]} if run["stopped"] else {})
     return json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
@@ -522,12 +519,12 @@ def main(argv=None):
     """Run the comparison that `argv` asks for; print it, write metrics.json and the recording. Returns 0."""
     args, system = parse(argv)
     print(banner("ch3.4", "constraints", args.device, "smoke" if args.smoke else "full"))
-    seconds, rule, ladder = args.steps * args.dt, args.integrator, [args.dt]
+    seconds, rule, ladder, before = args.steps * args.dt, args.integrator, [args.dt], math.inf
     at = args.dt * max(1, min(args.steps, round(RULED_SECONDS / args.dt)))
     truth, known = true_position(system, at) if len(system["pairs"]) <= RULED_RODS else (None, math.inf)
     if args.tol:  # a stage a digit, and the largest step that will do: in numpy stages cost little, steps a lot
         rule = make_gauss(max(4, round(-math.log10(args.tol))), 4, min(0.1 * args.tol, 1e-3))
-        ladder = [at / (math.ceil(at / 0.16) * 2**k) for k in range(12)]
+        ladder = [at / (math.ceil(at / 0.16) * 2**k) for k in range(10)]
     if "impulse" in args.modes and args.integrator not in ONE_FORCE:
         args.modes.remove("impulse")
         print(f"impulse left out: it presumes one force a step, {args.integrator} takes more")
@@ -541,19 +538,21 @@ def main(argv=None):
             run = runs[mode] = simulate(system, rule, hold, args.dt, args.steps, keep, tick)
             there = run["kept"]["q"][run["kept"]["step"] == check]
             errors[mode] = distance(there, truth) if truth is not None and len(there) else None
-        best = min((error for error in errors.values() if error is not None), default=math.inf)
-        if best <= (args.tol or math.inf) and not any(run["stopped"] for run in runs.values()):
+        best = min((e for mode, e in errors.items() if e is not None and not runs[mode]["stopped"]), default=math.inf)
+        if best <= (args.tol or math.inf) or 0.5 * before < best < math.inf:  # or a smaller step no longer helps
             break
-    text, paths = metrics(args, runs, errors), [args.out / "metrics.json"]
+        before = best
+    text, paths = metrics(args, runs, errors, at), [args.out / name for name in OUTPUTS[: 1 + args.rerun]]
     if args.rerun:
-        paths.append(args.out / "constraints.rrd")
         log_rerun(paths[1], system, runs, args.dt)
     write_whole(paths[0], lambda temporary: temporary.write_text(text, encoding="utf-8"))
-    report(args, runs, errors)
-    if truth is not None:
+    report(args, runs, errors, at)
+    if args.tol and best > args.tol:
+        print(f"--tol {args.tol:g} m is not reached by any of these modes")
+    if any(error is not None for error in errors.values()):
         better = 10.0 ** math.ceil(math.log10(max(known, 1e-16)))
         print(f"error: farthest that a particle is from where it should be after {at:g} s, known to {better:.0e} m")
-    print(f"wrote {' and '.join(map(str, paths))}" + (f"\nlook: rerun {paths[1]}" if args.rerun else ""))
+    print(f"wrote {' and '.join(map(str, paths))}" + (f"\nlook: python -m rerun {paths[1]}" if args.rerun else ""))
     return 0
 
 

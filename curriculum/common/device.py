@@ -32,7 +32,7 @@ def banner(chapter, title, device, tier, ledger=LEDGER):
     clock = "not yet measured"
     if row and row["status"] == "measured":
         clock = f"{float(row['minutes']) * 60.0:.2g} s on {row['machine']}, {row['date']}"
-    return f"{chapter} {title} | device {device} | tier {tier} | wall-clock {clock}"
+    return f"{chapter} {title} | device {device} | tier {tier} | wall-clock of the default run {clock}"
 
 
 def progress(what, steps):

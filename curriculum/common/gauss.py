@@ -38,7 +38,8 @@ def make_gauss(stages=8, window=4, tol=1e-13):
     Geometric Numerical Integration, VIII.6). One force call evaluates all of them, and those of the next `window` - 1
     steps besides: extra stages are nearly free in numpy, and a step whose stages were iterated before needs only two
     or three calls. A step ahead whose stages run away is guessed anew. It ends when the end of the step moves by less
-    than `tol`, relatively; FloatingPointError if it does not within 50 calls.
+    than `tol`, relatively; FloatingPointError if it does not within 50 calls. The rule remembers the stages of the run
+    it was last used for: a guess only, and forgotten when force, dt or shape change.
     """
     to_q, to_v, times, ahead = collocation(stages, window)
     n, memory = stages * window, {"run": None}

@@ -18,7 +18,14 @@ FIT = 1e-6  # relative: how far a stated length may be from the distance between
 SINGULAR = 1e-9  # relative to the largest eigenvalue of J J^T: below, J has lost rank
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
 HUGE = 1e30  # what is larger, or smaller than 1 / HUGE and divides, may overflow once squared and multiplied
-GRAVITY = 9.81  # m/s^2 along -y
+GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
+
+
+def incidence(pairs, n, anchors):
+    """Signed incidence B (C, n) of rods on particles, +1 at i and -1 at j, and the anchors' part of d = B q + fixed."""
+    eye, (i, j) = np.eye(n + len(anchors)), np.array(pairs).T
+    full = eye[i] - eye[j]  # a negative j counts from the end, where the anchors stand in reverse
+    return full[:, :n], full[:, n:] @ anchors[::-1]
 
 
 class SceneError(ValueError):
@@ -123,11 +130,9 @@ def check_start(scene):
     derivatives on, sum_k u_k |a_k|^2 = 0 with a_k the acceleration of rod k. A taut level cable fails that: only an
     infinite tension would carry its weight.
     """
-    points = np.array(scene["q0"] + scene["anchors"][::-1], dtype=float)
-    n, m, (i, j) = len(scene["q0"]), np.repeat(scene["m"], 3), np.array(scene["pairs"]).T
-    inc = np.zeros((len(i), len(points)))
-    inc[range(len(i)), i], inc[range(len(i)), j] = 1.0, -1.0
-    d, inc = inc @ points, inc[:, :n]
+    q, n, m = np.array(scene["q0"], dtype=float), len(scene["q0"]), np.repeat(scene["m"], 3)
+    inc, fixed = incidence(scene["pairs"], n, np.array(scene["anchors"], dtype=float))
+    d = inc @ q + fixed
     rate, length = inc @ np.array(scene["v0"], dtype=float), np.linalg.norm(d, axis=1)
     unit = d / length[:, None]
     stretch = np.sum(unit * rate, axis=1)
@@ -140,11 +145,11 @@ def check_start(scene):
     stress, basis = vectors.T[lost], vectors.T[~lost]
     curl = np.sum(rate**2, axis=1) / length
     if lost.any() and np.abs(rate[np.abs(stress).max(axis=0) > FIT]).max() < FIT:
-        root, fall = np.sqrt(m), np.tile([0.0, -GRAVITY, 0.0], n)
+        root, fall = np.sqrt(m), np.tile(GRAVITY, n)
         rows = basis @ jac / root
         accel = fall - rows.T @ np.linalg.lstsq(rows.T, root * fall, rcond=None)[0] / root
         curl = np.sum((inc @ accel.reshape(n, 3)) ** 2, axis=1) / length
-    floor = (FIT * GRAVITY) ** 2 / length  # lest rounding errors of a structure at rest look like motion
+    floor = (FIT * GRAVITY[1]) ** 2 / length  # lest rounding errors of a structure at rest look like motion
     for row in stress:
         if abs(row @ curl) > TAUT * (np.abs(row) @ (curl + floor)):
             raise SceneError(

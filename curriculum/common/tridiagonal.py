@@ -4,11 +4,11 @@ import numpy as np
 
 
 def by_halving(sweep, short, diag, upper, lower, rhs):
-    """x (..., n) of the matrix with diagonals diag (..., n), upper and lower (..., n - 1), by `sweep` once n <= `short`.
+    """x (..., n) for diagonals diag (..., n), upper and lower (..., n - 1), by `sweep` once n <= `short`.
 
     Cyclic reduction: every other unknown is eliminated, all of them at once, and again (R. W. Hockney, J. ACM 12
-    (1965) 95). Elementwise + - * / alone, so that every processor gives the same bytes; stable where elimination without
-    pivots is, as for J M^-1 J^T.
+    (1965) 95). Elementwise + - * / alone, so that every processor gives the same bytes; stable where elimination
+    without pivots is, as for J M^-1 J^T.
     """
     n = diag.shape[-1]
     if n <= short:
