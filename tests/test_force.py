@@ -171,4 +171,6 @@ def test_a_number_is_a_baumgarte_frequency_and_drag_reaches_the_rods(monkeypatch
     assert np.array_equal(c.constraint_force(system, q, v, 20.0), c.constraint_force(system, q, v, TABLE["baumgarte"]))
     assert np.array_equal(c.constraint_force(system, q, v, 0.0), c.constraint_force(system, q, v, TABLE["none"]))
     monkeypatch.setattr(c, "external_force", lambda system, q, v: system["weight"] - 0.3 * v)
-    assert_close(c.constraint_force(system, q, v, 0.0), textbook_force(system, q, v, TABLE["none"]))
+    alone = c.constraint_force(system, q, v, 0.0)
+    assert_close(alone, textbook_force(system, q, v, TABLE["none"]))
+    assert_close(c.constraint_force(system, np.stack([q, q]), np.stack([v, v]), 0.0), np.stack([alone, alone]))

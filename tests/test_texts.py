@@ -15,7 +15,7 @@ BLOCKS = [(path, block) for path in figures.TEXTS for block in figures.BLOCK.fin
     [
         pytest.param(*pair, id=pair[1]["command"])
         for pair in BLOCKS
-        if any(word in pair[1]["command"] for word in QUICK)
+        if any(word in pair[1]["command"] for word in QUICK) and LEFT not in pair[1]["command"]
     ],
 )
 def test_a_figure_in_a_text_is_what_its_command_prints(path, block, tmp_path):
