@@ -39,8 +39,7 @@ RULED_SECONDS, RULED_RODS = 2.0, 30  # the true error is taken then, before chao
 def build_system(name, seed=0, links=10):
     """A name of SYSTEMS, "chain" of `links` rods, or the path of a scene file; raises SceneError if that is no good.
 
-    The named ones are unit rods and masses stretched out sideways from the pivot, at rest, tilted as a whole by the one
-    random number of the program, within 0.05 rad.
+    The named ones: unit rods and masses, stretched out sideways, at rest, tilted by the program's one random number.
     """
     if name not in SYSTEMS and name != "chain":
         return make_system(**load_scene(name))
@@ -115,8 +114,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # A rod that may give: MuJoCo's equality with solref and solimp, Jdot v dropped as MuJoCo drops it. One solve a
         # force, never singular. Fails by design: a rod under load is longer. MuJoCo documentation, Computation.
         "soft": Hold(0.0, 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance),
-        # none, then Newton back onto the rods: SHAKE/RATTLE, see `project`. One solve a force and two or three a step.
-        # Fails when a step overshoots so far that no pull along the rods leads back.
+        # none, then Newton back onto the rods: see `project`. Two or three more solves a step. Fails at too long steps.
         "project": Hold(project=True),
     }
 
@@ -207,7 +205,7 @@ def sweep(diag, upper, lower, rhs):
 
 
 def constraint_force(system, q, v, hold):
-    """Newtons (..., N, 3) from the rods at q (m) and v (m/s), (..., N, 3); `hold`: a row of the table, or as_hold's."""
+    """Newtons (..., N, 3) from the rods at q (m) and v (m/s), (..., N, 3); `hold`: a row of the table, or a number."""
     hold, applied = as_hold(hold), external_force(system, q, v)
     if system["chain"] and q.ndim == 2 and len(q) < SHORT_CHAIN:
         return short_chain_force(system, q, v, hold, applied)
@@ -226,10 +224,7 @@ def constraint_force(system, q, v, hold):
 
 
 def short_chain_force(system, q, v, hold, applied):
-    """constraint_force for a short chain: the same formula, the same two sweeps, in one loop over plain floats.
-
-    For six coordinates a numpy call costs as much as a dozen multiplications; a step is more than twice as fast so.
-    """
+    """constraint_force in one loop over floats, both sweeps: for few coordinates a numpy call costs more than that."""
     use_jdotv, damping, stiffness, softness, _ = hold
     pivot, sweep = 1.0, []  # for the way back: d, coupling to the rod before, pivot, eliminated right-hand side
     px, py, pz = system["anchors"][0].tolist()
@@ -355,11 +350,11 @@ def constraint_violation(system, q):
 def simulate(system, integrator="semi_implicit", hold=0.0, dt=0.005, steps=4000, keep=(), tick=lambda step: None):
     """Integrate `system` for `steps` steps of `dt` seconds, by a name of INTEGRATORS or a rule; measure every step.
 
-    `keep`: the steps (0 is the start) whose states to return; `tick(step)` is called now and then. Returns q, v
-    (..., N, 3) at the end; max_violation, final_violation in m and energy_rel_max in energy_scale, (...,) each; kept:
-    step (K,), q (K, ..., N, 3), violation, energy error (K, ...); seconds_per_step, integration alone; steps done;
-    stopped: None, or why it ended early, at a state LOST or not finite or a step that failed; the rest was true until
-    then. With leading axes in q0 and v0 all runs go in step, and end together.
+    `keep`: steps (0 is the start) whose states to return; `tick(step)` is called now and then. Returns q, v (..., N, 3)
+    at the end; max_violation, final_violation in m, energy_rel_max in energy_scale, (...,) each; kept: step (K,),
+    q (K, ..., N, 3), violation, energy error (K, ...); seconds_per_step, integration alone; steps done; stopped: None,
+    or why it ended early, at a state LOST or not finite or a failed step; the rest was true until then. With leading
+    axes in q0 and v0 all runs go in step, and end together.
     """
     hold, m, step = as_hold(hold), system["m"], integrator if callable(integrator) else INTEGRATORS[integrator]
     force, size = make_force(system, hold), max(1, BLOCK // (system["q0"].size // 3))
@@ -469,8 +464,9 @@ def parse(argv):
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; {args.integrator} takes --dt")
     if args.stabilization == "impulse" and args.integrator not in ONE_FORCE:
-        one = " or ".join(ONE_FORCE) + ", which call the force once a step"
-        parser.error(f"argument --stabilization: impulse is for --integrator {one}; {args.integrator} does not")
+        parser.error(
+            f"argument --stabilization: impulse is no match for --integrator {args.integrator}; use {ONE_FORCE[1]}"
+        )
     system = parser.attempt("--system", SceneError, build_system, args.system, args.seed, args.links)
     parser.attempt("--out", OSError, make_ready, args.out, OUTPUTS)
     if args.tol and len(system["pairs"]) > RULED_RODS:
@@ -509,8 +505,7 @@ def metrics(args, runs, errors, at):
     for mode, run in runs.items():
         row = {key: round(float(run[key]), 12) for key in ("max_violation", "final_violation", "energy_rel_max")}
         row["tip_final"] = [round(x, 6) for x in run["q"][-1].tolist()]
-        # the ruler rests on BLAS, whose last digits are the processor's; these are not the last
-        row["error"] = None if errors[mode] is None else round(errors[mode], 8)
+        row["error"] = None if errors[mode] is None else round(errors[mode], 8)  # the ruler's last digits are BLAS's
         content["results"][mode] = row | ({"stopped": run["stopped"]} if run["stopped"] else {})
     return json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
