@@ -1,10 +1,10 @@
 """The table of hard cases: the outcome of every cell that is no close call, and what the text says about them."""
 
-import numpy as np
-import pytest
-
 import constraints as c
 from curriculum.ch3_4_constraints.studies import hard_cases
+
+import numpy as np
+import pytest
 
 # the largest dt that holds; None: none of the ladder; columns as in hard_cases.METHODS
 OUTCOME = {

@@ -1,17 +1,28 @@
-"""What a run hands over: every flag counts, metrics.json and the recording hold what was simulated."""
+"""What a run hands over: every flag counts, and table, verdict and metrics.json say what was simulated."""
 
 import json
-
-import numpy as np
-import pytest
+from itertools import count
+from types import SimpleNamespace
 
 import constraints as c
-from curriculum.common import recording
+from curriculum.ch3_4_constraints.studies._runs import drift, run
+from curriculum.common import motion
+from curriculum.common.motion import distance
+from curriculum.common.ruler import true_position
+
+import pytest
 
 
-def results(tmp_path, *flags):
-    c.main(["--no-rerun", "--steps", "200", "--out", str(tmp_path), *flags])
-    return json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
+@pytest.fixture
+def results(tmp_path, capsys):
+    """results(*flags): the metrics of a short run with these flags, and the lines that it prints."""
+
+    def of(*flags):
+        c.main(["--no-rerun", "--steps", "200", "--out", str(tmp_path), *flags])
+        found = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
+        return found, capsys.readouterr().out.splitlines()
+
+    return of
 
 
 @pytest.mark.parametrize(
@@ -27,56 +38,81 @@ def results(tmp_path, *flags):
         ("--steps", "201", "project"),
     ],
 )
-def test_every_flag_reaches_the_result(flag, value, mode, tmp_path, capsys):
-    assert results(tmp_path, flag, value)["results"][mode] != results(tmp_path)["results"][mode]
-    capsys.readouterr()
+def test_every_flag_reaches_the_result_and_stands_beside_it(flag, value, mode, results):
+    (found, _), (plain, _) = results(flag, value), results()
+    assert found["results"][mode] != plain["results"][mode]
+    noted = found[flag.strip("-").replace("-", "_")]
+    assert noted == type(noted)(value)
 
 
-def test_links_are_the_rods_of_a_chain(tmp_path, capsys):
+def test_links_are_the_rods_of_a_chain(results):
     for links in (3, 6):
-        found = results(tmp_path, "--system", "chain", "--links", str(links), "--steps", "1")
+        found, _ = results("--system", "chain", "--links", str(links), "--steps", "1")
+        assert found["rods"] == links
         assert found["results"]["none"]["tip_final"][0] == pytest.approx(links, rel=2e-3)
-    capsys.readouterr()
 
 
-def test_metrics_are_the_run_rounded(tmp_path, capsys):
-    found = results(tmp_path)
-    run = c.simulate(c.build_system("double"), hold=20.0, steps=200)
-    row = found["results"]["baumgarte"]
-    assert row["tip_final"] == [round(x, 6) for x in run["q"][1].tolist()]
-    for key in ("max_violation", "final_violation", "energy_rel_max"):
-        assert row[key] == round(float(run[key]), 12)
-    truth, _ = c.true_position(c.build_system("double"), 1.0)
-    assert found["error_at"] == 1.0 and row["error"] == round(c.distance(run["q"], truth), 8)
-    capsys.readouterr()
+def test_smoke_is_a_short_run_whatever_steps_says(results):
+    smoke, _ = results("--smoke", "--steps", "7")
+    assert 7 < smoke["steps"] < 4000
+    assert smoke == results("--steps", str(smoke["steps"]))[0]
+    assert smoke["error_at"] == 2.0
 
 
-def test_the_table_shows_cost_and_error_in_their_units(tmp_path, capsys):
-    results(tmp_path, "--stabilization", "none")
-    words = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("none ")).split()
-    run = c.simulate(c.build_system("double"), steps=200)
-    assert float(words[1]) == pytest.approx(float(run["max_violation"]), rel=1e-3)
-    assert words[9] == "us" and words[11] == "x"
-    assert 1e-6 * float(words[8]) * float(words[10]) == pytest.approx(0.005, rel=0.05)
+def test_metrics_are_the_run_rounded(results, tmp_path):
+    found, _ = results()
+    text = (tmp_path / "metrics.json").read_text(encoding="utf-8")
+    assert text == json.dumps(found, indent=2, sort_keys=True) + "\n"
+    system, row = c.build_system("double"), found["results"]["baumgarte"]
+    here = run(system, hold=20.0, steps=200)
+    assert row["tip_final"] == [round(x, 6) for x in here.tip[-1].tolist()]
+    for key, value in (("max_violation", here.violations.max()), ("final_violation", here.violations[-1])):
+        assert row[key] == round(float(value), 12)
+    assert row["energy_rel_max"] == round(float(drift(system, here)), 12)
+    truth, _ = true_position(lambda rule, dt, steps: run(system, rule, "project", dt, steps), 1.0)
+    assert found["error_at"] == 1.0 and row["error"] == pytest.approx(distance(here.q[-1], truth), abs=1e-11)
 
 
-def test_the_recording_shows_what_was_simulated(monkeypatch, tmp_path):
-    system, taken = c.build_system("triple"), {}
-    monkeypatch.setattr(recording, "record", lambda path, name, movers, anchors: taken.update(movers))
-    runs = {m: c.simulate(system, "rk4", c.hold_table()[m], 0.005, 100, range(0, 101, 10)) for m in ("none", "soft")}
-    c.log_rerun(tmp_path / "a.rrd", system, runs, 0.005)
-    assert [taken[mode][0] for mode in runs] == [0, 3]  # red and orange, whichever modes are there
-    for mode, run in runs.items():
-        _, seconds, points, segments, curves = taken[mode]
-        assert np.allclose(seconds, np.arange(0, 0.51, 0.05)) and np.array_equal(points, run["kept"]["q"])
-        heads, tails = segments[:, :, 1], segments[:, :, 0]
-        assert np.array_equal(heads, points) and np.abs(tails[:, 0]).max() < 1e-15
-        assert np.abs(tails[:, 1:] - points[:, :-1]).max() < 1e-15
-        rods, energy = curves.values()
-        assert np.array_equal(10.0**rods > 1e-3, run["kept"]["violation"] > 1e-3)
-        assert np.array_equal(energy, run["kept"]["energy"])
+def test_the_table_is_the_metrics_and_the_pace(results, monkeypatch):
+    """By a clock that says one second has gone by, whenever it is asked for the second time."""
+    monkeypatch.setattr(motion, "time", SimpleNamespace(perf_counter=count().__next__))
+    found, lines = results("--steps", "100")
+    first = [line.partition(" ")[0] for line in lines]
+    start = first.index("mode") + 1
+    assert first[start : start + 5] == list(c.hold_table()) and sorted(found["results"]) == sorted(c.hold_table())
+    for line in lines[start : start + 5]:
+        mode, *numbers = line.split()
+        row = found["results"][mode]
+        keys = ("max_violation", "final_violation", "energy_rel_max", "error")
+        assert [float(x) for x in numbers[:4]] == pytest.approx([row[key] for key in keys], rel=0.05)
+        assert [float(x) for x in numbers[4:6]] == pytest.approx(row["tip_final"][:2], abs=1e-3)
+        assert float(numbers[6]) == 1e6 / 100
+    assert any(f"at {found['error_at']:g} s, m" in line for line in lines[:start])
 
 
-def test_palette_is_red_and_green_for_the_two_modes_of_the_chapter():
-    assert [recording.PALETTE[k][0] for k in (0, 1)] == ["red", "green"]
-    assert list(c.hold_table())[:2] == ["none", "baumgarte"]
+@pytest.mark.parametrize(
+    ("flags", "verdict"),
+    [("", "as expected"), ("--system pendulum", "as expected"), ("--baumgarte 0.5", "UNEXPECTED")],
+)
+def test_the_verdict_is_the_ratio_of_the_worst_rod_errors(flags, verdict, results):
+    found, lines = results("--smoke", *flags.split())
+    (line,) = (line for line in lines if line.startswith("verdict: "))
+    none, helped = (found["results"][mode]["max_violation"] for mode in ("none", "baumgarte"))
+    assert f" = {none / helped:.1f}: {verdict}" in line
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        "--steps 700",  # too short to tell
+        "--stabilization none",  # nothing to compare with
+        "--stabilization baumgarte",
+        "--system chain",  # not the chapter's
+        "--dt 0.05 --baumgarte 40",  # diverges
+        "--baumgarte 0",  # is none itself
+        "--integrator gauss --dt 0.05",  # does not drift
+    ],
+)
+def test_no_verdict_where_it_would_mean_nothing(flags, results):
+    _, lines = results("--steps", "1000", *flags.split())
+    assert not [line for line in lines if line.startswith("verdict")]

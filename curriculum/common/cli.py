@@ -3,10 +3,15 @@
 import argparse
 import math
 import os
+import re
+import signal
 import sys
+import textwrap
+from difflib import get_close_matches
 from pathlib import Path
 
-from curriculum.common.files import check_writable
+from curriculum.common.files import check_writable, results_folder
+from curriculum.common.scenes import SceneError, shorten
 
 
 class Parser(argparse.ArgumentParser):
@@ -18,31 +23,37 @@ class Parser(argparse.ArgumentParser):
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
+        if wrong := re.search(
+            r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)", message
+        ):
+            known = re.findall(r"[\w-]+", wrong[2]) if wrong[2] else re.findall(r"--[\w-]+", self.format_help())
+            near = get_close_matches(wrong[1] or wrong[3] or "", known, 1)
+            message += f"; did you mean {near[0]}?" if near else ""
+        message = re.sub(r"\S{100,}", lambda long: long[0][:97] + "...", message)
         self.exit(2, f"{self.prog}: error: {message}\n")
 
-    def attempt(self, flag, failure, function, *args):
-        """function(*args), whose exception `failure` becomes the error of the argument `flag`."""
+    def attempt(self, flag, function, *args):
+        """function(*args), whose SceneError becomes the error of the argument `flag`."""
         try:
             return function(*args)
-        except failure as error:
+        except SceneError as error:
             self.error(f"argument {flag}: {error}")
 
 
-def number(kind, low, include_low=True, high=1e12):
-    """An argparse type: a `kind` (int or float) >= `low` and < `high`; unless `include_low`, >= `low` + 1e-9.
+def number(kind=float, low=1e-12, high=1e12):
+    """An argparse type: a `kind` (int or float) >= `low` and < `high`.
 
     Nobody means the numbers beyond, and they overflow once squared or divided by.
     """
-    low = low if include_low else low + 1e-9
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):
         try:
-            value = kind(text)
+            value = kind(text) if re.fullmatch(r"[-+.\deE]+", text, re.ASCII) else math.nan
         except ValueError:
             value = math.nan
         if not low <= value < high:
-            raise argparse.ArgumentTypeError(f"must be {allowed}, not {text!r}")
+            raise argparse.ArgumentTypeError(f"must be {allowed}, not {shorten(text)!r}")
         return value
 
     return parse
@@ -57,30 +68,53 @@ def writable(text):
     return Path(text)
 
 
-def chapter_parser(prog, folder, out, smoke_steps):
-    """A Parser with the flags of every chapter: seed, smoke, device, out, rerun; its help ends with the studies."""
-    studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
-    module = ".".join(folder.parts[-2:])
-    about = "Every figure is a question: turn a flag, guess what it does, and look."
-    epilog = f"Studies, a question each: python -m {module}.studies.NAME, where NAME is one of: {studies}."
-    parser = Parser(prog=prog, description=about, epilog=epilog)
-    add = parser.add_argument
-    add("--seed", type=number(int, 0), default=0, help="draws the start: seeds a hair apart may end metres apart (0)")
-    add("--smoke", action="store_true", help=f"{smoke_steps} steps whatever --steps says: quick, for a byte-diff in CI")
-    add("--device", choices=["cpu"], default="cpu", help="the same in every chapter; this one is too small for another")
-    add("--out", type=Path, default=Path(out), metavar="FOLDER", help="one folder a run, to compare runs later")
-    add("--rerun", action=argparse.BooleanOptionalAction, default=True, help="off when only the numbers count (on)")
-    return parser
+def chapter_parser(prog, folder, out, examples):
+    """A Parser with the flags of every chapter, and the groups for what is simulated and how: (parser, what, how)."""
+    scenes, studies = (
+        ", ".join(sorted(path.stem for path in folder.glob(pattern)))
+        for pattern in ("scenes/*.json", "studies/[!_]*.py")
+    )
+    parser = Parser(
+        prog=prog,
+        usage=f"python {prog} [flags]",
+        description="Every flag is a question: turn it, guess what it does, and look.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="\n".join(
+            ["examples:", *(f"  python {prog} {example}" for example in examples)]
+            + textwrap.wrap(f"scenes, each for --system: {scenes}", 80, subsequent_indent="  ")
+            + textwrap.wrap(f"studies, a question each: {studies}", 80, subsequent_indent="  ")
+            + [f"  python -m {'.'.join(folder.parts[-2:])}.studies.NAME"]
+        ),
+    )
+    titles = "what is simulated", "how", "where results go"
+    what, how, where = (parser.add_argument_group(title).add_argument for title in titles)
+    what("--seed", type=number(int, 0), default=0, help="draws the start: a hair apart may end metres apart (0)")
+    how("--smoke", action="store_true", help="few steps whatever --steps says: quick, for a byte-diff in CI")
+    how("--device", choices=["cpu"], default="cpu", help="the same in every chapter; here nothing needs another")
+    where("--out", type=results_folder, default=out, metavar="FOLDER", help=f"one a run, to compare them ({out})")
+    where("--rerun", action=argparse.BooleanOptionalAction, default=True, help="the recording; or only numbers (on)")
+    return parser, what, how
 
 
 def run_script(main):
-    """Exit with main's status; Ctrl-C ends in one line, and a reader that has seen enough (`| head`) in none."""
+    """Exit with main's status; what stops it from outside is one line, and a reader that has seen enough is none."""
+    for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
+        signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))  # leave no temporary file
+    streams = [stream for stream in (sys.stdout, sys.stderr) if stream]
+    for stream in streams:
+        stream.reconfigure(errors="backslashreplace")
+    name, status = Path(sys.argv[0]).name, 1
     try:
         status = main()
-        sys.stdout.flush()
+        for stream in streams:
+            stream.flush()
     except KeyboardInterrupt:
-        sys.exit(f"\n{Path(sys.argv[0]).name}: interrupted; files are as they were, or whole")
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
-        status = 1
+        sys.exit(f"\n{name}: interrupted; files are as they were, or whole")
+    except MemoryError:
+        sys.exit(f"{name}: error: not enough memory; ask for fewer rods, members or steps")
+    except OSError as error:
+        if sys.stdout:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
+        if not isinstance(error, BrokenPipeError):
+            sys.exit(f"{name}: error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}")
     sys.exit(status)

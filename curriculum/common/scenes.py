@@ -10,54 +10,91 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 
 import json
 import math
+from collections import Counter
+from decimal import Decimal, localcontext
+from difflib import get_close_matches
 from pathlib import Path
+
+from curriculum.common import large
+from curriculum.common.graph import has_loop
 
 import numpy as np
 
 FIT = 1e-6  # relative: how far a stated length may be from the distance between the positions
 SINGULAR = 1e-9  # relative to the largest eigenvalue of J J^T: below, J has lost rank
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
+LARGEST, MOST = 1e8, 100_000  # bytes of a file; particles, or rods
+CROWD = 400_000  # pairs of rods that share a particle: the entries of A
 HUGE = 1e30  # what is larger, or smaller than 1 / HUGE and divides, may overflow once squared and multiplied
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
+CHAPTER = ["pendulum", "double", "triple", "chain"]
 
 
-def incidence(pairs, n, anchors):
-    """Signed incidence B (C, n) of rods on particles, +1 at i and -1 at j, and the anchors' part of d = B q + fixed."""
-    eye, (i, j) = np.eye(n + len(anchors)), np.array(pairs).T
-    full = eye[i] - eye[j]  # a negative j counts from the end, where the anchors stand in reverse
-    return full[:, :n], full[:, n:] @ anchors[::-1]
+def direction(angle):
+    """The unit vector (cos, sin, 0) of an angle in rad (a few turns at most): libm's sine depends on the processor."""
+    with localcontext() as context:
+        context.prec = 50
+        term, sums, k = Decimal(1), [Decimal(0), Decimal(0)], 0
+        while abs(term) > Decimal("1e-40"):  # the series of exp(i angle): 1, i, -1, -i in turn
+            sums[k % 2] += term * (1, 1, -1, -1)[k % 4]
+            k += 1
+            term *= Decimal(angle) / k
+        return np.array([float(sums[0]), float(sums[1]), 0.0])
 
 
 class SceneError(ValueError):
     """A scene that cannot be run; the message names the file, the field, the index and what is allowed."""
 
 
-def load_scene(path):
-    """Arguments for make_system: q0, v0 (N, 3), m (N,), pairs, lengths (C,), anchors (K, 3), from the file at `path`.
+def load_scene(name, folder):
+    """The system in the file `name`, or in the scene of that name in `folder`: a dict as build_system has it.
 
     Raises SceneError for a missing or malformed file, and for a scene that no rod tensions can hold.
     """
+    shipped = {path.stem: path for path in folder.glob("*.json")}
+    path, shown = Path(name), repr(name if len(name) < 100 else "..." + name[-97:])
+    if name in shipped and not path.exists():
+        path = shipped[name]
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SceneError(f"{str(path)!r} is no chapter scene (pendulum, double, triple, chain) and no file") from None
+        if not name or not path.exists():
+            near = get_close_matches(name, CHAPTER + list(shipped), 1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; scenes are {', '.join(CHAPTER + sorted(shipped))}"
+            raise SceneError(f"{shown} is no scene and no file{hint}")
+        if not path.is_file() or path.stat().st_size > LARGEST:
+            raise SceneError(f"{shown} must be a plain file of at most {LARGEST / 1e6:g} MB")
+        text = path.read_bytes()
     except OSError as error:
-        raise SceneError(f"{str(path)!r} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or a bottomless pit of brackets
-        raise SceneError(f"{str(path)!r} is not JSON: {error}") from None
+        raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
     try:
-        scene = parse_scene(data)
+        scene = parse_scene(json.loads(text.decode(), object_pairs_hook=no_key_twice))
         check_start(scene)
     except SceneError as error:
-        raise SceneError(f"{str(path)!r}: {error}") from None
-    return scene
+        raise SceneError(f"{shown}: {error}") from None
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or a bottomless pit of brackets
+        raise SceneError(f"{shown} is not JSON: {shorten(str(error))}") from None
+    scene = {key: x if key == "pairs" else np.array(x, dtype=float) for key, x in scene.items()}
+    return scene | {"m": scene["m"][:, None]}
+
+
+def shorten(text):
+    """The text, or its beginning."""
+    return text if len(text) < 60 else text[:57] + "..."
+
+
+def no_key_twice(items):
+    """The dict of JSON's `items`; raises SceneError for a key that is there twice."""
+    found = dict(items)
+    if len(found) < len(items):
+        names = [key for key, _ in items]
+        twice = next(key for key in names if names.count(key) > 1)
+        raise SceneError(f"the key {json.dumps(shorten(twice))} stands twice in one object; must stand once")
+    return found
 
 
 def need(test, field, found, allowed):
     """Raise SceneError unless `test`."""
     if not test:
-        text = json.dumps(found)
-        raise SceneError(f"{field} is {text if len(text) < 60 else text[:57] + '...'}; must be {allowed}")
+        raise SceneError(f"{field} is {shorten(json.dumps(found))}; must be {allowed}")
 
 
 def is_number(x):
@@ -81,7 +118,7 @@ def positive(x, field, unit):
 def entries(data, field, keys):
     """The list data[field] of objects that have no keys but `keys`; at least one."""
     rows = data.get(field)
-    need(isinstance(rows, list) and rows, field, rows, "a list with at least one entry")
+    need(isinstance(rows, list) and 0 < len(rows) <= MOST, field, rows, f"a list of 1 to {MOST} entries")
     for k, row in enumerate(rows):
         need(isinstance(row, dict), f"{field}[{k}]", row, f"an object with {', '.join(keys)}")
         need(set(row) <= set(keys), f"{field}[{k}]", sorted(row), f"an object with no keys but {', '.join(keys)}")
@@ -89,7 +126,7 @@ def entries(data, field, keys):
 
 
 def parse_scene(data):
-    """Shapes, types and ranges of a scene's JSON; the arguments for make_system."""
+    """Shapes, types and ranges of a scene's JSON; a dict of lists q0, v0, m, pairs, lengths, anchors."""
     need(isinstance(data, dict), "the file", data, "an object with particles, rods and anchors")
     known = ("about", "anchors", "particles", "rods")
     need(set(data) <= set(known), "the file", sorted(data), f"an object with no keys but {', '.join(known)}")
@@ -130,26 +167,39 @@ def check_start(scene):
     derivatives on, sum_k u_k |a_k|^2 = 0 with a_k the acceleration of rod k. A taut level cable fails that: only an
     infinite tension would carry its weight.
     """
-    q, n, m = np.array(scene["q0"], dtype=float), len(scene["q0"]), np.repeat(scene["m"], 3)
-    inc, fixed = incidence(scene["pairs"], n, np.array(scene["anchors"], dtype=float))
-    d = inc @ q + fixed
-    rate, length = inc @ np.array(scene["v0"], dtype=float), np.linalg.norm(d, axis=1)
-    unit = d / length[:, None]
+    q, v, anchors, lengths = (np.array(scene[key], dtype=float) for key in ("q0", "v0", "anchors", "lengths"))
+    (i, j), n = np.transpose(scene["pairs"]), len(q)
+    shared = sum(count * count for count in Counter(x for pair in scene["pairs"] for x in pair if x >= 0).values())
+    if shared > CROWD:
+        raise SceneError(f"{shared} pairs of rods meet in a particle; at most {CROWD} can be solved for")
+
+    def along(x, fixed):
+        return x[i] - np.concatenate([x, fixed[::-1]])[j]  # a negative j counts from the end
+
+    d, rate = along(q, anchors), along(v, 0.0 * anchors)
+    unit = d / lengths[:, None]
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > FIT * (1.0 + np.abs(rate).max()):
         raise SceneError(f"rods[{k}] is stretched at {stretch[k]:.3g} m/s; must be 0: velocities keep every length")
-    jac = (inc[:, :, None] * unit[:, None, :]).reshape(len(d), -1)
+    if large.takes(scene) and not large.way(scene):
+        raise SceneError(f"{len(i)} rods that are no chain need scipy: pip install -e '.[large]'")
+    if len(i) > large.DENSE or not has_loop(tuple(scene["pairs"])):
+        return
+    jac, rods = np.zeros((len(i), n + 1, 3)), np.arange(len(i))
+    jac[rods, i] = unit
+    jac[rods, np.maximum(j, -1)] -= unit
+    jac = jac[:, :n].reshape(len(i), -1)
     values, vectors = np.linalg.eigh(jac @ jac.T)
     lost = values <= SINGULAR * values[-1]
     stress, basis = vectors.T[lost], vectors.T[~lost]
-    curl = np.sum(rate**2, axis=1) / length
+    curl = np.sum(rate**2, axis=1) / lengths
     if lost.any() and np.abs(rate[np.abs(stress).max(axis=0) > FIT]).max() < FIT:
-        root, fall = np.sqrt(m), np.tile(GRAVITY, n)
+        root, fall = np.sqrt(np.repeat(scene["m"], 3)), np.tile(GRAVITY, n)
         rows = basis @ jac / root
         accel = fall - rows.T @ np.linalg.lstsq(rows.T, root * fall, rcond=None)[0] / root
-        curl = np.sum((inc @ accel.reshape(n, 3)) ** 2, axis=1) / length
-    floor = (FIT * GRAVITY[1]) ** 2 / length  # lest rounding errors of a structure at rest look like motion
+        curl = np.sum(along(accel.reshape(n, 3), 0.0 * anchors) ** 2, axis=1) / lengths
+    floor = (FIT * GRAVITY[1]) ** 2 / lengths  # lest rounding errors of a structure at rest look like motion
     for row in stress:
         if abs(row @ curl) > TAUT * (np.abs(row) @ (curl + floor)):
             raise SceneError(

@@ -1,14 +1,16 @@
 """Writes the chapter's hard scenes, scenes/*.json:  python -m curriculum.ch3_4_constraints.scenes.make_scenes
 
-Every pose comes from + - * / and square roots alone, so that every machine writes the same bytes.
+Every pose comes from + - * / and square roots, and from `direction` where an angle is given, so that every machine
+writes the same bytes.
 """
 
 import json
 from itertools import accumulate, zip_longest
-from math import sqrt
+from math import pi, sqrt
 from pathlib import Path
 
 from curriculum.common.files import write_whole
+from curriculum.common.scenes import direction
 
 SCENES = Path(__file__).resolve().parent
 # Theo Jansen's numbers, here in m: each letter is a bar of the leg, a and l place its fixed pivot
@@ -35,6 +37,13 @@ def windows(about, n):
     return scene(about, tops, rods, feet, [{"velocity": (1.0, 0.0, 0.0)}] * (n + 1))
 
 
+def net(about, n):
+    """`n` x `n` particles, tied to their neighbours, hung by both upper corners: for the benchmark, no scene file."""
+    points = [(float(k % n), -float(k // n)) for k in range(n * n)]
+    rods = [(k, k - 1) for k in range(n * n) if k % n] + [(k, k - n) for k in range(n, n * n)]
+    return scene(about, points, [*rods, (0, -1), (n - 1, -2)], [(0.0, 1.0), (n - 1.0, 1.0)])
+
+
 def cable(about, span):
     """Ten unit links between anchors `span` apart, bent evenly into an arc; bisection finds the turn at each joint."""
     low, high = 0.0, 1.0  # its cosine
@@ -51,6 +60,24 @@ def arc(cosine, k):
     turn = complex(cosine, -sqrt(1.0 - cosine * cosine))
     half = complex(sqrt(0.5 * (1.0 + cosine)), -sqrt(0.5 * (1.0 - cosine)))
     return half if k == 0 else turn * arc(cosine, k - 1)
+
+
+def ring(about, n, speed):
+    """`n` unit rods from the pivot clockwise and back to it, all turning about it at `speed` rad/s."""
+    links = [complex(*direction(-(2 * k + 1) * pi / n)[:2]) for k in range(n)]
+    points = [(z.real, z.imag) for z in accumulate(links[:-1])]
+    turning = [{"velocity": (-speed * y, speed * x, 0.0)} for x, y in points]
+    return scene(about, points, [(k, k - 1) for k in range(n - 1)] + [(n - 2, -1)], more=turning)
+
+
+def peaucellier(about, arm, side, angle):
+    """Peaucellier's linkage: two arms and a rhombus, its near corner led along a circle through the arms' pivot."""
+    pivot, (x, y, _) = (0.0, 0.0), direction(angle).tolist()
+    near = (1.0 + x, y)
+    left, right = meet(pivot, arm, near, side), meet(near, side, pivot, arm)
+    points = [near, left, right, (left[0] + right[0] - near[0], left[1] + right[1] - near[1])]
+    rods = [(0, -2, 1.0), (1, -1, arm), (2, -1, arm), *((i, j, side) for i, j in ((1, 0), (2, 0), (3, 1), (3, 2)))]
+    return scene(about, points, rods, [pivot, (1.0, 0.0)])
 
 
 def meet(p, r, q, s):
@@ -95,6 +122,14 @@ MADE = {
     "braced": scene("A square with both diagonals, hung by a corner: one rod too many, so that A is always singular.",
         [(1.0, 0.0), (0.0, -1.0), (1.0, -1.0)], [(0, -1), (1, -1), (2, 0), (2, 1), (2, -1), (1, 0)]),
     "cable": cable("Ten links in an arc between two anchors, let go: a loop through the ground.", 9.0),
+    "tonne": scene("A tonne under a braced square, let go: its weight divides over one rod too many.",
+        [(1.0, 0.0), (0.0, -1.0), (1.0, -1.0), (0.5, -2.0)],
+        [(0, -1), (1, -1), (2, 0), (2, 1), (2, -1), (1, 0), (3, 1), (3, 2)], more=[{}] * 3 + [{"mass": 1000.0}]),
+    "ring": ring("30 links from a joint and back to it, turning about it: waves run round them both ways and meet.",
+        30, 1.0),
+    "peaucellier": peaucellier("Peaucellier's linkage (1864), let go: its last joint draws a straight line down to the "
+        "end of its reach. There arms and rhombus lie in line, two rods too many, and the arms change sides.",
+        3.0, 1.5, 1.0),
     "taut_cable": cable("Ten links in a straight line between two anchors: no finite tension holds them up.", 10.0),
     "jansen_leg": jansen_leg("A leg of Theo Jansen's Strandbeest with his 'holy numbers' (strandbeest.com), 1 kg at "
         "each joint, let go with the crank up: five loops, one degree of freedom."),

@@ -3,14 +3,16 @@
 An engine is imported where it is used, so that this module needs none. Models are built before the clock starts.
 """
 
+import math
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
 import constraints as c
+from curriculum.ch3_4_constraints.studies._runs import make_system
+
+import numpy as np
 
 OFF = "contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp nativeccd autoreset"
 POINT = 1e-14  # kg m^2 about the particle: MuJoCo wants some inertia; as a share of m L^2 this moves no digit we show
@@ -32,14 +34,14 @@ def inertial(m, x, inertia):
     return f'<inertial pos="{x!r} 0 0" mass="{m!r}" diaginertia="{inertia} {inertia} {inertia}"/>'
 
 
-def hinges(system, dt):
-    """MuJoCo's model of a planar chain in joint angles: rods cannot stretch, RK4, no constraint anywhere."""
+def hinges(system, dt, integrator="RK4"):
+    """MuJoCo's model of a planar chain in joint angles: rods cannot stretch, no constraint anywhere."""
     body, beyond = "", list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True))
     for k, (m, length) in reversed(list(enumerate(beyond))):
         at = beyond[k - 1][1] if k else 0.0
         mass = inertial(m, length, POINT)
         body = f'<body pos="{at!r} 0 0"><joint type="hinge" axis="0 0 1"/>{mass}{body}</body>'
-    return mjcf(body, off="constraint", timestep=dt, integrator="RK4")
+    return mjcf(body, off="constraint", timestep=dt, integrator=integrator)
 
 
 def tendons(system, dt, soft=(0.02, 0.95), axes=3, off="", **option):
@@ -62,7 +64,7 @@ def random_chain(rng, rods):
     unit, lengths = rng.normal(size=(rods, 3)), rng.uniform(0.5, 2.0, rods)
     d = unit / np.linalg.norm(unit, axis=1, keepdims=True) * (lengths * (1.0 + 0.03 * rng.normal(size=rods)))[:, None]
     pairs = [(k, k - 1) for k in range(rods)]
-    return c.make_system(d.cumsum(0), rng.normal(size=(rods, 3)), rng.uniform(0.3, 3.0, rods), pairs, lengths)
+    return make_system(d.cumsum(0), rng.normal(size=(rods, 3)), rng.uniform(0.3, 3.0, rods), pairs, lengths)
 
 
 def named(system, dt, shapes):
@@ -91,24 +93,53 @@ class Task(NamedTuple):
 
 
 def clocked(task, advance, positions):
-    """(seconds, seconds with everything, positions (samples, N, 2)) of an engine that advances a sample at a time."""
+    """(seconds, positions (samples, N, 2)) of an engine that advances a sample at a time."""
     q, seconds = [], 0.0
     for _ in range(task.samples):
         clock = time.perf_counter()
         advance()
         seconds += time.perf_counter() - clock
         q.append(positions())
-    return seconds, seconds, np.array(q)
+    return seconds, np.array(q)
+
+
+def start_hinges(system, dt, integrator="RK4"):
+    """MuJoCo's model in joint angles, and its data at the start."""
+    import mujoco
+
+    model, d = hinges(system, dt, integrator), np.diff(system["q0"], axis=0, prepend=0.0)
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.diff(np.arctan2(d[:, 1], d[:, 0]), prepend=0.0)
+    return model, data
+
+
+def pace_hinges(system, dt, integrator, steps):
+    """Microseconds a step of MuJoCo in joint angles, all steps in one C call."""
+    import mujoco
+
+    model, data = start_hinges(system, dt, integrator)
+    clock = time.perf_counter()
+    mujoco.mj_step(model, data, steps)
+    return 1e6 * (time.perf_counter() - clock) / steps
+
+
+def pace_tendons(system, dt, axes, steps):
+    """Microseconds a step of MuJoCo's rods, and their worst error in m at the end."""
+    import mujoco
+
+    model = tendons(system, dt, axes=axes, jacobian="sparse" if len(system["q0"]) > 30 else "dense")
+    data = mujoco.MjData(model)
+    data.qpos[:] = system["q0"][:, :axes].ravel()
+    clock = time.perf_counter()
+    mujoco.mj_step(model, data, steps)
+    return 1e6 * (time.perf_counter() - clock) / steps, float(np.abs(data.efc_pos).max())
 
 
 def run_hinges(task, per):
     """MuJoCo in joint angles, `per` steps a sample in one C call."""
     import mujoco
 
-    model = hinges(task.system, task.every / per)
-    data, lengths = mujoco.MjData(model), task.system["lengths"][:, None]
-    d = c.rod_vectors(task.system, task.system["q0"])
-    data.qpos[:] = np.diff(np.arctan2(d[:, 1], d[:, 0]), prepend=0.0)
+    (model, data), lengths = start_hinges(task.system, task.every / per), task.system["lengths"][:, None]
 
     def positions():
         angle = np.cumsum(data.qpos)
@@ -136,11 +167,11 @@ def run_exudyn(task, per, tol):
     system, sensors, settings = exudyn.SystemContainer().AddSystem(), [], exudyn.SimulationSettings()
     ground = system.AddObject(item.ObjectGround())
     tied = system.AddMarker(item.MarkerBodyPosition(bodyNumber=ground, localPosition=[0.0, 0.0, 0.0]))
-    for x, m, w, length in zip(*(task.system[key] for key in ("q0", "m", "weight", "lengths")), strict=True):
+    for x, m, length in zip(*(task.system[key] for key in ("q0", "m", "lengths")), strict=True):
         node = system.AddNode(item.NodePoint2D(referenceCoordinates=x[:2].tolist()))
         system.AddObject(item.MassPoint2D(mass=float(m[0]), nodeNumber=node))
         before, tied = tied, system.AddMarker(item.MarkerNodePosition(nodeNumber=node))
-        system.AddLoad(item.LoadForceVector(markerNumber=tied, loadVector=w.tolist()))
+        system.AddLoad(item.LoadForceVector(markerNumber=tied, loadVector=(m * c.GRAVITY).tolist()))
         system.AddObject(item.DistanceConstraint(markerNumbers=[before, tied], distance=float(length)))
         kind = exudyn.OutputVariableType.Position
         sensors.append(system.AddSensor(item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kind)))
@@ -154,21 +185,41 @@ def run_exudyn(task, per, tol):
     clock = time.perf_counter()
     system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
     seconds = time.perf_counter() - clock
-    return seconds, seconds, np.stack([system.GetSensorStoredData(s)[1:, 1:3] for s in sensors], axis=1)
+    return seconds, np.stack([system.GetSensorStoredData(s)[1:, 1:3] for s in sensors], axis=1)
 
 
-def run_scipy(task, tol):
-    """scipy's DOP853 on our force: order 8, steps of its own choice."""
-    from scipy.integrate import solve_ivp
+def run_pymunk(task, per):
+    """Chipmunk's point masses and pin joints as pymunk ships them, a call from Python a step."""
+    import pymunk
 
-    m, q0, force = task.system["m"], task.system["q0"], c.make_force(task.system, 0.0)
+    space, dt, tied, bodies = pymunk.Space(), task.every / per, None, []
+    space.gravity = tuple(c.GRAVITY[:2].tolist())
+    for x, m in zip(task.system["q0"].tolist(), task.system["m"][:, 0].tolist(), strict=True):
+        bodies.append(pymunk.Body(m, math.inf))
+        bodies[-1].position = x[:2]
+        space.add(bodies[-1], pymunk.PinJoint(tied or space.static_body, bodies[-1]))
+        tied = bodies[-1]
 
-    def rate(_, y):
-        q, v = y.reshape(2, *q0.shape)
-        return np.concatenate([v, force(q, v) / m], axis=None)
+    def advance():
+        for _ in range(per):
+            space.step(dt)
 
-    times, start = np.arange(1, task.samples + 1) * task.every, np.concatenate([q0, 0.0 * q0], axis=None)
-    clock = time.perf_counter()
-    y = solve_ivp(rate, (0.0, times[-1]), start, "DOP853", times, rtol=tol, atol=tol).y
-    seconds = time.perf_counter() - clock
-    return seconds, seconds, y[: q0.size].T.reshape(-1, *q0.shape)[..., :2]
+    return clocked(task, advance, lambda: [tuple(body.position) for body in bodies])
+
+
+def dop853():
+    """A rule (q, v, m, force, dt) -> (q, v): the twelve stages of DOP853, scipy's coefficients, order 8, explicit."""
+    from scipy.integrate import DOP853
+
+    def step(q, v, m, force, dt):
+        start, rates = np.stack([q, v]), []
+
+        def toward(weights):
+            return start + dt * sum(w * rate for w, rate in zip(weights.tolist(), rates, strict=False) if w)
+
+        for weights in DOP853.A:
+            x = toward(weights)
+            rates.append(np.stack([x[1], force(*x) / m]))
+        return tuple(toward(DOP853.B))
+
+    return step

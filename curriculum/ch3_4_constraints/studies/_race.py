@@ -1,96 +1,118 @@
-"""Who reaches an error soonest: a ladder of settings each, its cheapest rungs timed in turns. For the study real_thing.
+"""Who reaches an error soonest: ladders of settings, the cheapest rungs of which are timed in turns. For real_thing.
 
-A job returns (seconds of the work, seconds with all around it, positions); a setting is its text.
+A job returns (seconds of its steps, positions); a setting is its text.
 """
 
 import time
 from functools import partial
-from itertools import product
+from itertools import pairwise
+
+from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.common.tables import in_turns, spread
 
 import numpy as np
 
-import constraints as c
-from curriculum.ch3_4_constraints.studies.benchmark import show, spread
-from curriculum.common.gauss import make_gauss
+
+def extrapolated_midpoint(order):
+    """An explicit rule (q, v, m, force, dt) -> (q, v) of any even `order`, with (order / 2)^2 + 1 forces a step.
+
+    The midpoint rule goes the way in 2, 4, ... `order` parts. Its error is a series in the square of a part (W. Gragg,
+    SIAM J. Numer. Anal. 2 (1965) 384); each round of Aitken's and Neville's scheme takes away a term of it.
+    """
+    parts = range(2, order + 1, 2)
+
+    def step(q, v, m, force, dt):
+        def rate(x):
+            return np.stack([x[1], force(*x) / m])
+
+        start, row = np.stack([q, v]), []
+        first = rate(start)
+        for n in parts:
+            before, x = start, start + (dt / n) * first
+            for _ in range(n - 1):
+                before, x = x, before + (2.0 * dt / n) * rate(x)
+            row.append(x)
+        for k in range(1, len(parts)):
+            row = [
+                b + (b - a) / ((n + 2 * k) ** 2 / n**2 - 1.0) for n, (a, b) in zip(parts, pairwise(row), strict=False)
+            ]
+        return tuple(row[0])
+
+    return step
 
 
-def run_ours(task, per, mode, rule, *settings):
-    """Our simulate, `per` steps a sample: the clock of its loop, and with making the rule and measuring every state."""
-    dt, clock, steps = task.every / per, time.perf_counter(), per * task.samples
-    rule = make_gauss(*settings) if settings else rule
-    run = c.simulate(task.system, rule, c.hold_table(dt)[mode], dt, steps, range(per, steps + 1, per))
-    q = np.full(1, np.nan) if run["stopped"] else run["kept"]["q"][..., :2]
-    return run["seconds_per_step"] * run["steps"], time.perf_counter() - clock, q
+def run_ours(task, per, mode, rule):
+    """Our run, `per` steps a sample. Its seconds are those of the steps, without tracing, compiling and measuring."""
+    steps = per * task.samples
+    found = run(task.system, rule, mode, task.every / per, steps, range(per, steps + 1, per))
+    return found.seconds, np.full(1, np.nan) if found.stopped else found.q[..., :2]
 
 
-def gauss_ladder(task, *choices):
-    """{setting: job} of gauss with all combinations of modes, steps a sample, stages, windows and tolerances."""
-    ladder, text = {}, "{}, dt {:.4g}, {} stages, window {}, tol {:g}"
-    for mode, per, *rule in product(*choices):
-        ladder[text.format(mode, task.every / per, *rule)] = partial(run_ours, task, per, mode, "gauss", *rule)
-    return ladder
-
-
-def steps_ladder(task, text, run, low, high, *settings):
-    """{setting: job}: `run` with ever more steps a sample, each rung about a tenth more than the one before."""
+def steps_ladder(task, text, job, low, high, *settings):
+    """{setting: job}: `job` with ever more steps a sample, each rung about a tenth more than the one before."""
     pers = np.unique(np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)).tolist()
-    return {f"{text}dt {task.every / per:.4g}": partial(run, task, per, *settings) for per in pers}
+    return {f"{text}dt {task.every / per:.4g}": partial(job, task, per, *settings) for per in pers}
 
 
-def climb(task, ladder, cap, least):
-    """[(seconds, error, setting)] in the order of the ladder, up to a run over `cap` s or an error under `least`."""
+def climb(task, ladder, cap):
+    """[(seconds, setting, error)] in the order of the ladder, up to the first run that takes over `cap` s."""
     found = []
     for setting, job in ladder.items():
-        seconds, _, q = job()
-        found.append((seconds, float(np.nan_to_num(task.error(q), nan=np.inf)), setting))
-        if seconds > cap or found[-1][1] < least:
+        seconds, q = job()
+        found.append((seconds, setting, float(np.nan_to_num(task.error(q), nan=np.inf))))
+        if seconds > cap:
             break
     return found
 
 
-def in_turns(jobs, repeats):
-    """{name: (repeats, 2)}: what jobs called A B A B return first: seconds of the work, and with all around it."""
-    seconds = {name: [] for name in jobs}
-    for _ in range(repeats):
-        for name, job in jobs.items():
-            seconds[name].append(job()[:2])
-    return {name: np.array(s) for name, s in seconds.items()}
-
-
 def cheapest(found, ladder, target):
-    """(setting, error) of what reaches the target soonest; () if nothing does. The few best are timed once more."""
-    reach = sorted(rung for rung in found if rung[1] <= target)[:4]
-    error = {setting: e for seconds, e, setting in reach if seconds < 1.5 * reach[0][0]}
-    again = in_turns({setting: ladder[setting] for setting in error}, 3 if len(error) > 1 else 1)
-    return min(error.items(), key=lambda rung: np.median(again[rung[0]][:, 0]), default=())
+    """(setting, error) of what reaches the target soonest; None if nothing does.
 
-
-def race(title, task, ladders, targets, cap, repeats, limits):
-    """The cheapest setting of each of `ladders` {who: {setting: job}}, ours first, for each of `targets`, side by side.
-
-    `limits`: (target, rivals, limit) of the time of ours over that of the quickest of these rivals.
+    Timed once more are the best three, and the first on the ladder: it has the fewest steps, whatever a busy machine says.
     """
-    rows, bars, chosen, climbs, ours = [], [], {}, {}, next(iter(ladders))
+    reach = [rung for rung in found if rung[2] <= target]
+    error = {setting: e for _, setting, e in [*reach[:1], *sorted(reach)[:3]]}
+    again = in_turns({setting: ladder[setting] for setting in error}, 3)
+    return min(error.items(), key=lambda rung: np.median([seconds for seconds, _ in again[rung[0]]]), default=None)
+
+
+def around(job):
+    """Seconds of the steps, and with all around them: building a model, or tracing, compiling, measuring states."""
+    clock = time.perf_counter()
+    seconds, _ = job()
+    return seconds, time.perf_counter() - clock
+
+
+def race(title, task, ladders, targets, cap, repeats):
+    """The cheapest setting of each of `ladders` {who: {setting: job}} for each of `targets`, side by side.
+
+    `targets`: {name: (error, limit)}. The quickest of those whose names begin with "ours" is held against the quickest
+    of the others: the time of its steps is at most `limit` times theirs.
+    """
+    chosen, rows, bars = {}, [], []
     for who, ladder in ladders.items():
-        climbs[who] = climb(task, ladder, cap, 0.0 if who == ours else min(targets.values()))
-        for name, target in targets.items():
-            if found := cheapest(climbs[who], ladder, target):
-                chosen[name, who] = found
-    clocks = in_turns({(name, who): ladders[who][s] for (name, who), (s, _) in chosen.items()}, repeats)
-    alike = {key: clocks[key[0], ours][:, 0] / s[:, 0] for key, s in clocks.items() if (key[0], ours) in clocks}
-    ratio = {key: float(np.median(samples)) for key, samples in alike.items()}
-    for name, who in sorted(chosen, key=lambda key: list(targets).index(key[0])):
-        setting, error = chosen[name, who]
-        row = {"target": name, "who": who, "error": error, **spread(1e3 * clocks[name, who][:, 0], "ms")}
-        row["with all around it"] = 1e3 * float(np.median(clocks[name, who][:, 1]))
-        rows.append(row | {"ours/this": ratio.get((name, who), "-"), "setting": setting})
-    for name, rivals, limit in limits:
-        present = {who: ratio[name, who] for who in rivals if (name, who) in ratio}
-        if present:
-            who = max(present, key=present.get)
-            bars.append((f"{name}: time of ours as a share of {who}", present[who], limit))
-        else:
-            late = [who for who in (ours, *rivals) if (name, who) not in chosen]
-            print(f"{name}: in {cap:g} s a run, not reached by {', '.join(late)}")
-    rungs = {who: [[s, e if np.isfinite(e) else None, text] for s, e, text in found] for who, found in climbs.items()}
-    return show(title, rows, bars) | {"ladders, s, m, setting": rungs}
+        found = climb(task, ladder, cap)
+        chosen |= {(name, who): cheapest(found, ladder, error) for name, (error, _) in targets.items()}
+    jobs = {(name, who): partial(around, ladders[who][rung[0]]) for (name, who), rung in chosen.items() if rung}
+    clocks = in_turns(jobs, repeats)
+    for name, (_, limit) in targets.items():
+        steps, whole = (
+            {who: 1e3 * np.array(clocks[name, who])[:, k] for who in ladders if chosen[name, who]} for k in (0, 1)
+        )
+        ours, theirs, share = quickest(steps)
+        for who, ms in sorted(steps.items(), key=lambda item: np.median(item[1])):
+            row = {"target": name, "who": who, "error": chosen[name, who][1], **spread(ms, "ms")}
+            row |= {"with all around it": float(np.median(whole[who])), "ours/this": float(np.median(steps[ours] / ms))}
+            rows.append(row | {"setting": chosen[name, who][0]})
+        bars.append((f"{name}: {ours}, its time as a share of that of {theirs}", share, limit))
+        print("{}: with all around it, {}, as a share of {}: {:.3g}".format(name, *quickest(whole)))
+        if late := [who for who in ladders if who not in steps]:
+            print(f"{name}: not reached in {cap:g} s a run by {'; '.join(late)}")
+    return title, rows, bars
+
+
+def quickest(samples):
+    """The quickest of ours, the quickest of the others, and the time of the former as a share of the latter's."""
+    sides = [[who for who in samples if who.startswith("ours") == mine] for mine in (True, False)]
+    ours, theirs = (min(side, key=lambda who: np.median(samples[who])) for side in sides)
+    return ours, theirs, float(np.median(samples[ours] / samples[theirs]))

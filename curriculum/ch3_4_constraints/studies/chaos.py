@@ -1,74 +1,122 @@
-"""What can a thousand seeds say that one cannot?  A table a question, and a recording of the fan of their tips.
+"""What can a thousand seeds say that one cannot?  Three tables, and a recording of the fan of their pendulums.
 
-(a) How fast do many seeds go in step, measured and all?  (b) In how many does the drift ordering hold?  (c) How fast do
-neighbours part: the largest Lyapunov exponent?  (d) Does drift change that?  (e) Is the ensemble what its members are
-alone, and the same twice?
+(a) How fast do many seeds go in step?  (b) In how many does the drift ordering hold, and what does drift make of the
+crowd?  (c) How fast do neighbours part: the largest Lyapunov exponent?
+Seeds are members along a leading axis: q0, v0 (R, N, 3). Each computes what it computes alone, to the last bit.
 """
 
 import math
 import sys
 import time
-from argparse import BooleanOptionalAction
-from pathlib import Path
+from argparse import RawDescriptionHelpFormatter
+from collections import namedtuple
+from functools import partial
+from types import SimpleNamespace
+
+import constraints as c
+from curriculum.ch3_4_constraints.studies._runs import energy_scale, run
+from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.device import processor, progress
+from curriculum.common.files import METRICS, RECORDING, results_folder, write_json, write_whole
+from curriculum.common.motion import Motion, Unrolled, followed
+from curriculum.common.recording import record
+from curriculum.common.ruler import Truth
+from curriculum.common.tables import in_turns, show, spread
 
 import numpy as np
 
-import constraints as c
-from curriculum.ch3_4_constraints.studies.benchmark import show
-from curriculum.common.cli import Parser, number, run_script, writable
-from curriculum.common.device import processor
-from curriculum.common.files import make_ready, write_json
+RUNS = ("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none")  # the last is the yardstick
+# Members that go in step. Few: numpy's calls cost more than their arithmetic. Many: their states leave the cache.
+# A batch leaves 48 bytes a member and run, and nothing else: 52 MB at most with a thousand seeds, 80 with a hundred
+# thousand (resident, by /usr/bin/time -v).
+BATCH = 4000
+SIZES, WORK, REPEATS = (250, 1000, 4000), 4_000_000, 5  # of timings: members, and steps of all of them together
+SHOWN, FRAME_RATE = 30, 30.0  # members in the recording, frames a simulated second
+PAIRS, SKIP, SPAN, RENEW, CLOSE, FINE = 500, 20.0, 200.0, 0.5, 1e-7, 0.0025  # see `growth`; m, s; FINE: rk4's step
+PUBLISHED = """published: nothing found for equal masses and lengths. Nearest, at an energy not told: 2.4638 /s,
+0.249 sqrt(g/l1), rods 0.1, 0.08 m, masses 0.2, 0.1 kg (sites.google.com/view/lyapunov-spectrum)"""
 
-MODES, SHOWN, FRAME_RATE = ("none", "baumgarte"), 300, 30.0  # compared; seeds recorded, and frames a simulated second
-# Particles of a chunk, to be tried. Few: numpy's calls cost more than their arithmetic. Many: malloc gives temporaries
-# back and gets new pages, to be zeroed (0.4 page faults a step at 4000, 56 at 8000, 261 at 16000, where counted).
-CHUNKS = (500, 1000, 2000, 4000, 6000, 8000)
-SPEED_STEPS, REPEATS, ALONE, YOUNG = 400, 7, 5, 2.0  # ALONE members are run, for YOUNG s, before chaos decides
-PAIRS, SKIP, SPAN, RENEW, CLOSE, FINE = 500, 20.0, 200.0, 0.5, 1e-7, 0.0025  # see growth; m, s; FINE is rk4's step
-PUBLISHED = """published: none found for equal masses and lengths at this energy; nearest: 2.4638 /s, 0.249 sqrt(g/l1),
-rods 0.1, 0.08 m, masses 0.2, 0.1 kg, energy not stated: sites.google.com/view/lyapunov-spectrum/home/double_pendulum"""
+# What a run came to, an entry a member: its worst rod error in m; its worst energy error, and the energy it has gained
+# at the end, as shares of m g L; where its tip (R, 3) ended, in m. NaN for a member that flew apart.
+Ends = namedtuple("Ends", "rods energy gained tip")
 
 
 def ensemble(name, seeds):
-    """The system `name` with q0, v0 (R, N, 3), the starts that build_system itself draws for `seeds`, 0.06 ms each."""
+    """The system `name` with q0, v0 (R, N, 3), the starts that build_system itself draws for `seeds`."""
     systems = [c.build_system(name, seed) for seed in seeds]
     return systems[0] | {key: np.stack([system[key] for system in systems]) for key in ("q0", "v0")}
 
 
-def part(system, members):
-    """The ensemble of these members (a slice, or their numbers) only."""
-    return system | {key: system[key][members] for key in ("q0", "v0")}
+def follow(system, rule, mode, dt, steps):
+    """The Ends of a run that is measured at every step, as `simulate` does, and the seconds of its steps alone."""
+    hold, scale, rods, energy = c.hold_table(dt)[mode], energy_scale(system), 0.0, 0.0
+    step, force = followed(c.INTEGRATORS[rule], hold.after, system), c.make_force(system, hold)
+    motion = Motion(step, system["m"], force, dt, system["q0"], system["v0"])
+    measure = motion.fast(lambda q, v: (c.rod_errors(system, q), c.energy(system, q, v)))
+    start = c.energy(system, system["q0"], system["v0"])
+    for q, v in motion.blocks(steps):
+        errors, energies = measure(q, v)
+        rods = np.maximum(rods, np.abs(errors).max(axis=(0, -1)))
+        energy = np.maximum(energy, np.abs(energies - start).max(axis=0))
+        motion.done += len(q)
+    sane = np.where(rods < 100.0 * np.sum(system["lengths"]), 0.0, math.nan)
+    if motion.stopped or np.isnan(sane).all():
+        sys.exit(f"chaos: {rule} {mode} {motion.stopped or 'flew apart'}; try a smaller --dt")
+    ends = rods, energy / scale, (energies[-1] - start) / scale, q[-1, ..., -1, :]
+    return Ends(*((x.T + sane).T for x in ends)), motion.seconds
 
 
-def simulate(system, mode, dt, steps, integrator="semi_implicit", keep=()):
-    """constraints.simulate, but a run that ends early ends the program: one member that fails stops all."""
-    run = c.simulate(system, integrator, c.hold_table(dt)[mode], dt, steps, keep)
-    return run if not run["stopped"] else sys.exit(f"chaos: {mode} {run['stopped']}; try a smaller --dt")
+def pace(system, mode, dt, steps):
+    """Million steps a second, of all members together: everything measured, and the steps alone."""
+    clock = time.perf_counter()
+    _, alone = follow(system, "semi_implicit", mode, dt, steps)
+    return [1e-6 * steps * len(system["q0"]) / seconds for seconds in (time.perf_counter() - clock, alone)]
 
 
-def speed(system, dt, repeats):
-    """A row a chunk and mode: million steps a second with quartiles, runs taken in turns, and the rod error."""
-    spent, rows = {(mode, max(1, size // system["q0"].shape[1])): [] for mode in MODES for size in CHUNKS}, []
-    for (mode, members), samples in [*spent.items()] * (repeats + 1):
-        crowd, clock = part(system, np.arange(members) % len(system["q0"])), time.perf_counter()
-        run = simulate(crowd, mode, dt, SPEED_STEPS)
-        paces = SPEED_STEPS / (time.perf_counter() - clock), 1.0 / run["seconds_per_step"]
-        samples.append([1e-6 * members * pace for pace in paces] + [run["max_violation"].max()])
-    for (mode, members), samples in spent.items():  # the first of each was the warming up
-        (middle, alone, error), (low, *_), (high, *_) = np.percentile(samples[1:], [50, 25, 75], axis=0).tolist()
-        row = {"mode": mode, "seeds in step": members, "all measured": middle, "q1": low, "q3": high}
-        rows.append(row | {"integration alone": alone, "rod error m": error})
-    return rows
+def speed(name, dt, repeats):
+    """(a) A row a size of ensemble and mode, timed in turns; for the double pendulum, what a thousand must reach."""
+    rows, bars, jobs = [], [], {}
+    for size in SIZES:
+        system, steps = ensemble(name, range(size)), WORK // max(size, 1000)
+        jobs |= {(size, mode): partial(pace, system, mode, dt, steps) for mode in ("none", "baumgarte")}
+    for (size, mode), found in in_turns(jobs, repeats).items():
+        measured, alone = np.transpose(found)
+        row = {"seeds in step": size, "mode": mode, **spread(measured, "all measured"), **spread(alone, "alone")}
+        rows.append(row)
+        if (name, size) == ("double", 1000):
+            bars.append((f"a thousand, {mode}, all measured: us a step", 1.0 / row["all measured"], 1.0 / 15.0))
+            bars.append((f"a thousand, {mode}, the steps alone: us a step", 1.0 / row["alone"], 1.0 / 25.0))
+    return "(a) million steps a second, semi_implicit", rows, bars
 
 
-def ordering(system, dt, steps, chunk):
-    """How often none drifts more than baumgarte, and over 3 times as much; `chunk` members at a time go in step."""
-    parts = [part(system, slice(k, k + chunk)) for k in range(0, len(system["q0"]), chunk)]
-    worst = {m: np.concatenate([simulate(some, m, dt, steps)["max_violation"] for some in parts]) for m in MODES}
-    ratio = worst["none"] / np.maximum(worst["baumgarte"], 1e-300)
+def crowds(name, seeds, dt, steps):
+    """{(rule, mode): Ends} of all `seeds`, a range, BATCH members at a time."""
+    found, tick = {key: [] for key in RUNS}, progress(f"{len(seeds)} seeds", len(seeds))
+    for k in range(0, len(seeds), BATCH):
+        system = ensemble(name, seeds[k : k + BATCH])
+        for key, parts in found.items():
+            parts.append(follow(system, *key, dt, steps)[0])
+        tick(k + len(system["q0"]))
+    return {key: Ends(*map(np.concatenate, zip(*parts, strict=True))) for key, parts in found.items()}
+
+
+def ordering(found):
+    """A row: in how many seeds none drifts more than baumgarte, and over 3 times as much, and by how much."""
+    ratio = found["semi_implicit", "none"].rods / found["semi_implicit", "baumgarte"].rods
     row = {"seeds": len(ratio), "none > baumgarte": int((ratio > 1.0).sum()), "over 3x": int((ratio > 3.0).sum())}
-    row |= dict(zip(("ratio 5 %", "50 %", "95 %"), np.percentile(ratio, [5, 50, 95]).tolist(), strict=True))
-    return row | {f"{mode} m, median": float(np.median(errors)) for mode, errors in worst.items()}
+    quantiles = np.nanpercentile(ratio, [0, 5, 50, 95, 100]).tolist()
+    return row | dict(zip(("least ratio", "5 %", "50 %", "95 %", "largest"), quantiles, strict=True))
+
+
+def fates(found):
+    """A row a run: what became of rods and energy, and how far the tips have spread at the end."""
+    rows = []
+    for (rule, mode), ends in found.items():
+        row = {"run": f"{rule} {mode}", "lost": int(np.isnan(ends.rods).sum())}
+        row |= {"rods m": float(np.nanmedian(ends.rods)), "worst": float(np.nanmax(ends.rods))}
+        row |= {"energy off, worst": float(np.nanmax(ends.energy)), "gained": float(np.nanmedian(ends.gained))}
+        rows.append(row | {"tips spread m": float(np.sqrt(np.nanvar(ends.tip, axis=0).sum()))})
+    return rows
 
 
 def growth(system, skip, span, dt):
@@ -78,122 +126,102 @@ def growth(system, skip, span, dt):
     to the distance CLOSE in (q, T v), T^2 = sum L / g, where it has gone to, and its gain noted, after `skip` seconds.
     Both start a turn on the rods, by `project` (dt = inf: v is not told of the move), and stay in the x-y plane.
     """
+    force, still = c.make_force(system, 0.0), [np.tile([False, False, True], (len(system["m"]), 1))] * 2
+    step = Unrolled(lambda q, v: c.rk4_step(q, v, system["m"], force, dt), *still)
+    back = Unrolled(lambda q, v: c.project(system, q, q, v, math.inf), *still)
     q, v, unit = system["q0"], system["v0"], math.sqrt(system["lengths"].sum() / np.abs(c.GRAVITY).max())
     away, size = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0], np.ones(len(q))
-    rates, rods, start = [], 0.0, c.energy(system, q, v)
-    for _ in range(round((skip + span) / RENEW)):
+    rates, rods, start, turns = [], 0.0, c.energy(system, q, v), round((skip + span) / RENEW)
+    tick = progress(f"{len(q)} pairs", turns)
+    for turn in range(turns):
         near = away * (CLOSE / size)[:, None, None]
-        q, v = np.stack([q, q + near[0]]), np.stack([v, v + near[1] / unit])
-        q, v = c.project(system, q, q, v, math.inf)
-        run = simulate(system | {"q0": q, "v0": v}, "none", dt, round(RENEW / dt), "rk4")
-        away = np.stack([run["q"][1] - run["q"][0], unit * (run["v"][1] - run["v"][0])])
-        q, v, rods = run["q"][0], run["v"][0], max(rods, float(run["max_violation"].max()))
+        q, v = back(np.stack([q, q + near[0]]), np.stack([v, v + near[1] / unit]))
+        for _ in range(round(RENEW / dt)):
+            q, v = step(q, v)
+        rods = max(rods, float(c.constraint_violation(system, q).max()))
+        away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
         size = np.sqrt(np.sum(c.dot(away, away), axis=(0, -1)))
         rates.append(np.log(size / CLOSE) / RENEW)
-    lost = np.abs(c.energy(system, q, v) - start).max() / c.energy_scale(system)
+        tick(turn + 1)
+    lost = np.abs(c.energy(system, q, v) - start).max() / energy_scale(system)
     return np.array(rates[round(skip / RENEW) :]).T, rods, float(lost)
 
 
-def parting(name, system, quick):
-    """A row a case, with standard errors: `system` at two steps, then two whose exponent is known, to trust it by."""
+def parting(name, seeds, quick):
+    """A row a case, with standard errors: the system at two steps, then two whose exponent is known, to trust it by."""
     pairs, skip, span, steps = (20, 5.0, 10.0, [2 * FINE]) if quick else (PAIRS, SKIP, SPAN, [FINE, 2 * FINE])
     upright, few = np.tile([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]], (20, 1, 1)), range(20)
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * 9.81)  # of angles'' = g/L [[2, -1], [-2, 2]] angles, equal rods and masses
-    shear = f"ln(t)/t -> 0: {math.log((skip + span) / skip) / span:.3f}"  # periods differ, so neighbours part as t
-    cases, rows = [(name, part(system, slice(pairs)), "?", skip, span, dt) for dt in steps], []
+    top = math.sqrt((2.0 + math.sqrt(2.0)) * np.abs(c.GRAVITY).max())  # angles'' = g/L [[2, -1], [-2, 2]] angles
+    shear = math.log((skip + span) / skip) / span  # periods differ, so neighbours part as t: ln(t)/t, on its way to 0
+    cases, rows = [(name, ensemble(name, seeds[:pairs]), "?", skip, span, dt) for dt in steps], []
     cases.append(("upright double", ensemble("double", few) | {"q0": upright}, top, 5.0, 5.0, steps[0]))
     cases.append(("pendulum", ensemble("pendulum", few), shear, skip, span, steps[0]))
     for what, crowd, known, *settings in cases:
         rates, rods, lost = growth(crowd, *settings)
         members, blocks = rates.mean(axis=1), [some.mean() for some in np.array_split(rates, 10, axis=1)]  # of time
         errors = [float(np.std(x, ddof=1) / math.sqrt(len(x))) for x in (members, blocks)]
-        row = {"pairs of": what, "pairs": len(members), "dt": settings[-1], "exponent 1/s": float(members.mean())}
+        row = {"pairs of": what, "pairs": len(members), "dt": settings[-1], "1/s": float(members.mean())}
         row |= {"+- members": errors[0], "+- blocks": errors[1], "known": known, "least": float(members.min())}
-        rows.append(row | {"rod error m": rods, "energy error": lost})
-    return rows
-
-
-def crowds(system, dt, steps, chunk):
-    """A row a run: how far the tips have spread at the end, and what became of the energy; rk4 is the yardstick."""
-    rows = []
-    for rule, mode in (*(("semi_implicit", mode) for mode in MODES), ("rk4", "none")):
-        tips, energies = [], []
-        for k in range(0, len(system["q0"]), chunk):
-            crowd = part(system, slice(k, k + chunk))
-            run = simulate(crowd, mode, dt, steps, rule)
-            tips.append(run["q"][:, -1])
-            energies.append(c.energy(crowd, run["q"], run["v"]) - c.energy(crowd, crowd["q0"], crowd["v0"]))
-        spread = float(np.sqrt(np.concatenate(tips).var(axis=0).sum()))
-        gain = float(np.median(np.concatenate(energies)) / c.energy_scale(system))
-        rows.append({"run": f"{rule} {mode}", "spread of the tips m": spread, "energy gained, of m g L": gain})
-    return rows
-
-
-def consistency(system, dt):
-    """A row a mode: how far apart members alone and in the ensemble end after YOUNG s, and whether bytes repeat."""
-    rows, picks = [], np.linspace(0, len(system["q0"]) - 1, ALONE).astype(int)
-    for settings in ((mode, dt, max(1, round(YOUNG / dt))) for mode in MODES):
-        once, again = simulate(system, *settings), simulate(system, *settings)
-        gap = max(c.distance(once["q"][k], simulate(part(system, k), *settings)["q"]) for k in picks)
-        same = all(once[key].tobytes() == again[key].tobytes() for key in ("q", "v", "max_violation", "energy_rel_max"))
-        rows.append({"mode": settings[0], "alone": ALONE, "farthest apart m": gap, "same bytes twice": same})
+        rows.append(row | {"rods m": rods, "energy": lost})
     return rows
 
 
 def fan(path, system, dt, steps):
-    """Write to `path` tips of SHOWN seeds, a cloud a mode and one by rk4, seed 0 with its rods, and their spread."""
-    from curriculum.common.recording import record  # here: a run without a recording never pays for importing rerun
-
-    movers, frames = {}, range(0, steps + 1, max(1, round(1.0 / (FRAME_RATE * dt))))
-    for k, (rule, mode) in enumerate((*(("semi_implicit", mode) for mode in MODES), ("rk4", "none"))):
-        step, q, *_ = simulate(part(system, slice(SHOWN)), mode, dt, steps, rule, frames)["kept"].values()
-        rods = np.stack([q[:, 0] - c.rod_vectors(system, q[:, 0]), q[:, 0]], axis=-2)
-        spread = np.log10(np.maximum(np.sqrt(q[:, :, -1].var(axis=1).sum(axis=-1)), 1e-16))
-        movers[f"{rule}_{mode}"] = k, step * dt, q[:, ::-1, -1], rods, {"spread of the tips: log10 of metres": spread}
-    record(path, "chaos", movers, system["anchors"])
+    """Write to `path` a recording of all members (R, N, 3): a view's linkage has R parts, and their mean energy."""
+    keep, (members, n) = range(0, steps + 1, max(1, round(1.0 / (FRAME_RATE * dt)))), system["q0"].shape[:2]
+    pairs = [(i + k * n, j + k * n if j >= 0 else j) for k in range(members) for i, j in system["pairs"]]
+    linkage, scale = {"pairs": pairs, "lengths": np.tile(system["lengths"], members)}, energy_scale(system)
+    runs, rows, pulls = {}, {}, {}
+    for rule, mode in RUNS:
+        found, key = run(system, rule, mode, dt, steps, keep), f"{rule}_{mode}"
+        pulls[key] = c.tensions(system, found.q, found.v, c.hold_table(dt)[mode]).reshape(len(found.q), -1)
+        worst, mean, q = found.violations.max(axis=1), found.energies.mean(axis=1), found.q.reshape(len(found.q), -1, 3)
+        runs[key] = found._replace(tip=found.tip[:, 0], violations=worst, energies=mean, q=q)
+        rows[key] = runs[key].summary(scale, Truth(0))
+    what = SimpleNamespace(system=f"{members} seeds", integrator=" and ".join(sorted({rule for rule, _ in RUNS})))
+    record(path, what, {"dt": dt, "error_at": 0.0}, linkage, runs, rows, scale, pulls)
 
 
 def parse(argv):
     """The command line."""
-    parser, positive = Parser(prog="chaos", description=__doc__.splitlines()[0]), number(float, 0, False)
+    parser = Parser(prog="chaos", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("--system", choices=[*c.SYSTEMS, "chain"], default="double", help="whose start the seeds draw (double)")
-    add("--seeds", type=number(int, 2, high=10**6), default=1000, help="so many, from 0 on (1000)")
-    add("--seconds", type=positive, default=20.0, help="drift is patient (20)")
-    add("--dt", type=positive, default=0.005, metavar="S", help="a smaller one drifts less (0.005)")
+    add("--seeds", type=number(int, 2, 10**7), default=1000, help="so many (1000)")
+    add("--first", type=number(int, 0), default=0, help="the first; machines that share the work start apart (0)")
+    add("--seconds", type=number(), default=20.0, help="drift is patient (20)")
+    add("--dt", type=number(), default=0.005, metavar="S", help="a smaller one drifts less (0.005)")
     add("--quick", action="store_true", help="a look in seconds: at most 100 seeds, 5 s, a rough exponent")
-    add("--json", type=writable, metavar="PATH", help="also write all tables here")
-    add("--rerun", action=BooleanOptionalAction, default=True, help="off when only the numbers count (on)")
-    add("--out", type=Path, default=Path("outputs/ch3.4-chaos"), metavar="FOLDER", help="for the recording, chaos.rrd")
+    add("--out", type=results_folder, default="outputs/ch3.4-chaos", metavar="FOLDER", help="for results, one a run")
+    add("--no-rerun", dest="rerun", action="store_false", help="no recording, numbers only")
     args = parser.parse_args(argv)
     if args.quick:
         args.seeds, args.seconds = min(args.seeds, 100), min(args.seconds, 5.0)
-    if args.rerun:
-        parser.attempt("--out", OSError, make_ready, args.out, ("chaos.rrd",))
     return args
 
 
 def main(argv=None):
-    """Ask, print, maybe write JSON and the recording. Returns 0."""
+    """Ask, print, write metrics.json and the recording. Returns 0."""
     args = parse(argv)
-    dt, steps, system = args.dt, max(1, round(args.seconds / args.dt)), ensemble(args.system, range(args.seeds))
-    host = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__, "system": args.system}
-    host |= {"seeds": args.seeds, "steps": steps, "dt": dt}
-    print(", ".join(f"{key} {value}" for key, value in host.items()), flush=True)
-    rows = speed(system, dt, 1 if args.quick else REPEATS)
-    pace, chunk = max((row["all measured"], row["seeds in step"]) for row in rows)
-    bars = [("us a step at best", 1.0 / pace, 0.2)] * (args.system == "double")  # the bar is for that one
-    tables = [show("(a) million steps a second, semi_implicit", rows, bars)]
-    tables.append(show(f"(b) worst rod error in {args.seconds:g} s", [ordering(system, dt, steps, chunk)], []))
-    tables.append(show("(c) the largest Lyapunov exponent, rk4", parting(args.system, system, args.quick), []))
+    dt, steps, seeds = args.dt, max(1, round(args.seconds / args.dt)), range(args.first, args.first + args.seeds)
+    settings = {"system": args.system, "seeds": args.seeds, "first": args.first, "steps": steps, "dt": dt}
+    host = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__}
+    for line in (host, settings):
+        print(", ".join(f"{key} {value}" for key, value in line.items()), flush=True)
+    show(*speed(args.system, dt, 1 if args.quick else REPEATS))  # of this machine, so not among the metrics
+    found = crowds(args.system, seeds, dt, steps)
+    tables = [show(f"(b) worst rod error in {args.seconds:g} s, none over baumgarte", [ordering(found)])]
+    tables.append(show(f"and after {args.seconds:g} s: medians, and worst; energies are shares of m g L", fates(found)))
+    tables.append(show("(c) the largest Lyapunov exponent, rk4", parting(args.system, seeds, args.quick)))
     print(PUBLISHED if args.system == "double" else "")
-    tables.append(show(f"(d) the tips after {args.seconds:g} s", crowds(system, dt, steps, chunk), []))
-    tables.append(show(f"(e) ensemble and members alone, {YOUNG:g} s", consistency(system, dt), []))
+    args.out.mkdir(parents=True, exist_ok=True)
+    metrics, recording = args.out / METRICS, args.out / RECORDING
+    recording.unlink(missing_ok=True)  # it must never lie beside another run's numbers
+    write_json(metrics, settings | {"answers": tables})
+    print(f"\nwrote {metrics}")
     if args.rerun:
-        fan(args.out / "chaos.rrd", system, dt, steps)
-        print(f"\nwrote {args.out / 'chaos.rrd'}\nlook: rerun {args.out / 'chaos.rrd'}")
-    if args.json:
-        write_json(args.json, host | {"answers": tables})
+        write_whole(recording, lambda path: fan(path, ensemble(args.system, seeds[:SHOWN]), dt, steps))
+        print(f"look: python -m rerun {recording}")
     return 0
 
 

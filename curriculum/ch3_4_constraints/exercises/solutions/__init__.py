@@ -1,0 +1,1 @@
+"""The exercises with their blanks filled in."""

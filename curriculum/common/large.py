@@ -1,0 +1,252 @@
+"""Scenes of many rods, by whole arrays: the chapter's formulas again, A stored as what of it is not zero.
+
+Straight-line code takes its time to be made, and more the larger the scene. 4000 steps of more than CHAIN rods in a
+row, or of more than LINKAGE otherwise, are done sooner like this. A chain's A has three diagonals, which are halved by
+cyclic reduction; that of any other linkage goes to scipy's sparse LU or, without scipy, up to DENSE rods to a dense
+solve.
+"""
+
+from functools import lru_cache
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from curriculum.common.graph import has_loop
+
+import numpy as np
+
+CHAIN, LINKAGE, DENSE = 40, 64, 1000  # rods
+SHORT = 80  # unknowns: below, walking through costs less than halving
+
+
+class Structure(NamedTuple):
+    """What the pairs of a scene say of A: entries (rows, columns) with the particle they are due to, and its sign."""
+
+    chain: bool
+    loop: bool
+    i: np.ndarray
+    j: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    particles: np.ndarray
+    signs: np.ndarray
+
+
+@lru_cache(8)
+def structure(pairs):
+    """The Structure of rods (i, j), a tuple of tuples."""
+    i, j = np.transpose(pairs)
+    at = {}
+    for k, pair in enumerate(pairs):
+        for particle, sign in zip(pair, (1.0, -1.0), strict=True):
+            if particle >= 0:
+                at.setdefault(particle, []).append((k, sign))
+    entries = [(k, o, p, s * t) for p, rods in at.items() for k, s in rods for o, t in rods]
+    rows, columns, particles, signs = (np.array(column) for column in zip(*entries, strict=True))
+    chain = all(pair == (k, k - 1) for k, pair in enumerate(pairs))
+    return Structure(chain, has_loop(pairs), i, j, rows, columns, particles, signs)
+
+
+def of(system, last=[None, None]):  # noqa: B006
+    """The Structure of a system. Whether it is still the last one's costs a comparison, which sees every edit."""
+    if system["pairs"] != last[0]:
+        pairs = [tuple(pair) for pair in system["pairs"]]
+        last[:] = pairs, structure(tuple(pairs))
+    return last[1]
+
+
+def takes(system):
+    """Whether a system is for this module."""
+    rods = len(system["pairs"])
+    return rods > LINKAGE or (rods > CHAIN and of(system).chain)
+
+
+def way(system):
+    """In words, how the forces of this scene are found; None if that takes scipy, which is not installed."""
+    if of(system).chain:
+        return "by arrays: cyclic reduction"
+    if find_spec("scipy"):
+        return "by arrays: sparse LU"
+    return "by arrays: dense LU, as scipy is not installed" if len(system["pairs"]) <= DENSE else None
+
+
+# Here x, y and z come first: rod vectors are (3, ..., C), particles (3, ..., N), so that every array is contiguous.
+
+
+def components_first(x, shape=None):
+    """(..., N, 3) -> (3, ..., N), contiguous; `shape`: what x is to be broadcast to."""
+    first = x.transpose(-1, *range(x.ndim - 1))
+    if first.flags.c_contiguous and shape is None:
+        return first
+    first = np.empty((3, *(shape or x.shape)[:-1]))
+    first.transpose(*range(1, first.ndim), 0)[...] = x
+    return first
+
+
+def rod_vectors(rods, x, anchors=None):
+    """x_i - x_j of every rod, of x (3, ..., N), which at the anchors is `anchors` (K, 3), or zero."""
+    if rods.chain:
+        d = np.empty_like(x)
+        np.subtract(x[..., 1:], x[..., :-1], out=d[..., 1:])
+        d[..., 0] = x[..., 0] - (0.0 if anchors is None else np.reshape(anchors[0], (3, *[1] * (x.ndim - 2))))
+        return d
+    fixed = np.zeros((-min(-1, rods.j.min()), 3)) if anchors is None else np.asarray(anchors)
+    fixed = fixed[::-1].T.reshape(3, *[1] * (x.ndim - 2), -1)
+    ends = np.concatenate([x, np.broadcast_to(fixed, (*x.shape[:-1], fixed.shape[-1]))], axis=-1)
+    return x[..., rods.i] - ends[..., rods.j]
+
+
+def dot(a, b):
+    """(3, ...), (3, ...) -> (...), added up in this order."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
+    """lambda (..., C), where (A + softness diag A) lambda = b, A = J M^-1 J_along^T, J made of d."""
+    if rods.chain:
+        w = 1.0 / m
+        diagonal = dot(d, along)
+        diagonal *= (1.0 + softness) * (w + np.concatenate([[0.0], w[:-1]]))
+        upper = w[:-1] * dot(d[..., :-1], along[..., 1:])  # of -A
+        lower = upper if d is along else w[:-1] * dot(d[..., 1:], along[..., :-1])
+        return halve(diagonal, upper, lower, b)
+    if d.ndim > 2:  # a sparse matrix has no leading axes
+        members = zip(*(np.moveaxis(x, axis, 0) for x, axis in ((d, 1), (along, 1), (b, 0))), strict=True)
+        return np.stack([multipliers(rods, m, *member, softness, slack, rounds) for member in members])
+    values = rods.signs / m[rods.particles] * dot(d[:, rods.rows], along[:, rods.columns])
+    return loaded(rods, values, b, softness, *((slack, rounds) if rods.loop else (0.0, 1)))
+
+
+def pull(rods, along, lam, n):
+    """J_along^T lambda (3, ..., N)."""
+    felt = lam * along
+    if rods.chain:
+        felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle back and the one before it forward
+        return felt
+    if felt.ndim > 2:
+        return np.stack([pull(rods, a, x, n) for a, x in zip(np.moveaxis(along, 1, 0), lam, strict=True)], axis=1)
+    tied = rods.j >= 0
+    return np.stack([np.bincount(rods.i, x, n) - np.bincount(rods.j[tied], x[tied], n) for x in felt])
+
+
+def loaded(rods, values, b, softness, slack, rounds):
+    """lambda (C,) for the entries `values` of A, the slack of the first round taken back by the others."""
+    own = np.bincount(rods.rows, np.where(rods.rows == rods.columns, values, 0.0), len(b))
+    spare = slack * (1.0 + softness) * own
+    if find_spec("scipy"):
+        from scipy.sparse import csc_array, diags_array
+        from scipy.sparse.linalg import splu
+
+        a = csc_array((values, (rods.rows, rods.columns)), shape=(len(b), len(b)))
+        solve = splu(csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A").solve
+    else:
+        a = np.zeros((len(b), len(b)))
+        np.add.at(a, (rods.rows, rods.columns), values)
+        solve = np.linalg.inv(a + np.diag(softness * own + spare)).dot
+    lam = 0.0 * b
+    for _ in range(rounds):
+        lam = solve(b + spare * lam)
+    return lam
+
+
+def halve(diagonal, upper, lower, b):
+    """x (..., n) with diagonal_k x_k - upper_k x_k+1 - lower_k-1 x_k-1 = b_k: eliminate every other x, and again.
+
+    Cyclic reduction (R. W. Hockney, J. ACM 12 (1965) 95): elementwise + - * / alone, the same on every processor;
+    stable where elimination without pivots is, as for J M^-1 J^T.
+    """
+    n, halvings = diagonal.shape[-1], 0
+    while n >> halvings > SHORT:
+        halvings += 1
+    if more := -(n + 1) % 2**halvings:  # unknowns tied to nothing, so that each odd one always has two even neighbours
+        one, none = np.ones((*b.shape[:-1], more)), np.zeros((*b.shape[:-1], more))
+        padded = zip((diagonal, upper, lower, b), (one, none, none, none), strict=True)
+        diagonal, upper, lower, b = (np.concatenate(x, axis=-1) for x in padded)
+    return halved(diagonal, upper, lower, b, halvings)[..., :n]
+
+
+def halved(diagonal, upper, lower, b, times):
+    """As `halve`, so many times; n + 1 is divisible by 2 to that power."""
+    if times == 0:
+        return sweep(*(x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in (diagonal, upper, lower, b)))
+    even, y, down, up = diagonal[..., ::2], b[..., ::2], upper[..., ::2], lower[..., 1::2]
+    left, right = lower[..., ::2] / even[..., :-1], upper[..., 1::2] / even[..., 1:]
+    half = diagonal[..., 1::2] - left * down
+    half -= right * up
+    known = b[..., 1::2] + left * y[..., :-1]
+    known += right * y[..., 1:]
+    odd = halved(half, right[..., :-1] * down[..., 1:], left[..., 1:] * up[..., :-1], known, times - 1)
+    x = np.empty_like(b)
+    x[..., 1::2], x[..., ::2] = odd, y
+    x[..., 2::2] += up * odd
+    x[..., :-1:2] += down * odd
+    x[..., ::2] /= even
+    return x
+
+
+def sweep(diagonal, upper, lower, b):
+    """As `halve`, of lists of numbers or of arrays (...): one sweep out and one back."""
+    for k in range(1, len(b)):
+        ratio = lower[k - 1] / diagonal[k - 1]
+        diagonal[k] = diagonal[k] - ratio * upper[k - 1]
+        b[k] = b[k] + ratio * b[k - 1]
+    x = [b[-1] / diagonal[-1]]
+    for k in range(len(b) - 2, -1, -1):
+        x.append((b[k] + upper[k] * x[-1]) / diagonal[k])
+    return np.moveaxis(np.array(x[::-1]), 0, -1)
+
+
+def rods_answer(system, hold, f, q, v):
+    """Rods, their vectors d (3, ..., C) and lambda (..., C) that answer to forces f (3, ..., N) at q, v (..., N, 3)."""
+    rods, m, lengths = of(system), system["m"][:, 0], np.asarray(system["lengths"])
+    d, rate = rod_vectors(rods, components_first(q), system.get("anchors")), rod_vectors(rods, components_first(v))
+    b = -dot(d, rod_vectors(rods, f / m)) - hold.use_jdotv * dot(rate, rate)
+    if hold.stiffness:
+        dd = dot(d, d)
+        g = dd - lengths * np.sqrt(dd) if hold.softness else 0.5 * (dd - lengths * lengths)
+        b = b - hold.damping * dot(d, rate) - hold.stiffness * g
+    return rods, d, multipliers(rods, m, d, d, b, hold.softness)
+
+
+def make_force(system, hold, external_force):
+    """force(q, v) -> N (..., N, 3), the chapter's, for a Hold."""
+
+    def force(q, v):
+        f = components_first(external_force(system, q, v), q.shape)
+        rods, d, lam = rods_answer(system, hold, f, q, v)
+        return np.moveaxis(f + pull(rods, d, lam, len(system["m"])), 0, -1)
+
+    force.dt, force.way = hold.dt, way(system)
+    return force
+
+
+def tensions(system, q, v, hold, f):
+    """-lambda |d| (..., C) in N, the chapter's; f: the other forces (..., N, 3)."""
+    _, d, lam = rods_answer(system, hold, components_first(f, q.shape), q, v)
+    return -lam * np.sqrt(dot(d, d))
+
+
+def project(system, q_start, q, v, dt):
+    """As the chapter's: back to g = 0 and J v = 0."""
+    rods, m, lengths, anchors = of(system), system["m"][:, 0], np.asarray(system["lengths"]), system.get("anchors")
+    start, free, v = (components_first(x) for x in (q_start, q, v))
+    along, x = rod_vectors(rods, start, anchors), free
+    far = np.mean(np.sum(np.abs(start), axis=0), axis=-1, keepdims=True)
+    near = 1e-12 * lengths * lengths + 1e-15 * far * lengths
+
+    def impulse(d, along, b):
+        return pull(rods, along, multipliers(rods, m, d, along, b, 0.0, 1e-9, 2), len(m)) / m
+
+    for _ in range(20):
+        d = rod_vectors(rods, x, anchors)
+        g = 0.5 * (dot(d, d) - lengths * lengths)
+        if np.all(np.sum(np.square(g / near), axis=-1) <= 1.0):
+            v = v + (x - free) / dt
+            return np.moveaxis(x, 0, -1), np.moveaxis(v - impulse(d, d, dot(d, rod_vectors(rods, v))), 0, -1)
+        x = x - impulse(d, along, g)
+    raise FloatingPointError("no way back onto the rods")
+
+
+def rod_errors(system, q):
+    """|d| - L of every rod (..., C), m."""
+    d = rod_vectors(of(system), components_first(q), system.get("anchors"))
+    return np.sqrt(dot(d, d)) - system["lengths"]
