@@ -12,14 +12,14 @@ import math
 from collections import namedtuple
 from pathlib import Path
 
-from curriculum.common import large
+from curriculum.common import large  # many rods: these formulas again, not these lines
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.device import banner
 from curriculum.common.files import publish
 from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.loops import repeat
 from curriculum.common.motion import Motion, followed, source
-from curriculum.common.recording import frames, record
+from curriculum.common.recording import frames, pulls, record
 from curriculum.common.ruler import make_gauss, settle
 from curriculum.common.scenes import direction, load_scene
 
@@ -53,7 +53,7 @@ def build_system(name, rng=0, links=10):
         return load_scene(name, HERE / CHAPTER / "scenes")
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
-    q0 = np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
+    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
     rest = {"m": np.ones((count, 1)), "pairs": pairs, "lengths": np.ones(count)}
     return {"q0": q0, "v0": np.zeros_like(q0), **rest}
@@ -68,12 +68,12 @@ def external_force(system, q, v=None):
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i. The rod is right when
 #     g = (d . d - L^2) / 2 = 0
-# Follow g in time. With d' = v_i - v_j, its first derivative and its second are
+# That is its constraint. Follow g in time. With d' = v_i - v_j, its two derivatives are
 #     gdot  = d . d'               = J v
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
-# J has a row for each rod: d in the three columns of particle i, -d in those of particle j. A rod
-# pulls or pushes along itself only, on both ends alike, so its force is J^T lambda, with one number
-# lambda a rod, in N/m. Put Newton's law, M a = f + J^T lambda, into gddot = 0:
+# v and a list all particles, 3N numbers; J has a row a rod: d in the columns of particle i, -d in
+# those of j. A rod acts along itself, oppositely on its ends: J^T lambda, one number lambda a rod,
+# in N/m, below zero if it pulls. Put M a = f + J^T lambda (M: the masses) into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
 def dot(a, b):
@@ -84,8 +84,8 @@ def dot(a, b):
 def constraint_terms(system, q, v):
     """J (..., C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (..., C) each."""
     shape = (*q.shape[:-2], len(system["pairs"]))
-    jac = np.zeros((*shape, *q.shape[-2:]), dtype=q.dtype)
-    g, gdot, jdotv = (np.zeros(shape, dtype=q.dtype) for _ in range(3))
+    jac = np.zeros((*shape, *q.shape[-2:]), np.result_type(q, 1.0))  # of floats, or of symbols
+    g, gdot, jdotv = (np.zeros(shape, jac.dtype) for _ in range(3))
     for k, (i, j) in enumerate(system["pairs"]):
         d, rate = q[..., i, :], v[..., i, :]
         if j >= 0:
@@ -101,8 +101,8 @@ def constraint_terms(system, q, v):
 
 
 def mobility(system, jac, along):
-    """A = J M^-1 J_along^T (..., C, C): how gddot of each rod answers to lambda of each rod."""
-    rows, columns = (x.reshape(*x.shape[:-1], -1, 3) for x in (jac, along))
+    """A = J M^-1 J^T (..., C, C): how each rod's gddot answers to each lambda; J^T from `along`."""
+    rows, columns = (x.reshape(*x.shape[:-1], -1, 3) for x in (jac, along))  # (..., C, N, 3)
     products = dot(rows[..., :, None, :, :], columns[..., None, :, :, :])
     return np.sum(products / system["m"][:, 0], axis=-1)
 
@@ -125,12 +125,12 @@ def solve(system, a, b, slack=1e-5, rounds=6):
     a[rods, rods] = a[rods, rods] + spare
     for k, rest in order:
         for i in rest:
-            a[i, k] = a[i, k] / a[k, k]
+            a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of lam[k]
             for j in rest:
                 a[i, j] = a[i, j] - a[i, k] * a[k, j]
     lam = 0.0 * b
     for _ in range(rounds):
-        lam = b + spare * lam
+        lam = b + spare * lam  # (a + spare) lam_next = b + spare lam: at rest where a lam = b
         for k, rest in order:
             for i in rest:
                 lam[i] = lam[i] - a[i, k] * lam[k]
@@ -142,10 +142,10 @@ def solve(system, a, b, slack=1e-5, rounds=6):
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
-# error in g, and nothing takes it back. So ask for a little more, that g behave like a spring:
+# error in g, and nothing takes it back. So ask for more, that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
-# An error then dies like e^(-wt), and the right-hand side gets one more term. All remedies of
-# engines are of this kind. They differ in four numbers, with A = J M^-1 J^T:
+# e^(st) solves that if (s + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
+# on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
 # A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt`, if they are for steps of so many seconds only;
 # and `after`, (system, q_start, q, v, dt) -> (q, v), if finished steps are mended.
@@ -154,7 +154,7 @@ Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt after")
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    spring = impedance * max(time_constant, 2.0 * dt)  # MuJoCo, too, keeps it above two steps
+    spring = impedance * max(time_constant, 2.0 * dt)  # MuJoCo's 2 steps at least
     soft = 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance
     return {
         # gddot = 0. Fails by slow rot: what has drifted stays, and every step adds to it.
@@ -162,14 +162,14 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
         # Fails when dt w passes STABILITY_LIMIT.
         "baumgarte": Hold(1.0, 2.0 * baumgarte, baumgarte**2, 0.0, None, None),
-        # J v_next = -g/dt, the next step takes g back. With v_next = v + dt a that says
-        # J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Fails under rules with another v_next.
+        # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
+        # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Fails under other rules.
         "impulse": Hold(0.0, 1.0 / dt, 1.0 / dt**2, 0.0, dt, None),
-        # A rod that gives: a critically damped spring in MuJoCo's numbers, without Jdot v and with
-        # |d| (|d| - L) for g, as there. Fails by design: a rod under load is longer.
+        # A rod that gives: lambda falls short. Alone, gddot = (1 - p) J M^-1 f - 2 gdot/T - g/T^2:
+        # p its impedance, T its time constant. As in MuJoCo, g is |d| (|d| - L), and Jdot v is left
+        # out. Fails by design: a rod under load is longer.
         "soft": Hold(0.0, *soft, dt, None),
-        # gddot = 0, and each step ends with Newton's iteration back onto the rods. Fails where
-        # steps are so long that there is no way back.
+        # gddot = 0, and steps end with Newton's way back onto the rods. Fails if it is too long.
         "project": Hold(1.0, 0.0, 0.0, 0.0, None, project),
     }
 
@@ -228,15 +228,15 @@ def make_force(system, hold):
 def project(system, q_start, q, v, dt):
     """A step from q_start that ended at q, v (..., N, 3), a little off, put back: g = 0, J v = 0.
 
-    Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: with semi-implicit Euler
-    that is SHAKE (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327); v freed of its part along
-    the rods, RATTLE (H. Andersen, ibid. 52 (1983) 24), symplectic. RK4 keeps order 4. Along J(q), v
-    not told, energy grows without end. FloatingPointError where Newton's method fails.
+    Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: SHAKE (J.-P. Ryckaert et
+    al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods, as in RATTLE (H.
+    Andersen, ibid. 52 (1983) 24). RK4 keeps order 4, semi-implicit Euler 1; this one is symplectic,
+    and blows up along J(q), or if v is not told. FloatingPointError where Newton's method fails.
     """
     if large.takes(system):
         return large.project(system, q_start, q, v, dt)
     along = constraint_terms(system, q_start, v)[0]
-    far = np.sum(np.abs(q_start), axis=(-2, -1), keepdims=True)[..., 0] / len(system["m"])
+    far = np.mean(np.sum(np.abs(q_start), axis=-1), axis=-1, keepdims=True)  # (..., 1)
     near = 1e-12 * np.square(system["lengths"]) + 1e-15 * far * system["lengths"]  # as g is rounded
 
     def newton(q):
@@ -285,10 +285,10 @@ def rk4_step(q, v, m, force, dt):
 # rounding at 0.05 s here. It is implicit: it iterates its stages by calls of the same force.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS["gauss"] = make_gauss()
-ONE_FORCE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as impulse presumes
+FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
-# Semi-implicit: trace 2 - 2z - z^2, determinant 1 - 2z. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 = 1.
+# Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (math.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
@@ -352,7 +352,7 @@ def parse(argv):
     args = parser.parse_args(argv)
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
-    if args.stabilization == "impulse" and args.integrator not in ONE_FORCE:
+    if args.stabilization == "impulse" and args.integrator not in FOR_IMPULSE:
         parser.error(f"argument --stabilization: impulse does not fit {args.integrator}")
     return args, parser.attempt("--system", build_system, args.system, args.seed, args.links)
 
@@ -362,8 +362,8 @@ def report(args, rows, runs, dt, truth):
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     at, limit = f"at {truth.step * dt:.3g} s, m", STABILITY_LIMIT.get(args.integrator, math.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    print("             rods off, m      energy  true error    tip ends at, m    a step")
-    print(f"mode        worst    at end  of m g L {at:>11}        x        y        us")
+    print("                   rods off, m    energy  true error    tip ends at, m    a step")
+    print(f"mode           worst    at end  of m g L {at:>11}        x        y        us")
     for mode, row in rows.items():
         name = mode + "*" * bool(runs[mode].note)
         rods = f"{row['max_violation']:9.2e} {row['final_violation']:9.2e}"
@@ -398,19 +398,18 @@ def main(argv=None):
         print(source(*case(modes[0], rule, args.dt)))
         return 0
     print(banner("ch3.4", "constraints", args.device, "smoke" if args.smoke else "full"))
-    if args.stabilization == "all" and args.integrator not in ONE_FORCE:
+    if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
-        print(f"impulse left out: its v_next = v + dt a is not what {args.integrator} does")
+        print(f"impulse left out: {args.integrator} does not take q to q + dt (v + dt a)")
     rule, dt, steps, truth = settle(simulate, case, modes, rule, args.dt, steps, args.tol)
     keep = [truth.step, *(frames(steps, dt, len(system["q0"])) if args.rerun else ())]
     runs = {mode: simulate(*case(mode, rule, dt), steps, keep) for mode in modes}
-    fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"])
+    fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
     report(args, rows, runs, dt, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     holds = hold_table(dt, *knobs)
-    pulls = {mode: tensions(system, run.q, run.v, holds[mode]) for mode, run in runs.items()}
-    scene = args, used, system, runs, rows, fall, pulls
+    scene = args, used, system, runs, rows, fall, lambda: pulls(tensions, system, runs, holds)
     print(publish(args, used, rows, lambda path: record(path, *scene)))
     return 0
 

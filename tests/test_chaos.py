@@ -110,6 +110,7 @@ def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch,
     assert metrics["answers"][0]["rows"] == [chaos.ordering(chaos.crowds("double", range(2, 5), DT, 20))]
 
     _, _, linkage, runs, _, _, pulls = drawn[0]
+    pulls = pulls()
     for (rule, mode), (key, found) in zip(chaos.RUNS, runs.items(), strict=True):
         system, hold = c.build_system("double", 3), c.hold_table(DT)[mode]
         alone = run(system, rule, mode, DT, 20, found.kept)

@@ -76,7 +76,7 @@ def test_large_scenes_equal_the_chapters_lines(name, installed, monkeypatch):
     q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
     assert large.takes(system)
     tolerance = 1e-9 if name == "loops" else 1e-12  # where loops are badly posed, the last digits are anybody's
-    for hold in TABLE.values():
+    for hold in (*TABLE.values(), c.Hold(0.0, 200.0, 0.0, 0.0, None, None)):
         force = large.make_force(system, hold, c.external_force)
         expected = c.external_force(system, q, v) + c.constraint_force(system, q, v, hold)
         assert_close(force(q, v), expected, tolerance)

@@ -72,7 +72,7 @@ def write(path, system, holds, dt, steps, keep=None):
     unit = energy_scale(system)
     rows = {mode: done.summary(unit, Truth(0)) for mode, done in runs.items()}
     args, used = SimpleNamespace(system="some", integrator="semi_implicit"), {"dt": dt, "error_at": 0.0}
-    record(path, args, used, system, runs, rows, unit, pulls)
+    record(path, args, used, system, runs, rows, unit, lambda: pulls)
     return SimpleNamespace(system=system, dt=dt, runs=runs, pulls=pulls, recording=Recording(path))
 
 

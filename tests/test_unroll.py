@@ -9,6 +9,7 @@ from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
 from curriculum.common.arrays import ArrayFunction
 from curriculum.common.loops import repeat
 from curriculum.common.motion import Motion, Unrolled, followed, source
+from curriculum.common.recording import pulls
 from curriculum.common.unroll import FUNCTIONS, Program, Untraceable
 
 import numpy as np
@@ -80,8 +81,12 @@ EXAMPLES = {
     "matrix": lambda x: (x @ x.T @ np.array([[0.0, 1.0], [2.0, 3.0]]), x.sum(axis=0) / 7.0),
     "functions": lambda x: (np.sin(x) * np.exp(-x) + np.sqrt(x) ** 3, np.tanh(-x) - np.log(x) ** 2.0, abs(-x)),
     "by parts": lambda x: (np.concatenate([x[:1] - x[1:], x[1:] - x[:1]]), 2.0 / (x + 1.0) - (x - x)),
+    "powers": lambda x: ((x**3.0) ** 2.0, 2.0 ** (x**2.0), (-x) ** 2.0 - -(x**2.0)),
     "roots": heron,
 }
+
+
+OF_LIBRARIES = "functions", "powers"
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -92,7 +97,7 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name):
     for exact, number, array, numpy in zip(expected, program(x), stacked, plain, strict=True):
         assert np.array_equal(number, exact) and np.allclose(numpy, exact, rtol=1e-13, atol=1e-13)
         for member in (array[0], array[2]):  # numpy's sine and powers are its own
-            assert np.allclose(member, exact, rtol=1e-14) if name == "functions" else np.array_equal(member, exact)
+            assert np.allclose(member, exact, rtol=1e-14) if name in OF_LIBRARIES else np.array_equal(member, exact)
 
 
 def test_a_loop_in_arrays_stops_each_member_where_it_would_stop_alone():
@@ -101,6 +106,18 @@ def test_a_loop_in_arrays_stops_each_member_where_it_would_stop_alone():
     for together, alone in zip(roots(x)[0], x, strict=True):
         assert np.array_equal(together, roots(alone)[0])
     assert np.allclose(roots(x)[0], np.sqrt(x), rtol=1e-12)
+
+
+def test_a_loop_changes_all_it_changes_at_once():
+    """What follows may be made of what is replaced; and the size that ends it may be a negative number."""
+
+    def body(x):
+        return np.array([[0.5 * x[0, 1], x[0, 0]]]), -(5.0 - x[0, 0] - x[0, 1])
+
+    loop = Unrolled(lambda x: (repeat(body, x, 50, "no end"),), np.zeros((1, 2), dtype=bool))
+    x = np.array([[[8.0, 3.0]], [[0.5, 0.5]], [[-3.0, 90.0]]])
+    for together, alone in zip(loop(x)[0], x, strict=True):
+        assert np.array_equal(together, loop(alone)[0]) and np.array_equal(together, repeat(body, alone, 50, "no end"))
 
 
 def test_a_loop_that_does_not_end_says_so():
@@ -140,6 +157,24 @@ def test_a_force_that_cannot_be_traced_runs_in_plain_numpy_with_the_same_answer(
         for _ in range(20):
             q, v = c.semi_implicit_step(q, v, system["m"], force, 0.005)
     assert np.array_equal(found.q[-1], q) and np.array_equal(found.v[-1], v)
+
+
+@pytest.mark.parametrize("branches", [True, False])
+def test_a_motor_on_one_particle_is_felt_by_that_state_alone(branches, monkeypatch):
+    """f (N, 3) is a force of one state, also where many states are at hand: to the stages of gauss, in a recording."""
+
+    def motor(system, q, v):
+        f = system["m"] * c.GRAVITY + 0.0 * v
+        f[1, 0] = f[1, 0] - 3.0 * v[0, 0] * (2.0 if branches and q[0, 0] > 0.5 else 1.0)
+        return f
+
+    monkeypatch.setattr(c, "external_force", motor)
+    system, holds = c.build_system("double"), c.hold_table()
+    runs = {"none": run(system, "rk4", "none", 0.002, 100, range(0, 101, 20))}
+    truth = run(system, "gauss", "none", 0.02, 10)
+    assert np.abs(truth.q[-1] - runs["none"].q[-1]).max() < (1e-4 if branches else 1e-9)
+    alone = [c.tensions(system, *state, holds["none"]) for state in zip(runs["none"].q, runs["none"].v, strict=True)]
+    assert np.allclose(pulls(c.tensions, system, runs, holds)["none"], alone, rtol=1e-12, atol=1e-12)
 
 
 def test_a_force_that_draws_random_numbers_is_not_frozen(monkeypatch):

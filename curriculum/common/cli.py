@@ -7,6 +7,7 @@ import re
 import signal
 import sys
 import textwrap
+import warnings
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -27,7 +28,7 @@ class Parser(argparse.ArgumentParser):
             r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)", message
         ):
             known = re.findall(r"[\w-]+", wrong[2]) if wrong[2] else re.findall(r"--[\w-]+", self.format_help())
-            near = get_close_matches(wrong[1] or wrong[3] or "", known, 1)
+            near = get_close_matches((wrong[1] or wrong[3] or "").lower(), known, 1)
             message += f"; did you mean {near[0]}?" if near else ""
         message = re.sub(r"\S{100,}", lambda long: long[0][:97] + "...", message)
         self.exit(2, f"{self.prog}: error: {message}\n")
@@ -62,9 +63,11 @@ def number(kind=float, low=1e-12, high=1e12):
 def writable(text):
     """An argparse type: the path of a file that can be written."""
     try:
+        if not text:
+            raise ValueError("the name is empty")
         check_writable(text)
-    except OSError as error:
-        raise argparse.ArgumentTypeError(f"cannot write {text!r}: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"cannot write {text!r}: {getattr(error, 'strerror', error)}") from None
     return Path(text)
 
 
@@ -98,23 +101,34 @@ def chapter_parser(prog, folder, out, examples):
 
 def run_script(main):
     """Exit with main's status; what stops it from outside is one line, and a reader that has seen enough is none."""
+    while (
+        spare := os.open(os.devnull, os.O_RDWR)
+    ) < 3:  # a standard stream that is closed: no file must take its place
+        pass
+    os.close(spare)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
-        signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))  # leave no temporary file
+        number = getattr(signal, name)
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
+            signal.signal(number, lambda number, _: sys.exit(128 + number))  # leave no temporary file
+    warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
     streams = [stream for stream in (sys.stdout, sys.stderr) if stream]
     for stream in streams:
         stream.reconfigure(errors="backslashreplace")
     name, status = Path(sys.argv[0]).name, 1
     try:
-        status = main()
+        try:
+            status = main()
+        except SystemExit as end:  # after --help, or a mistake
+            status = end.code
         for stream in streams:
             stream.flush()
     except KeyboardInterrupt:
-        sys.exit(f"\n{name}: interrupted; files are as they were, or whole")
+        status = f"\n{name}: interrupted; files are as they were, or whole"
     except MemoryError:
-        sys.exit(f"{name}: error: not enough memory; ask for fewer rods, members or steps")
+        status = f"{name}: error: not enough memory; ask for fewer rods, members or steps"
     except OSError as error:
         if sys.stdout:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
         if not isinstance(error, BrokenPipeError):
-            sys.exit(f"{name}: error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}")
+            status = f"{name}: error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}"
     sys.exit(status)

@@ -1,9 +1,10 @@
 """The banner every chapter prints first: what runs, on what, and how long that took where it was measured.
 
-The wall-clock comes from the ledger `wallclock.csv` beside this file, one row a chapter and tier. Only a measured row
-carries a number. To measure one on your machine, and write it:
+The wall-clock comes from the ledger `wallclock.csv` beside this file, one row a chapter and hardware tier. Only a
+measured row carries a number.
 
-    python -m curriculum.common.device CHAPTER TIER -- COMMAND ...
+    python -m curriculum.common.device                               prints the ledger as a table for a text
+    python -m curriculum.common.device CHAPTER TIER -- COMMAND ...   measures a default run here, and notes it
 """
 
 import csv
@@ -18,6 +19,9 @@ from curriculum.common.files import write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
 COLUMNS = ["chapter", "tier", "minutes", "machine", "date", "commit", "status"]
+TIERS = {"cpu-laptop": "cpu", "mps": "mps", "t4": "cuda", "4090": "cuda"}  # of the course, and the device of each
+UNKNOWN = "not yet measured"
+LONG, SURE = 2.0, 0.2  # s: what takes longer is shown, once so much of it is done that one can tell
 
 
 def read_ledger(ledger=LEDGER):
@@ -26,28 +30,58 @@ def read_ledger(ledger=LEDGER):
         return list(csv.DictReader(file))
 
 
-def banner(chapter, title, device, tier, ledger=LEDGER):
-    """One line: chapter, device, tier and the wall-clock measured for that tier, or that nobody has measured it yet."""
+def took(row):
+    """How long a default run took by a row of the ledger; None if nobody has measured it."""
+    return f"{float(row['minutes']) * 60.0:.2g} s" if row and row["status"] == "measured" else None
+
+
+def banner(chapter, title, device, tier=None, ledger=LEDGER):
+    """One line: chapter, device, tier, and how long a default run took on a machine of that tier.
+
+    `tier`: one of TIERS, by default the first of the device's.
+    """
+    tier = tier if tier in TIERS else next(name for name, its in TIERS.items() if its == device)
     row = next((row for row in read_ledger(ledger) if (row["chapter"], row["tier"]) == (chapter, tier)), None)
-    clock = "not yet measured"
-    if row and row["status"] == "measured":
-        clock = f"{float(row['minutes']) * 60.0:.2g} s on {row['machine']}, {row['date']}"
-    return f"{chapter} {title} | device {device} | tier {tier} | wall-clock of the default run {clock}"
+    clock = f"took {took(row)} on {row['machine']}, {row['date']}" if took(row) else f"is {UNKNOWN}"
+    return f"{chapter} {title} | device {device} | tier {tier} | a default run {clock}"
+
+
+def table(ledger=LEDGER):
+    """The ledger in Markdown."""
+    head = ("chapter", "tier", "a default run", "machine", "date"), ("---",) * 5
+    rows = read_ledger(ledger)
+    cells = ((row["chapter"], row["tier"], took(row) or UNKNOWN, row["machine"], row["date"]) for row in rows)
+    return "\n".join(f"| {' | '.join(line)} |" for line in (*head, *cells))
 
 
 def progress(what, steps):
-    """A callback for long runs that shows the share done, after two seconds and where stderr is a terminal."""
-    if not sys.stderr.isatty():
+    """A callback for long runs, where stderr is a terminal: it shows the share that is done, and how long is left."""
+    if not (sys.stderr and sys.stderr.isatty()):
         return lambda step: None
-    begin = time.monotonic()
+    begin, shown = time.monotonic(), -1.0  # when a line was last written, in s after the beginning
 
     def tick(step):
-        if time.monotonic() - begin > 2.0:
-            # back to the line's start, so that whatever comes next, even if the run ends early, writes over it
-            line = f"{what}: {step / steps:4.0%}" if step < steps else ""
-            print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
+        nonlocal shown
+        taken = time.monotonic() - begin
+        if step >= steps and shown >= 0.0:
+            line = ""
+        elif 0 < step < steps and taken > max(SURE, shown + 0.1) and taken * steps > LONG * step:
+            line = f"{what}: {step / steps:4.0%}, {about(taken * (steps / step - 1.0))} left"
+        else:
+            return
+        # back to the line's start, so that whatever comes next, even if the run ends early, writes over it
+        print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
+        shown = taken
 
     return tick
+
+
+def about(seconds):
+    """A time in words, without more digits than an estimate has."""
+    size, unit = next(
+        (size, unit) for size, unit in ((3600.0, "h"), (60.0, "min"), (1.0, "s")) if seconds >= size - 1.0
+    )
+    return f"about {max(1, round(seconds / size))} {unit}"
 
 
 def processor():
@@ -60,29 +94,60 @@ def processor():
 
 
 def measure(chapter, tier, command, ledger=LEDGER):
-    """Run `command` five times, write the median wall-clock of the process to the ledger, return it in seconds."""
-    seconds = []
+    """Run `command` five times, write the median wall-clock of the process to the ledger, return it in seconds.
+
+    Raises OSError or subprocess.CalledProcessError, and the ledger is as it was.
+    """
+    seconds, tick = [], progress("measuring", 5)
     for _ in range(5):
         clock = time.perf_counter()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         seconds.append(time.perf_counter() - clock)
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+        tick(len(seconds))
+    try:
+        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    except OSError:
+        commit = ""  # no git here
     median = sorted(seconds)[2]
     values = [chapter, tier, f"{median / 60.0:.5f}", processor(), datetime.date.today().isoformat(), commit, "measured"]
-    rows = [row for row in read_ledger(ledger) if (row["chapter"], row["tier"]) != (chapter, tier)]
-    rows.append(dict(zip(COLUMNS, values, strict=True)))
+    rows = {(row["chapter"], row["tier"]): row for row in read_ledger(ledger)}
+    for name in TIERS:  # a row for each
+        rows.setdefault((chapter, name), {"chapter": chapter, "tier": name, "status": UNKNOWN})
+    rows[chapter, tier] = dict(zip(COLUMNS, values, strict=True))
 
     def write(path):
         with open(path, "w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
-            writer.writerows(sorted(rows, key=lambda row: (row["chapter"], row["tier"])))
+            writer.writerows(rows.values())
 
     write_whole(ledger, write)
     return median
 
 
+def main(argv=None):
+    """Print the table, or measure."""
+    from curriculum.common.cli import Parser
+
+    parser = Parser(prog="device", usage="python -m curriculum.common.device [CHAPTER TIER -- COMMAND ...]")
+    parser.add_argument("chapter", nargs="?", help="whose default run COMMAND is, say ch3.4")
+    parser.add_argument("tier", nargs="?", choices=TIERS, help="what this machine is")
+    parser.add_argument("command", nargs="*", help="what to measure, five times")
+    args = parser.parse_args(argv)
+    if args.chapter is None:
+        print(table())
+        return 0
+    if not args.command:
+        parser.error("argument COMMAND: what is to be measured? Give CHAPTER TIER -- COMMAND ...")
+    try:
+        median = measure(args.chapter, args.tier, args.command)
+    except subprocess.CalledProcessError as failed:
+        parser.error(f"argument COMMAND: {failed}")
+    print(f"{median:.2f} s, median of 5, written to {LEDGER.name}")
+    return 0
+
+
 if __name__ == "__main__":
-    if len(sys.argv) < 5 or sys.argv[3] != "--":
-        sys.exit("usage: python -m curriculum.common.device CHAPTER TIER -- COMMAND ...")
-    print(f"{measure(sys.argv[1], sys.argv[2], sys.argv[4:]):.2f} s, median of 5, written to {LEDGER.name}")
+    from curriculum.common.cli import run_script
+
+    run_script(main)

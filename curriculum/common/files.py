@@ -1,9 +1,11 @@
 """Files that appear whole or not at all."""
 
 import argparse
+import contextlib
 import errno
 import json
 import os
+import stat
 import sys
 import tempfile
 from pathlib import Path
@@ -14,7 +16,8 @@ from curriculum.common.scenes import shorten
 def write_whole(path, write):
     """Let `write(temporary)` fill a file beside `path`, then rename it into place.
 
-    If `write` fails or is interrupted, `path` is as it was and nothing is left beside it. Raises what `write` raises.
+    If `write` fails or is interrupted, `path` is as it was and nothing is left beside it. Raises what `write` raises,
+    an OSError in the name of `path`.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -22,6 +25,8 @@ def write_whole(path, write):
     try:
         write(temporary)
         os.replace(temporary, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -31,7 +36,8 @@ def remove_left(path):
     for left in path.parent.glob(f".{path.name}.*"):
         owner = left.name.rpartition(".")[2]
         if owner.isdecimal() and not alive(int(owner)):
-            left.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # another user's
+                left.unlink()
 
 
 def alive(process):
@@ -54,10 +60,23 @@ def write_json(path, content):
 def check_writable(path):
     """Raise OSError now if `write_whole(path, ...)` could not work later; leaves nothing behind."""
     path = Path(path)
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, f"{path.name} is a folder there", str(path))
+    if path.exists() and not path.is_file():  # a device, a pipe: renaming would put a file in its place
+        what = "a folder" if path.is_dir() else "no plain file"
+        raise OSError(errno.EINVAL, f"{path.name} is {what} there", str(path))
     with tempfile.TemporaryFile(dir=path.parent):
         pass
+    sticky = os.name == "posix" and stands(path) and path.parent.stat().st_mode & stat.S_ISVTX  # a folder like /tmp
+    if sticky and os.geteuid() not in (0, path.parent.stat().st_uid, path.lstat().st_uid):
+        raise PermissionError(errno.EPERM, f"{path.name} there is another user's", str(path))
+
+
+def stands(path):
+    """Whether there is something of that name, be it a link to nothing. Raises OSError where one cannot tell."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 METRICS, RECORDING = "metrics.json", "constraints.rrd"
@@ -69,9 +88,10 @@ def results_folder(text):
     try:
         if not text:
             raise ValueError("the name is empty")
-        if folder.is_symlink() and not folder.exists():
-            raise FileNotFoundError(errno.ENOENT, "it is a link to nothing")
-        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        above = [folder, *folder.absolute().parents]
+        there = next(path for path in above if stands(path))
+        if not there.exists():
+            raise FileNotFoundError(errno.ENOENT, f"{'it' if there == folder else there.name} is a link to nothing")
         if not there.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, f"{there.name} is no folder")
         for name in (METRICS, RECORDING) if there == folder else ("results",):
@@ -100,6 +120,7 @@ def publish(args, settings, results, record):
     try:
         write_whole(recording, record)
     except Exception as error:  # of a library; the numbers are safe
-        return f"wrote {metrics}, but no recording: {shorten(str(error))}"
+        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        return f"wrote {metrics}, but no recording: {shorten(why)}"
     display = "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ or sys.platform in ("win32", "darwin")
     return f"wrote {metrics} and {recording}\nlook: python -m rerun {'' if display else '--serve-web '}{recording}"

@@ -1,20 +1,21 @@
 """Scenes of many rods, by whole arrays: the chapter's formulas again, A stored as what of it is not zero.
 
 Straight-line code takes its time to be made, and more the larger the scene. 4000 steps of more than CHAIN rods in a
-row, or of more than LINKAGE otherwise, are done sooner like this. A chain's A has three diagonals, which are halved by
-cyclic reduction; that of any other linkage goes to scipy's sparse LU or, without scipy, up to DENSE rods to a dense
-solve.
+row, or of more than LINKAGE otherwise, are done sooner like this, and so are those of few rods that all feel each
+other. A chain's A has three diagonals, which are halved by cyclic reduction; that of any other linkage goes to a dense
+solve up to LINKAGE rods, beyond that to scipy's sparse LU or, without scipy, up to DENSE rods to the dense one.
 """
 
 from functools import lru_cache
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from curriculum.common.graph import has_loop
+from curriculum.common.graph import elimination_order, has_loop
 
 import numpy as np
 
 CHAIN, LINKAGE, DENSE = 40, 64, 1000  # rods
+FILL = 1000  # subtractions of entries that an elimination takes
 SHORT = 80  # unknowns: below, walking through costs less than halving
 
 
@@ -32,9 +33,11 @@ class Structure(NamedTuple):
 
 
 @lru_cache(8)
-def structure(pairs):
-    """The Structure of rods (i, j), a tuple of tuples."""
+def structure(pairs, n):
+    """The Structure of rods (i, j), a tuple of tuples, among n particles."""
     i, j = np.transpose(pairs)
+    if len(pairs) == n and all(pair == (k, k - 1) for k, pair in enumerate(pairs)):
+        return Structure(True, False, i, j, *[np.empty(0)] * 4)
     at = {}
     for k, pair in enumerate(pairs):
         for particle, sign in zip(pair, (1.0, -1.0), strict=True):
@@ -42,31 +45,46 @@ def structure(pairs):
                 at.setdefault(particle, []).append((k, sign))
     entries = [(k, o, p, s * t) for p, rods in at.items() for k, s in rods for o, t in rods]
     rows, columns, particles, signs = (np.array(column) for column in zip(*entries, strict=True))
-    chain = all(pair == (k, k - 1) for k, pair in enumerate(pairs))
-    return Structure(chain, has_loop(pairs), i, j, rows, columns, particles, signs)
+    return Structure(False, has_loop(pairs), i, j, rows, columns, particles, signs)
 
 
-def of(system, last=[None, None]):  # noqa: B006
+def of(system, last=[None, None, None]):  # noqa: B006
     """The Structure of a system. Whether it is still the last one's costs a comparison, which sees every edit."""
-    if system["pairs"] != last[0]:
-        pairs = [tuple(pair) for pair in system["pairs"]]
-        last[:] = pairs, structure(tuple(pairs))
-    return last[1]
+    if system["pairs"] != last[0] or len(system["m"]) != last[1]:
+        pairs, n = [tuple(pair) for pair in system["pairs"]], len(system["m"])
+        last[:] = pairs, n, structure(tuple(pairs), n)
+    return last[2]
+
+
+@lru_cache(64)
+def fill(pairs):
+    """What an elimination of the rods `pairs` takes, in subtractions of entries."""
+    return sum(len(rest) ** 2 for _, rest in elimination_order(pairs))
 
 
 def takes(system):
-    """Whether a system is for this module."""
-    rods = len(system["pairs"])
-    return rods > LINKAGE or (rods > CHAIN and of(system).chain)
+    """Whether a system is for this module: many rods, or many that feel each other, or many particles on few rods."""
+    rods, n = len(system["pairs"]), len(system["m"])
+    if rods > LINKAGE or n > 2 * LINKAGE:
+        return True
+    return (rods > CHAIN and of(system).chain) or fill(tuple(map(tuple, system["pairs"]))) > FILL
+
+
+def dense(rods):
+    """Whether so many rods that are no chain go to a dense solve."""
+    return rods <= LINKAGE or not find_spec("scipy")
 
 
 def way(system):
     """In words, how the forces of this scene are found; None if that takes scipy, which is not installed."""
+    rods = len(system["pairs"])
     if of(system).chain:
         return "by arrays: cyclic reduction"
-    if find_spec("scipy"):
+    if not dense(rods):
         return "by arrays: sparse LU"
-    return "by arrays: dense LU, as scipy is not installed" if len(system["pairs"]) <= DENSE else None
+    if rods <= LINKAGE:
+        return "by arrays: dense LU"
+    return "by arrays: dense LU, as scipy is not installed" if rods <= DENSE else None
 
 
 # Here x, y and z come first: rod vectors are (3, ..., C), particles (3, ..., N), so that every array is contiguous.
@@ -132,16 +150,19 @@ def loaded(rods, values, b, softness, slack, rounds):
     """lambda (C,) for the entries `values` of A, the slack of the first round taken back by the others."""
     own = np.bincount(rods.rows, np.where(rods.rows == rods.columns, values, 0.0), len(b))
     spare = slack * (1.0 + softness) * own
-    if find_spec("scipy"):
+    if dense(len(b)):
+        a = np.zeros((len(b), len(b)))
+        np.add.at(a, (rods.rows, rods.columns), values)
+        solve = np.linalg.inv(a + np.diag(softness * own + spare)).dot
+    else:
         from scipy.sparse import csc_array, diags_array
         from scipy.sparse.linalg import splu
 
         a = csc_array((values, (rods.rows, rods.columns)), shape=(len(b), len(b)))
-        solve = splu(csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A").solve
-    else:
-        a = np.zeros((len(b), len(b)))
-        np.add.at(a, (rods.rows, rods.columns), values)
-        solve = np.linalg.inv(a + np.diag(softness * own + spare)).dot
+        try:
+            solve = splu(csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A").solve
+        except RuntimeError as singular:
+            raise FloatingPointError(f"no finite tensions: {singular}") from None
     lam = 0.0 * b
     for _ in range(rounds):
         lam = solve(b + spare * lam)
@@ -200,7 +221,7 @@ def rods_answer(system, hold, f, q, v):
     rods, m, lengths = of(system), system["m"][:, 0], np.asarray(system["lengths"])
     d, rate = rod_vectors(rods, components_first(q), system.get("anchors")), rod_vectors(rods, components_first(v))
     b = -dot(d, rod_vectors(rods, f / m)) - hold.use_jdotv * dot(rate, rate)
-    if hold.stiffness:
+    if hold.damping or hold.stiffness:
         dd = dot(d, d)
         g = dd - lengths * np.sqrt(dd) if hold.softness else 0.5 * (dd - lengths * lengths)
         b = b - hold.damping * dot(d, rate) - hold.stiffness * g
@@ -239,7 +260,7 @@ def project(system, q_start, q, v, dt):
     for _ in range(20):
         d = rod_vectors(rods, x, anchors)
         g = 0.5 * (dot(d, d) - lengths * lengths)
-        if np.all(np.sum(np.square(g / near), axis=-1) <= 1.0):
+        if np.all(np.abs(g) <= near):
             v = v + (x - free) / dt
             return np.moveaxis(x, 0, -1), np.moveaxis(v - impulse(d, d, dot(d, rod_vectors(rods, v))), 0, -1)
         x = x - impulse(d, along, g)

@@ -71,16 +71,17 @@ class Loop:
             writer.put(symbol, target)
             writer.place[name] = target
         writer.lines.append(f"for _ in range({self.most}):")
-        begin = len(writer.lines)
+        begin, sign = len(writer.lines), "-" * self.size.minus
         writer.operations(inner, test, kept | {x for name in rest for x in inner.nodes[name][1:]}, {})
-        writer.lines += [f"done = {writer.text(self.size.x)} <= 1.0", "if done.all():", "    break"]
+        writer.lines += [f"done = {sign}{writer.text(self.size.x)} <= 1.0", "if done.all():", "    break"]
         writer.operations(inner, rest, kept, {})
         writer.lines.append("more = logical_not(done)")
-        for name, symbol in zip(self.names, self.following, strict=True):
-            target = writer.buffer()
+        targets = [writer.buffer() for _ in self.names]
+        for symbol, target in zip(self.following, targets, strict=True):  # all of them before any is replaced
             writer.put(symbol, target)
+        for name, target in zip(self.names, targets, strict=True):
             writer.lines.append(f"copyto({writer.place[name]}, {target}, where=more)")
-            writer.free.append(target)
+        writer.free += targets
         writer.lines[begin:] = [f"    {line}" for line in writer.lines[begin:]]
         writer.lines += ["else:", f"    raise FloatingPointError({self.complaint!r})"]
-        writer.free += {writer.place[s.x] for s in wanted if s.x in inner.nodes}
+        writer.free += sorted({writer.place[s.x] for s in wanted if s.x in inner.nodes})

@@ -70,6 +70,15 @@ class Unrolled:
         return rows
 
 
+def each(function, q, v):
+    """function(q, v) of one state (N, 3), for all of q, v (F, N, 3): traced once, or else one after the other."""
+    free = np.zeros(q.shape[1:], dtype=bool)
+    try:
+        return Unrolled(lambda q, v: (function(q, v),), free, free)(q, v)[0]
+    except Exception:  # what is wrong with it shows again below
+        return np.stack([function(*state) for state in zip(q, v, strict=True)])
+
+
 def leading_first(a, axes):
     """The array with its first `axes` axes last: a view."""
     return a.transpose(*range(axes, a.ndim), *range(axes))
@@ -98,10 +107,10 @@ def by_rows(force, m, shape):
     size = shape[-2] * shape[-1]
 
     def rows(inputs, results):
-        lead = results[0].shape
-        q, v = (np.stack(x, axis=-1).reshape(*lead, *shape[-2:]) for x in (inputs[:size], inputs[size:]))
-        for result, row in zip(results, np.moveaxis((force(q, v) / m).reshape(*lead, size), -1, 0), strict=True):
-            result[...] = row
+        q, v = (np.stack(x, axis=-1).reshape(-1, *shape[-2:]) for x in (inputs[:size], inputs[size:]))
+        f = force(q, v) if hasattr(force, "way") else np.stack([force(*state) for state in zip(q, v, strict=True)])
+        for result, row in zip(results, (f / m).reshape(-1, size).T, strict=True):
+            result[...] = row.reshape(result.shape)
 
     return np.arange(size), rows
 
@@ -111,19 +120,22 @@ def followed(rule, after, system):
     if after is None:
         return rule
 
+    def compiled(force, dt):
+        if ("after", dt) not in force.memory:
+            piece = Unrolled(lambda start, q, v: after(system, start, q, v, dt), *[force.still] * 3)
+            force.memory["after", dt] = piece
+        return force.memory["after", dt]
+
     def step(q, v, m, force, dt):
         end = rule(q, v, m, force, dt)
         if not isinstance(force, Pieces):
             return after(system, q, *end, dt)
-        if ("after", dt) not in force.memory:
-            piece = Unrolled(lambda start, q, v: after(system, start, q, v, dt), *[force.still] * 3)
-            force.memory["after", dt] = piece
-        mended = force.memory["after", dt](q, *end)
+        mended = compiled(force, dt)(q, *end)
         if step.halves and np.max(np.abs(mended[0] - end[0])) > SMALL * np.max(np.abs(end[0] - q)):
             raise FloatingPointError("a step so precise, and yet so far off: its stages are no solution")
         return mended
 
-    step.halves = getattr(rule, "halves", False)
+    step.halves, step.compiled = getattr(rule, "halves", False), compiled
     return step
 
 
@@ -229,6 +241,9 @@ class Motion:
         try:
             _, self.still = unroll_map(lambda q, v: (v, force(q, v)), *self.state)
             self.force = Pieces(force, self.m, self.still[0] & self.still[1])
+            if hasattr(self.step_fn, "compiled"):  # before the clock runs
+                q, v = self.state
+                self.step_fn.compiled(self.force, self.dt)(q, q, v)
             self.way = "the force unrolled" + (f", the step not: {why}" if str(why) else "")
         except Exception as why:
             self.way = f"in plain numpy, which is slower: {why}"
@@ -292,7 +307,10 @@ class Motion:
 
     def fast(self, function):
         """`function` of q and v -> tuple of arrays, compiled for states of this run."""
-        return function if hasattr(self.force, "way") else Unrolled(function, *self.still)
+        try:
+            return function if hasattr(self.force, "way") else Unrolled(function, *self.still)
+        except Exception:  # what is wrong with it shows when it is called; or it cannot be unrolled
+            return function
 
     def blocks(self, steps):
         """States q, v (count, ..., N, 3): the start alone, then blocks, until `steps` are done or the run stops."""

@@ -3,6 +3,8 @@
 import zlib
 from pathlib import Path
 
+from curriculum.common.motion import each
+
 import numpy as np
 
 FRAME_RATE, MAX_RECORDED = 60.0, 300_000  # frames a simulated second; positions of all frames of a mode, at most
@@ -104,17 +106,25 @@ def draw(run, ends, lengths, colors, color, ball):
     }
 
 
+def pulls(tensions, system, runs, holds):
+    """{mode: (F, C)}: tensions(system, q, v, hold) of the states (F, N, 3) that `runs` kept, each state by itself."""
+    return {
+        mode: each(lambda q, v, hold=holds[mode]: tensions(system, q, v, hold), run.q, run.v)
+        for mode, run in runs.items()
+    }
+
+
 def record(path, args, used, system, runs, rows, fall, pulls):
     """Write `path`: the kept states of `runs` {mode: Run}, beside `rows` {mode: summary}.
 
-    `args.system` and `args.integrator` name them; `used["dt"]` and `used["error_at"]` in s; `pulls` {mode: (F, C)}:
+    `args.system` and `args.integrator` name them; `used["dt"]` and `used["error_at"]` in s; `pulls()` {mode: (F, C)}:
     newtons of the rods in the F kept states; `fall`: the unit of energy errors in J. Axes fit the modes that survive,
     and one that is lost leaves the picture. The id is made of what was found, and no wall clock is written: the same
     run is the same recording, and another run another one.
     """
     import rerun as rr  # here: a run without a recording never pays for it
 
-    name, dt = Path(args.system).stem, used["dt"]
+    name, dt, pulls = Path(args.system).stem, used["dt"], pulls()
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
     lengths, anchors = (np.asarray(x, dtype=float) for x in (system["lengths"], system.get("anchors", [np.zeros(3)])))
     full = float(np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9)) or 1.0

@@ -5,13 +5,14 @@ import sys
 from functools import partial
 from typing import NamedTuple
 
+from curriculum.common import large
 from curriculum.common.gauss import make_gauss
 from curriculum.common.motion import distance
 
 import numpy as np
 
-SECONDS, RODS = 2.0, 30  # when the truth is taken, before chaos decides, and for scenes of how many rods
-FAR = 10.0  # s: where the first step ends later than that, it is not
+SECONDS = 2.0  # when the truth is taken, before chaos decides
+BUDGET, EACH = 5000, 5  # steps of gauss it may cost, times rods, and how many rods a step costs anyway: a second or so
 KNOWN = 1e-9  # m: it is known that well or not at all
 LADDER = (0.05, 0.025, 0.0125, 0.00625)  # s
 
@@ -24,15 +25,30 @@ class Truth(NamedTuple):
     known: float = math.inf
 
 
-def true_position(run, seconds):
-    """q (N, 3) after `seconds`, and by how many m two steps of gauss differ; (None, inf) if by over KNOWN.
+class Metered:
+    """A rule that may be asked for so many steps, halves included, and then stops the run."""
 
-    run(rule, dt, steps) -> Run.
+    def __init__(self, rule, most):
+        self.rule, self.left, self.halves = rule, most, rule.halves
+
+    def __call__(self, q, v, m, force, dt):
+        self.left -= 1
+        if self.left < 0:
+            raise ValueError("the ruler's budget is spent")
+        return self.rule(q, v, m, force, dt)
+
+
+def true_position(run, seconds, most=math.inf):
+    """q (N, 3) after `seconds`, and by how many m two steps of gauss differ.
+
+    (None, inf) if that is over KNOWN, or not found within `most` steps. run(rule, dt, steps) -> Run.
     """
-    before = None
+    rule, before = Metered(make_gauss(), most), None
     for longest in LADDER:
         steps = math.ceil(seconds / longest)
-        found = run(make_gauss(), seconds / steps, steps)
+        if steps + (before is None) * 2 * steps > rule.left:  # two are needed
+            break
+        found = run(rule, seconds / steps, steps)
         q = None if found.stopped else found.q[-1]
         if q is not None and before is not None and (gap := distance(q, before)) < KNOWN:
             return q, gap
@@ -48,10 +64,14 @@ def step_for(tol, seconds, q, runs):
     rule = make_gauss(max(4, round(-math.log10(tol))), 4, min(0.1 * tol, 1e-3))
     steps, before = math.ceil(seconds / 0.16), math.inf
     while True:
-        ends = [run(rule, seconds / steps, steps) for run in runs]
-        error = min(math.inf if end.stopped else distance(end.q[-1], q) for end in ends)
-        if error <= tol or 0.5 * before < error < math.inf or seconds / steps < 1e-4:
-            return rule, seconds / steps
+        error, dt = math.inf, seconds / steps
+        for run in runs:
+            end = run(rule, dt, steps)
+            error = error if end.stopped else min(error, distance(end.q[-1], q))
+            if error <= tol:
+                return rule, dt
+        if 0.5 * before < error < math.inf or dt < 1e-4:
+            return rule, dt
         steps, before = 2 * steps, error
 
 
@@ -66,9 +86,10 @@ def settle(simulate, case, modes, rule, dt, steps, tol):
         return simulate(*case(mode, rule, dt), steps)
 
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    rods = len(case(modes[0], rule, dt)[1]["pairs"])
-    truth = true_position(partial(run, "project"), at) if rods <= RODS and at <= FAR else ()
-    if tol and not (truth and truth[1] < tol):
+    system = case(modes[0], rule, dt)[1]
+    most = 0 if large.takes(system) else BUDGET // (len(system["pairs"]) + EACH)
+    truth = true_position(partial(run, "project"), at, most)
+    if tol and not truth[1] < tol:
         place = f"where the particles are after {at:.3g} s is not known to {tol:g} m"
         print(f"constraints.py: error: argument --tol: {place}; give --dt", file=sys.stderr)
         sys.exit(2)

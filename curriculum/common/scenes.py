@@ -23,9 +23,10 @@ import numpy as np
 FIT = 1e-6  # relative: how far a stated length may be from the distance between the positions
 SINGULAR = 1e-9  # relative to the largest eigenvalue of J J^T: below, J has lost rank
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
-LARGEST, MOST = 1e8, 100_000  # bytes of a file; particles, or rods
+LARGEST, MOST = 1e7, 20_000  # bytes of a file; particles, rods or anchors
 CROWD = 400_000  # pairs of rods that share a particle: the entries of A
 HUGE = 1e30  # what is larger, or smaller than 1 / HUGE and divides, may overflow once squared and multiplied
+UNLIKE = 1e12  # the heaviest mass over the lightest: beyond, the heavy one's share of A is rounded away
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2, y is up
 CHAPTER = ["pendulum", "double", "triple", "chain"]
 
@@ -57,20 +58,20 @@ def load_scene(name, folder):
         path = shipped[name]
     try:
         if not name or not path.exists():
-            near = get_close_matches(name, CHAPTER + list(shipped), 1)
+            near = get_close_matches(name.lower(), CHAPTER + list(shipped), 1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; scenes are {', '.join(CHAPTER + sorted(shipped))}"
             raise SceneError(f"{shown} is no scene and no file{hint}")
         if not path.is_file() or path.stat().st_size > LARGEST:
             raise SceneError(f"{shown} must be a plain file of at most {LARGEST / 1e6:g} MB")
-        text = path.read_bytes()
+        content = path.read_bytes()
     except OSError as error:
         raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
     try:
-        scene = parse_scene(json.loads(text.decode(), object_pairs_hook=no_key_twice))
+        scene = parse_scene(json.loads(content, object_pairs_hook=no_key_twice))
         check_start(scene)
     except SceneError as error:
         raise SceneError(f"{shown}: {error}") from None
-    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or a bottomless pit of brackets
+    except (ValueError, RecursionError) as error:  # not Unicode, not JSON, or a bottomless pit of brackets
         raise SceneError(f"{shown} is not JSON: {shorten(str(error))}") from None
     scene = {key: x if key == "pairs" else np.array(x, dtype=float) for key, x in scene.items()}
     return scene | {"m": scene["m"][:, None]}
@@ -85,8 +86,7 @@ def no_key_twice(items):
     """The dict of JSON's `items`; raises SceneError for a key that is there twice."""
     found = dict(items)
     if len(found) < len(items):
-        names = [key for key, _ in items]
-        twice = next(key for key in names if names.count(key) > 1)
+        ((twice, _),) = Counter(key for key, _ in items).most_common(1)
         raise SceneError(f"the key {json.dumps(shorten(twice))} stands twice in one object; must stand once")
     return found
 
@@ -130,13 +130,17 @@ def parse_scene(data):
     need(isinstance(data, dict), "the file", data, "an object with particles, rods and anchors")
     known = ("about", "anchors", "particles", "rods")
     need(set(data) <= set(known), "the file", sorted(data), f"an object with no keys but {', '.join(known)}")
+    need(isinstance(data.get("about", ""), str), "about", data.get("about"), "text")
     particles = entries(data, "particles", ("position", "velocity", "mass"))
     anchors = data.get("anchors", [])
-    need(isinstance(anchors, list), "anchors", anchors, "a list of points [x, y, z]")
+    few = isinstance(anchors, list) and len(anchors) <= MOST
+    need(few, "anchors", anchors, f"a list of points [x, y, z], {MOST} at most")
     anchors = [vector(a, f"anchors[{k}]") for k, a in enumerate(anchors)]
     q0 = [vector(p.get("position"), f"particles[{k}].position") for k, p in enumerate(particles)]
     v0 = [vector(p.get("velocity", [0, 0, 0]), f"particles[{k}].velocity") for k, p in enumerate(particles)]
     m = [positive(p.get("mass", 1), f"particles[{k}].mass", "kilograms") for k, p in enumerate(particles)]
+    heavy, allowed = m.index(max(m)), f"at most {UNLIKE:g} times the lightest, {min(m):g} kg"
+    need(m[heavy] <= UNLIKE * min(m), f"particles[{heavy}].mass", m[heavy], allowed)
     points = q0 + anchors[::-1]  # index -1: the first anchor
     allowed = f"a particle 0..{len(q0) - 1}, tied to another"
     allowed += f" or to an anchor -1..-{len(anchors)}" if anchors else "; there are no anchors"
@@ -168,7 +172,7 @@ def check_start(scene):
     infinite tension would carry its weight.
     """
     q, v, anchors, lengths = (np.array(scene[key], dtype=float) for key in ("q0", "v0", "anchors", "lengths"))
-    (i, j), n = np.transpose(scene["pairs"]), len(q)
+    i, j = np.transpose(scene["pairs"])
     shared = sum(count * count for count in Counter(x for pair in scene["pairs"] for x in pair if x >= 0).values())
     if shared > CROWD:
         raise SceneError(f"{shared} pairs of rods meet in a particle; at most {CROWD} can be solved for")
@@ -186,19 +190,23 @@ def check_start(scene):
         raise SceneError(f"{len(i)} rods that are no chain need scipy: pip install -e '.[large]'")
     if len(i) > large.DENSE or not has_loop(tuple(scene["pairs"])):
         return
-    jac, rods = np.zeros((len(i), n + 1, 3)), np.arange(len(i))
-    jac[rods, i] = unit
-    jac[rods, np.maximum(j, -1)] -= unit
-    jac = jac[:, :n].reshape(len(i), -1)
+    tied = np.unique(np.append(i, j[j >= 0]))  # others fall freely
+    column = np.full(len(q) + 1, len(tied))  # the last is of what stands still
+    column[tied] = np.arange(len(tied))
+    jac, rods = np.zeros((len(i), len(tied) + 1, 3)), np.arange(len(i))
+    jac[rods, column[i]] = unit
+    jac[rods, column[np.maximum(j, -1)]] -= unit
+    jac = jac[:, :-1].reshape(len(i), -1)
     values, vectors = np.linalg.eigh(jac @ jac.T)
     lost = values <= SINGULAR * values[-1]
     stress, basis = vectors.T[lost], vectors.T[~lost]
     curl = np.sum(rate**2, axis=1) / lengths
     if lost.any() and np.abs(rate[np.abs(stress).max(axis=0) > FIT]).max() < FIT:
-        root, fall = np.sqrt(np.repeat(scene["m"], 3)), np.tile(GRAVITY, n)
-        rows = basis @ jac / root
-        accel = fall - rows.T @ np.linalg.lstsq(rows.T, root * fall, rcond=None)[0] / root
-        curl = np.sum(along(accel.reshape(n, 3), 0.0 * anchors) ** 2, axis=1) / lengths
+        root, fall = np.sqrt(np.repeat(np.array(scene["m"])[tied], 3)), np.tile(GRAVITY, len(tied))
+        rows, accel = basis @ jac / root, np.zeros_like(q)
+        held = fall - rows.T @ np.linalg.lstsq(rows.T, root * fall, rcond=None)[0] / root
+        accel[tied] = held.reshape(-1, 3)
+        curl = np.sum(along(accel, 0.0 * anchors) ** 2, axis=1) / lengths
     floor = (FIT * GRAVITY[1]) ** 2 / lengths  # lest rounding errors of a structure at rest look like motion
     for row in stress:
         if abs(row @ curl) > TAUT * (np.abs(row) @ (curl + floor)):

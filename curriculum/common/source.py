@@ -5,8 +5,8 @@ from collections import Counter
 
 from curriculum.common.unroll import FUNCTIONS
 
-NUMBERS = {name: getattr(math, name) for name in FUNCTIONS} | {"abs": abs, "inf": math.inf, "nan": math.nan}
-BINDS = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 3}  # how tightly; names, numbers and calls: 4
+NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow"]} | {"abs": abs, "inf": math.inf, "nan": math.nan}
+BINDS = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names, numbers and calls: 4
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
 
@@ -30,8 +30,11 @@ def write(tape, *groups):
             if sign in ("loop", "of"):
                 lines += tape.loops[name].lines(signed) if sign == "loop" else ()
                 continue
-            bound = BINDS.get(sign, 4)
-            expression = f"{text(left, bound)} {sign} {text(right[0], bound + 1)}" if right else f"{sign}({text(left)})"
+            bound, expression = BINDS.get(sign, 4), f"{sign}({text(left)})"
+            if right:
+                expression = f"{text(left, bound)} {sign} {text(right[0], bound + 1)}"
+            if sign == "**":  # the operator is right-associative, and complex for a negative base
+                expression = f"pow({text(left)}, {text(right[0])})"
             if used[name] == 1 and len(expression) < WIDTH:
                 texts[name] = expression, bound
             else:

@@ -1,5 +1,7 @@
 """What studies measure and print: jobs timed in turns, and tables with the bars they are held to."""
 
+import textwrap
+
 import numpy as np
 
 
@@ -16,6 +18,11 @@ def in_turns(jobs, repeats):
 def spread(samples, unit):
     """Median and quartiles of `samples` as columns of a table."""
     return dict(zip((unit, f"{unit} q1", f"{unit} q3"), np.percentile(samples, [50, 25, 75]).tolist(), strict=True))
+
+
+def say(text):
+    """Print a sentence, in lines that fit a page."""
+    print(textwrap.fill(text, 100, subsequent_indent="  ", break_long_words=False))
 
 
 def show(title, rows, bars=()):

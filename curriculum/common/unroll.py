@@ -62,6 +62,9 @@ class Symbol:
     def __init__(self, tape, x, minus=False):
         self.tape, self.x, self.minus = tape, x, minus
 
+    def __repr__(self):
+        return "-" * self.minus + str(self.x)
+
     def lift(self, number):
         number = number.item() if isinstance(number, np.ndarray) else number
         return number if type(number) is Symbol else Symbol(self.tape, abs(float(number)), bool(number < 0))

@@ -212,14 +212,10 @@ def dop853():
     from scipy.integrate import DOP853
 
     def step(q, v, m, force, dt):
-        start, rates = np.stack([q, v]), []
-
-        def toward(weights):
-            return start + dt * sum(w * rate for w, rate in zip(weights.tolist(), rates, strict=False) if w)
-
-        for weights in DOP853.A:
-            x = toward(weights)
+        x, rates = np.stack([q, v]), []
+        for weights in [*DOP853.A[1:].tolist(), DOP853.B.tolist()]:
             rates.append(np.stack([x[1], force(*x) / m]))
-        return tuple(toward(DOP853.B))
+            x = np.stack([q, v]) + dt * sum(w * rate for w, rate in zip(weights, rates, strict=False) if w)
+        return tuple(x)
 
     return step

@@ -179,7 +179,7 @@ def fan(path, system, dt, steps):
         runs[key] = found._replace(tip=found.tip[:, 0], violations=worst, energies=mean, q=q)
         rows[key] = runs[key].summary(scale, Truth(0))
     what = SimpleNamespace(system=f"{members} seeds", integrator=" and ".join(sorted({rule for rule, _ in RUNS})))
-    record(path, what, {"dt": dt, "error_at": 0.0}, linkage, runs, rows, scale, pulls)
+    record(path, what, {"dt": dt, "error_at": 0.0}, linkage, runs, rows, scale, lambda: pulls)
 
 
 def parse(argv):

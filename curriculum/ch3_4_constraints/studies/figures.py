@@ -1,8 +1,8 @@
 """Do the texts still say what the programs print?  Runs every command named in them and rewrites the block below it.
 
-A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it. `--only WORD` takes the commands that
-contain WORD: the studies of speed take minutes, and want a machine that does nothing else. The quick commands, whose
-digits are the same everywhere, are run by tests/test_texts.py, too.
+A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with `$ COMMAND`, for the
+reader. `--only WORD` takes the commands that contain WORD: the studies of speed take minutes, and want a machine that
+does nothing else. The quick commands, whose digits are the same everywhere, are run by tests/test_texts.py, too.
 """
 
 import re
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[3]
 CHAPTER = ROOT / "curriculum/ch3_4_constraints"
 PAGES = ("README.md", "studies/README.md", "exercises/README.md", "exercises/solutions/README.md")
 TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
-BLOCK = re.compile(r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(?P<body>.*?)(```\n)", re.S)
+BLOCK = re.compile(r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?(?P<body>.*?)(```\n)", re.S)
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
@@ -30,21 +30,19 @@ def printed(command):
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"figures: {command}: {done.stderr.strip() or 'failed'}")
-    return done.stdout.lstrip("\n")
+    return done.stdout.strip("\n") + "\n"
 
 
 def machine_free(text):
-    """Its lines without what belongs to the machine: a measured wall-clock, columns of times, where files went."""
-    lines, column = [], slice(0)
+    """Its lines, a list of cells each, without what belongs to the machine: the banner, times, where files went."""
+    lines, header = [], []
     for line in text.splitlines():
-        cells = list(re.finditer(r"\S+(?: \S+)*", line))
-        for before, cell in zip(cells, cells[1:], strict=False):
-            if cell[0] in TIMES:
-                column = slice(before.end(), cell.end())
-        line = re.sub(r"wall-clock .*", "wall-clock", line)
-        if not line.startswith(("wrote ", "look: ")):
-            lines.append(line.replace(line[column], "").rstrip() if line[column].strip() else line.rstrip())
-        column = column if line.strip() else slice(0)
+        cells = re.split(r" {2,}", line.strip())
+        header = cells if any(cell in TIMES for cell in cells) else header
+        if len(cells) == len(header):
+            cells = [cell for cell, title in zip(cells, header, strict=True) if title not in TIMES]
+        if not line.startswith(("ch3.4 ", "wrote ", "look: ")):
+            lines.append(cells)
     return lines
 
 
@@ -61,10 +59,13 @@ def main(argv=None):
             output = printed(match["command"])
             changed = machine_free(output) != machine_free(match["body"])
             print(f"{path.relative_to(ROOT)}: {match['command']}{': changed' if changed else ''}", flush=True)
-            return match[1] + output + match[4]
+            asked = f"$ {match['command']}\n" if match[3] else ""
+            return match[1] + asked + output + match[5]
 
-        text = BLOCK.sub(renewed, path.read_text(encoding="utf-8"))
-        write_whole(path, lambda temporary, text=text: temporary.write_text(text, encoding="utf-8"))
+        before = path.read_text(encoding="utf-8")
+        text = BLOCK.sub(renewed, before)
+        if text != before:
+            write_whole(path, lambda temporary, text=text: temporary.write_text(text, encoding="utf-8"))
     return 0
 
 

@@ -11,12 +11,14 @@ and what a simulated second costs, in the median.
 
 from argparse import RawDescriptionHelpFormatter
 from functools import cache
+from multiprocessing import Pool
+from signal import SIG_IGN, SIGINT, signal
 from typing import NamedTuple
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run, scene
 from curriculum.common.cli import Parser, number, run_script, writable
-from curriculum.common.device import processor
+from curriculum.common.device import processor, progress
 from curriculum.common.files import write_json
 from curriculum.common.scenes import SceneError
 from curriculum.common.tables import show
@@ -58,9 +60,9 @@ class Life(NamedTuple):
     cost: float
 
 
-def life(system, rule, mode, dt):
-    """The Life of a system under a method, with steps of `dt` s, up to the end of the longest horizon."""
-    found, v = run(system, rule, mode, dt, round(HORIZONS[-1] / dt)), system["v0"]
+def life(system, rule, mode, dt, seconds):
+    """The Life of a system under a method, with steps of `dt` s, for so many seconds."""
+    found, v = run(system, rule, mode, dt, round(seconds / dt)), system["v0"]
     scale = max(energy_scale(system), 0.5 * float(np.sum(system["m"] * v * v)))
     energy = np.abs(found.energies - found.energies[0]) / scale
     good = (found.violations <= RODS * np.min(system["lengths"])) & (energy <= ENERGY)
@@ -71,7 +73,8 @@ def life(system, rule, mode, dt):
 
 def row(crowd, rule, mode, ladder=LADDER):
     """What the table says of a method and the starts of a scene: none is run that the answer does not need."""
-    fates, fragile = cache(lambda k, dt: life(crowd[k], rule, mode, dt)), list(range(len(crowd)))
+    fates = cache(lambda k, dt: life(crowd[k], rule, mode, dt, HORIZONS[-1]))
+    fragile = list(range(len(crowd)))
     said = {"method": f"{rule} {mode}".removeprefix("semi_implicit ")}
 
     def held(k, dt, seconds):
@@ -95,17 +98,26 @@ def row(crowd, rule, mode, ladder=LADDER):
     return said | {"energy": f"{energy:.0e}", "halved": f"{halved:.1%}" if halved else "", "a second": f"{cost:.3g} ms"}
 
 
+def job(what):
+    """A row of the table, of (scene, rule, mode, count, seed)."""
+    name, rule, mode, count, seed = what
+    return {"scene": name} | row(starts(scene(name), count, seed), rule, mode)
+
+
 def study(names, methods, count, seed=0):
-    """Rows, a scene after the other, and {scene: why it is refused}."""
-    rows, refused = [], {}
+    """Rows, a scene after the other, from all processors at once, and {scene: why it is refused}."""
+    refused, jobs, rows = {}, [], []
     for name in names:
         try:
-            crowd = starts(scene(name), count, seed)
+            scene(name)
+            jobs += [(name, rule, mode, count, seed) for rule, mode in methods]
         except SceneError as error:
             refused[name] = str(error).split(": ", 1)[1]
-            continue
-        for rule, mode in methods:
-            rows.append({"scene": name} | row(crowd, rule, mode))
+    tick = progress("hard cases", len(jobs))
+    with Pool(initializer=signal, initargs=(SIGINT, SIG_IGN)) as pool:  # Ctrl-C is for this process alone
+        for found in pool.imap(job, jobs):
+            rows.append(found)
+            tick(len(rows))
     return rows, refused
 
 

@@ -26,17 +26,6 @@ def bobs(*at, v=None, lengths=None):
     return make_system(q0, v0, np.ones(len(at)), [(k, k - 1) for k in range(len(at))], lengths)
 
 
-def hanging():
-    """A bob that hangs at rest: lambda, and the pull it makes."""
-    rows = []
-    for length in (1.0, 2.0):
-        system = bobs((0.0, -length))
-        _, lam = c.multipliers(system, system["q0"], system["v0"])
-        force = c.constraint_force(system, system["q0"], system["v0"])
-        rows.append({"rod, m": length, "lambda, N/m": f"{lam[0]:.3f}", "pull on the bob, N": f"{force[0, 1]:.2f} up"})
-    show("a bob of 1 kg at rest", rows)
-
-
 def matrices():
     """Two bobs that hang at rest: every entry of the linear system."""
     system, rows = bobs((0.0, -1.0), (0.0, -2.0)), []
@@ -234,13 +223,8 @@ def rules():
     """The same number of linear systems, spent by rules of different order."""
     system, rows, seconds = c.build_system("double"), [], 2.0
     truth = run(system, "gauss", "project", 0.02, 100).q[-1]
-    for rule, dt in (
-        ("semi_implicit", 0.005),
-        ("rk4", 0.02),
-        ("semi_implicit", 0.00125),
-        ("rk4", 0.005),
-        ("gauss", 0.1),
-    ):
+    spent = ("semi_implicit", 0.005), ("rk4", 0.02), ("semi_implicit", 0.00125), ("rk4", 0.005), ("gauss", 0.1)
+    for rule, dt in spent:
         steps = round(seconds / dt)
         solves = round(steps * speed_vs_error.solves(system, c.INTEGRATORS[rule], "none", dt, steps))
         off = distance(run(system, rule, "none", dt, steps).q[-1], truth)
@@ -265,14 +249,15 @@ def crowd():
     show("after 20 s: medians, and worst; energies as shares of m g L", chaos.fates(found))
 
 
-TABLES = [hanging, matrices, level, tangent, jdotv, order, halving, knob, seeds, lag, nudge, soft, way_back, price]
+TABLES = [matrices, level, tangent, jdotv, order, halving, knob, seeds, lag, nudge, soft, way_back, price]
 SHOWN = {table.__name__: table for table in [*TABLES, elimination, rules, parting, crowd]}
 
 
 def main(argv=None):
     """Print the tables."""
     parser = Parser(prog="shown", description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*SHOWN, []], help="by default all")
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*SHOWN, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; by default all")
     for name in parser.parse_args(argv).names or SHOWN:
         SHOWN[name]()
     return 0
