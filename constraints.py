@@ -21,7 +21,7 @@ from curriculum.common.loops import repeat
 from curriculum.common.motion import Motion, followed, source
 from curriculum.common.recording import frames, pulls, record
 from curriculum.common.ruler import make_gauss, settle
-from curriculum.common.scenes import direction, load_scene
+from curriculum.common.scenes import direction, in_line, load_scene
 
 import numpy as np
 
@@ -206,7 +206,7 @@ def constraint_force(system, q, v, hold=0.0, f=None):
 def tensions(system, q, v, hold):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
     if large.takes(system):
-        return large.tensions(system, q, v, hold, external_force(system, q, v))
+        return large.tensions(system, q, v, as_hold(hold), external_force(system, q, v))
     _, lam = multipliers(system, q, v, hold)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
@@ -357,7 +357,7 @@ def parse(argv):
     return args, parser.attempt("--system", build_system, args.system, args.seed, args.links)
 
 
-def report(args, rows, runs, dt, truth):
+def report(args, system, rows, runs, dt, truth):
     """Print the table, a sentence for each run that did not go straight to its end, the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     at, limit = f"at {truth.step * dt:.3g} s, m", STABILITY_LIMIT.get(args.integrator, math.inf)
@@ -372,7 +372,7 @@ def report(args, rows, runs, dt, truth):
         print(f"{name:<10} {rods} {row['energy_rel_max']:9.1e} {error:>11} {end}")
     for mode, run in runs.items():
         if run.note:
-            print(f"* {mode} {run.note}")
+            print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}
@@ -397,7 +397,7 @@ def main(argv=None):
     if args.show_step:
         print(source(*case(modes[0], rule, args.dt)))
         return 0
-    print(banner("ch3.4", "constraints", args.device, "smoke" if args.smoke else "full"))
+    print(banner("ch3.4", "constraints", args.device))
     if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
         print(f"impulse left out: {args.integrator} does not take q to q + dt (v + dt a)")
@@ -406,7 +406,7 @@ def main(argv=None):
     runs = {mode: simulate(*case(mode, rule, dt), steps, keep) for mode in modes}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
-    report(args, rows, runs, dt, truth)
+    report(args, system, rows, runs, dt, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     holds = hold_table(dt, *knobs)
     scene = args, used, system, runs, rows, fall, lambda: pulls(tensions, system, runs, holds)

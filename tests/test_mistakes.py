@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
-from curriculum.common import device, files, large, ruler, scenes
+from curriculum.common import device, files, large, motion, ruler, scenes
 from curriculum.common.cli import Parser, number, writable
 from curriculum.common.scenes import SceneError
 
@@ -29,11 +29,11 @@ def program(*words, before=None, **settings):
     return subprocess.run(command, cwd=c.HERE, preexec_fn=before, **pipes | settings)
 
 
-def script(lines):
+def script(lines, before=None):
     """What a process of its own says whose main is `lines`."""
     body = "".join(f"    {line}\n" for line in lines.splitlines())
     code = f"import os, signal, sys\nfrom curriculum.common.cli import run_script\ndef main():\n{body}run_script(main)"
-    return program("-c", code)
+    return program("-c", code, before=before)
 
 
 def refusal(capsys, *words):
@@ -156,6 +156,13 @@ def test_a_full_or_closed_or_narrow_terminal(tmp_path):
 
 
 @posix
+def test_no_file_takes_the_place_of_a_closed_stream():
+    """Or what a library writes there would be in it."""
+    done = script("return os.open(os.devnull, os.O_RDONLY)", before=lambda: [os.close(k) for k in range(3)])
+    assert done.returncode > 2
+
+
+@posix
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_signal_leaves_no_temporary_file(name, tmp_path):
     number = int(getattr(signal, name))
@@ -172,14 +179,16 @@ write_whole({str(tmp_path / "metrics.json")!r}, write)"""
 
 @posix
 def test_under_nohup_a_hangup_is_nothing():
-    code = "import os, signal; from curriculum.common.cli import run_script; "
-    code += "run_script(lambda: os.kill(os.getpid(), signal.SIGHUP))"
-    assert program("-c", code, before=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)).returncode == 0
+    kill, deaf = "os.kill(os.getpid(), signal.SIGHUP)", lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    assert script(kill, before=deaf).returncode == 0
 
 
 @pytest.mark.parametrize(
     ("error", "line"),
-    [("KeyboardInterrupt", "interrupted"), ("ModuleNotFoundError(name='numpy')", "numpy is not installed: .*")],
+    [
+        ("KeyboardInterrupt", "interrupted"),
+        ("ModuleNotFoundError(name='numpy')", "numpy is not installed: pip install -e '.'"),
+    ],
 )
 def test_an_import_that_ends_early_is_one_line(error, line):
     finder = f"class F:\n def find_spec(self, name, *_):\n  if name == 'numpy': raise {error}\n"
@@ -309,6 +318,32 @@ def test_numbers_that_overflow_within_a_step_stop_a_run_with_a_sentence():
     """The sparse solver has an error of its own for that."""
     pytest.importorskip("scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'")
     assert "no finite tensions" in run(star(large.LINKAGE + 1), "rk4", dt=1e80, steps=1).stopped
+
+
+@pytest.mark.parametrize("n", [11, 13], ids=["dense", "sparse"])
+def test_rods_too_many_by_arrays_keep_a_body_rigid(n):
+    """All tied to all, and turning: a third of the rods would do, and which of them carry the load is open."""
+    if n == 13:
+        pytest.importorskip("scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'")
+    rng = np.random.default_rng(0)
+    q, turn = rng.normal(size=(n, 3)), rng.normal(size=3)
+    system = make_system(q, np.cross(turn, q), rng.uniform(1.0, 2.0, n), [(i, j) for i in range(n) for j in range(i)])
+    assert large.takes(system) and ("dense" in large.way(system)) == (n == 11)
+    jac, _, _, jdotv = c.constraint_terms(system, q, system["v0"])
+    a = c.make_force(system, 0.0)(q, system["v0"]) / system["m"]
+    assert np.abs(jac @ a.ravel() + jdotv).max() < 1e-6 * np.abs(jdotv).max()
+
+
+@pytest.mark.parametrize("rule", ["semi_implicit", "gauss"])
+def test_the_edges_of_blocks_change_nothing(rule, monkeypatch):
+    """A single run, and members in step; by numbers, by arrays, and step by step."""
+    alone, both = c.build_system("double"), c.build_system("double")
+    both |= {key: np.stack([both[key], both[key]]) for key in ("q0", "v0")}
+    whole = [run(system, rule, steps=100) for system in (alone, both)]
+    monkeypatch.setattr(motion, "BLOCK", 100)
+    for system, found in zip((alone, both), whole, strict=True):
+        pieces = run(system, rule, steps=100)
+        assert all(np.array_equal(a, b) for a, b in zip(pieces[:6], found[:6], strict=True))
 
 
 POINT = {"position": [1, 0, 0]}

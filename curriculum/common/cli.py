@@ -101,9 +101,8 @@ def chapter_parser(prog, folder, out, examples):
 
 def run_script(main):
     """Exit with main's status; what stops it from outside is one line, and a reader that has seen enough is none."""
-    while (
-        spare := os.open(os.devnull, os.O_RDWR)
-    ) < 3:  # a standard stream that is closed: no file must take its place
+    # a standard stream that is closed is opened again, lest a file take its place
+    while (spare := os.open(os.devnull, os.O_RDWR)) < 3:
         pass
     os.close(spare)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
@@ -114,7 +113,7 @@ def run_script(main):
     streams = [stream for stream in (sys.stdout, sys.stderr) if stream]
     for stream in streams:
         stream.reconfigure(errors="backslashreplace")
-    name, status = Path(sys.argv[0]).name, 1
+    name = Path(sys.argv[0]).name
     try:
         try:
             status = main()
@@ -129,6 +128,7 @@ def run_script(main):
     except OSError as error:
         if sys.stdout:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
+        status = 1
         if not isinstance(error, BrokenPipeError):
             status = f"{name}: error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}"
     sys.exit(status)

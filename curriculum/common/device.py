@@ -40,7 +40,7 @@ def banner(chapter, title, device, tier=None, ledger=LEDGER):
 
     `tier`: one of TIERS, by default the first of the device's.
     """
-    tier = tier if tier in TIERS else next(name for name, its in TIERS.items() if its == device)
+    tier = tier or next(name for name, its in TIERS.items() if its == device)
     row = next((row for row in read_ledger(ledger) if (row["chapter"], row["tier"]) == (chapter, tier)), None)
     clock = f"took {took(row)} on {row['machine']}, {row['date']}" if took(row) else f"is {UNKNOWN}"
     return f"{chapter} {title} | device {device} | tier {tier} | a default run {clock}"

@@ -17,8 +17,7 @@ from curriculum.common.unroll import Program, Untraceable
 import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
-HALVINGS = 6  # of a step that fails, at most
-SMALL = 0.01  # what may be mended of a step that `halves`, as a share of its length
+HALVINGS = 8  # of a step that fails, at most
 
 
 def unroll_map(function, *start):
@@ -130,10 +129,7 @@ def followed(rule, after, system):
         end = rule(q, v, m, force, dt)
         if not isinstance(force, Pieces):
             return after(system, q, *end, dt)
-        mended = compiled(force, dt)(q, *end)
-        if step.halves and np.max(np.abs(mended[0] - end[0])) > SMALL * np.max(np.abs(end[0] - q)):
-            raise FloatingPointError("a step so precise, and yet so far off: its stages are no solution")
-        return mended
+        return compiled(force, dt)(q, *end)
 
     step.halves, step.compiled = getattr(rule, "halves", False), compiled
     return step

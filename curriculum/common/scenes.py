@@ -91,6 +91,21 @@ def no_key_twice(items):
     return found
 
 
+def in_line(constraint_terms, system, run):
+    """A hint for a run that could not go on: whether J (C, 3N) of constraint_terms loses rank where it stopped."""
+    if not (run.stopped or "").startswith("stopped") or len(system["pairs"]) > large.LINKAGE:
+        return ""
+    ends = (system["q0"], system["v0"]), (run.q[-1], run.v[-1])
+    rows = (constraint_terms(system, *end)[0] for end in ends)
+    units = (jac / np.linalg.norm(jac, axis=1, keepdims=True) for jac in rows)
+    (_, before, _), (left, sizes, _) = (np.linalg.svd(unit, full_matrices=False) for unit in units)
+    last = int(np.sum(before > 1e-6)) - 1  # the weakest combination of rods; those after it were lost all along
+    if sizes[last] >= 0.2 * before[last]:
+        return ""
+    around = f"the rods around rods[{np.argmax(np.abs(left[:, last]))}] are nearly in line there"
+    return f"; {around}: no finite tension turns them; another --dt may step over that pose"
+
+
 def need(test, field, found, allowed):
     """Raise SceneError unless `test`."""
     if not test:

@@ -13,6 +13,7 @@ from argparse import RawDescriptionHelpFormatter
 from functools import cache
 from multiprocessing import Pool
 from signal import SIG_IGN, SIGINT, signal
+from textwrap import fill
 from typing import NamedTuple
 
 import constraints as c
@@ -136,7 +137,7 @@ def main(argv=None):
     if rows:
         table = show(f"largest step in s at which all of {args.starts} starts are held, for 2 s and for 10 s", rows)
     for name, why in refused.items():
-        print(f"{name} is refused: {why}")
+        print(fill(f"{name} is refused: {why}", 100, subsequent_indent="    "))
     if args.json:
         what = {"host": processor(), "starts": args.starts, "seed": args.seed, "refused": refused}
         write_json(args.json, table | what)
