@@ -339,7 +339,7 @@ def parse(argv):
     """The command line, and the system it names."""
     parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     what("--system", default="double", help="pendulum, double, triple, chain, scene, file (double)")
-    what("--links", type=number(int, 1, 10**6), default=10, help="rods of --system chain (10)")
+    what("--links", type=number(int, 1, 20_000), default=10, help="rods of --system chain (10)")
     what("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer (4000)")
     what("--dt", type=number(), default=0.005, help="s; halve it and see the rule's order (0.005)")
     how("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who drifts, how fast?")

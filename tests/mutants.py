@@ -18,7 +18,7 @@ from curriculum.common.device import progress
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = "constraints.py", "curriculum", "tests", "pyproject.toml", "README.md"
-LIMIT = 60  # s: a mutant that hangs is caught, too
+LIMIT = 60  # s a file: a mutant that hangs is caught, too
 FORCE, MOTION, UNROLL, RULER = (
     "tests/test_force.py",
     "tests/test_motion.py",
@@ -124,11 +124,11 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
 def tests(folder, files):
     """What pytest says of test files in a copy of the tree: its exit status and its last line; None if it hangs."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
-    settings = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
+    settings, limit = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, LIMIT * len(files)
     try:
-        done = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True, timeout=LIMIT)
+        done = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True, timeout=limit)
     except subprocess.TimeoutExpired:
-        return None, f"did not end in {LIMIT} s"
+        return None, f"did not end in {limit} s"
     return done.returncode, (done.stdout.strip() or done.stderr.strip() or "nothing").splitlines()[-1]
 
 

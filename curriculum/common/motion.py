@@ -18,6 +18,7 @@ import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
 HALVINGS = 8  # of a step that fails, at most
+PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress can be told
 
 
 def unroll_map(function, *start):
@@ -282,7 +283,10 @@ class Motion:
     def by_steps(self, count):
         """`count` steps, or as many as can be taken: states (count, ..., N, 3)."""
         q, v = (np.empty((count, *x.shape[::-1])).transpose(0, *range(x.ndim, 0, -1)) for x in self.state)
+        begin = time.perf_counter()
         for done in range(count):
+            if done and time.perf_counter() - begin > PATIENCE:
+                return q[:done], v[:done]
             try:
                 self.state = self.step(*self.state, self.dt, 0)
             except (ArithmeticError, ValueError, np.linalg.LinAlgError) as reason:

@@ -29,7 +29,7 @@ import numpy as np
 FOLDER = Path(__file__).parent
 COLORS = {"none": "#c8430f", "baumgarte": "#0b7d57", "impulse": "#1b73b8", "soft": "#7d7a00", "project": "#a83a7a"}
 WEIGHT, PULL = "#1b73b8", "#d9560b"
-LABELS = {"midpoint8": "midpoint, order 8,", "gauss12x1": "gauss, 12 stages,"}
+LABELS = {"midpoint8": "midpoint, order 8,", "gauss12": "gauss, 12 stages,"}
 METHODS = [("euler", "none"), *(("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse"))]
 METHODS += [("rk4", "soft"), ("rk4", "baumgarte"), *((rule, "project") for rule in LABELS)]
 TOP_BAR, NOTICES = 37, 8.0  # pixels of the viewer's menu; seconds until its notices are gone

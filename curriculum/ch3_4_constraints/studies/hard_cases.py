@@ -126,7 +126,7 @@ def main(argv=None):
     """Print the table; `--json` also writes it."""
     parser = Parser(prog="hard_cases", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", choices=[*NAMES, []], help="only these; all of them by default")
-    parser.add_argument("--starts", type=number(int, 1), default=20, help="of each scene (20)")
+    parser.add_argument("--starts", type=number(int, 1, 10**4), default=20, help="of each scene (20)")
     parser.add_argument("--seed", type=number(int, 0), default=0, help="draws them (0)")
     parser.add_argument("--methods", default="", metavar="WORD", help="only those that contain this word")
     parser.add_argument("--json", type=writable, metavar="PATH", help="also write the table here, times and all")

@@ -224,7 +224,7 @@ def main(argv=None) -> int:
     """Measure, print, maybe write JSON."""
     parser = Parser(prog="real_thing", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="less of (a) and (b), no A01")
-    parser.add_argument("--repeats", type=number(int, 1), default=9, help="of each timing (9)")
+    parser.add_argument("--repeats", type=number(int, 1, 1000), default=9, help="of each timing (9)")
     parser.add_argument("--json", type=writable, metavar="PATH", help="write the same as JSON")
     args = parser.parse_args(argv)
     if not has("mujoco"):

@@ -151,7 +151,7 @@ def main(argv=None):
     add("--system", default="double", metavar="NAME", help="a chapter scene or a scene file (double)")
     add("--links", type=number(int, 1, 30), default=5, help="rods of --system chain (5)")
     add("--all", action="store_true", help="print every row, not the frontier alone")
-    add("--repeats", type=number(int, 1), default=5, help="timings of each row (5)")
+    add("--repeats", type=number(int, 1, 1000), default=5, help="timings of each row (5)")
     add("--json", type=writable, metavar="PATH", help="write every row here, with the host")
     args = parser.parse_args(argv)
     system = parser.attempt("--system", c.build_system, args.system, 0, args.links)
