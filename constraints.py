@@ -387,7 +387,8 @@ def main(argv=None):
     """Run the comparison that `argv` asks for, print it, write metrics.json and the recording."""
     args, system = parse(argv)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
+    rule = INTEGRATORS[args.integrator]
+    steps = SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
     def case(mode, rule, dt):

@@ -51,7 +51,7 @@ def run_ours(task, per, mode, rule):
 def steps_ladder(task, text, job, low, high, *settings):
     """{setting: job}: `job` with ever more steps a sample, each rung about a tenth more than the one before."""
     pers = np.unique(np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)).tolist()
-    return {f"{text}dt {task.every / per:.4g}": partial(job, task, per, *settings) for per in pers}
+    return {f"{text}dt {task.every / per:.3g}": partial(job, task, per, *settings) for per in pers}
 
 
 def climb(task, ladder, cap):

@@ -98,7 +98,7 @@ def ours(task, gauss, midpoint):
         setting = text.format(task.every / per, *rule)
         ladders["ours, gauss"][setting] = partial(run_ours, task, per, "none", make_gauss(*rule))
     for order, per in midpoint:
-        setting = f"order {order}, dt {task.every / per:.4g}"
+        setting = f"order {order}, dt {task.every / per:.3g}"
         job = partial(run_ours, task, per, "none", extrapolated_midpoint(order))
         ladders["ours, midpoint"][setting] = job
     return ladders
