@@ -17,7 +17,7 @@ import pytest
 # what numpy found here beyond its baseline, by its own listing: naming anything else would only earn a warning
 FEATURES = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ()))
 # kernels of OpenBLAS and what they need: one that the processor lacks ends in an illegal instruction
-KERNELS = {"Prescott": "sse2", "Haswell": "avx2", "SkylakeX": "avx512f"}
+KERNELS = {"Prescott": "sse2", "Nehalem": "sse4_2", "Haswell": "avx2", "SkylakeX": "avx512f"}
 RUNS = """
 import hashlib, json, sys, constraints
 simulate, numbers = constraints.simulate, hashlib.sha256()

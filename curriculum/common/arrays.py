@@ -14,6 +14,11 @@ UFUNCS |= {name: name for name in FUNCTIONS}
 NAMES = {name: getattr(np, name) for name in [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not"]}
 
 
+def leading_first(a, axes):
+    """The array with its first `axes` axes last: a view."""
+    return a.transpose(*range(axes, a.ndim), *range(axes))
+
+
 class Writer:
     """Lines of numpy calls; `place`: in which buffer, argument or constant each name on the tape is found."""
 

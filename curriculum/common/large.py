@@ -10,6 +10,7 @@ from functools import lru_cache
 from importlib.util import find_spec
 from typing import NamedTuple
 
+from curriculum.common.arrays import leading_first
 from curriculum.common.graph import elimination_order, has_loop
 
 import numpy as np
@@ -115,7 +116,8 @@ def rod_vectors(rods, x, anchors=None):
 
 def dot(a, b):
     """(3, ...), (3, ...) -> (...), added up in this order."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    x, y, z = a * b
+    return x + y + z
 
 
 def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
@@ -123,7 +125,9 @@ def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
     if rods.chain:
         w = 1.0 / m
         diagonal = dot(d, along)
-        diagonal *= (1.0 + softness) * (w + np.concatenate([[0.0], w[:-1]]))
+        ends = w.copy()
+        ends[1:] += w[:-1]
+        diagonal *= (1.0 + softness) * ends
         upper = w[:-1] * dot(d[..., :-1], along[..., 1:])  # of -A
         lower = upper if d is along else w[:-1] * dot(d[..., 1:], along[..., :-1])
         return halve(diagonal, upper, lower, b)
@@ -179,9 +183,11 @@ def halve(diagonal, upper, lower, b):
     while n >> halvings > SHORT:
         halvings += 1
     if more := -(n + 1) % 2**halvings:  # unknowns tied to nothing, so that each odd one always has two even neighbours
-        one, none = np.ones((*b.shape[:-1], more)), np.zeros((*b.shape[:-1], more))
-        padded = zip((diagonal, upper, lower, b), (one, none, none, none), strict=True)
-        diagonal, upper, lower, b = (np.concatenate(x, axis=-1) for x in padded)
+        padded = np.zeros((4, *b.shape[:-1], n + more))
+        padded[0, ..., n:] = 1.0
+        for whole, x in zip(padded, (diagonal, upper, lower, b), strict=True):
+            whole[..., : x.shape[-1]] = x
+        diagonal, upper, lower, b = padded[0], padded[1, ..., :-1], padded[2, ..., :-1], padded[3]
     return halved(diagonal, upper, lower, b, halvings)[..., :n]
 
 
@@ -206,14 +212,17 @@ def halved(diagonal, upper, lower, b, times):
 
 def sweep(diagonal, upper, lower, b):
     """As `halve`, of lists of numbers or of arrays (...): one sweep out and one back."""
-    for k in range(1, len(b)):
-        ratio = lower[k - 1] / diagonal[k - 1]
-        diagonal[k] = diagonal[k] - ratio * upper[k - 1]
-        b[k] = b[k] + ratio * b[k - 1]
-    x = [b[-1] / diagonal[-1]]
-    for k in range(len(b) - 2, -1, -1):
-        x.append((b[k] + upper[k] * x[-1]) / diagonal[k])
-    return np.moveaxis(np.array(x[::-1]), 0, -1)
+    d, y = diagonal[0], b[0]
+    pivots, known = [d], [y]
+    for low, up, own, right in zip(lower, upper, diagonal[1:], b[1:], strict=True):
+        ratio = low / d
+        d, y = own - ratio * up, right + ratio * y
+        pivots.append(d)
+        known.append(y)
+    x = [y / d]
+    for d, y, up in zip(pivots[-2::-1], known[-2::-1], upper[::-1], strict=True):
+        x.append((y + up * x[-1]) / d)
+    return leading_first(np.array(x[::-1]), 1)
 
 
 def rods_answer(system, hold, f, q, v):
@@ -234,7 +243,7 @@ def make_force(system, hold, external_force):
     def force(q, v):
         f = components_first(external_force(system, q, v), q.shape)
         rods, d, lam = rods_answer(system, hold, f, q, v)
-        return np.moveaxis(f + pull(rods, d, lam, len(system["m"])), 0, -1)
+        return leading_first(f + pull(rods, d, lam, len(system["m"])), 1)
 
     force.dt, force.way = hold.dt, way(system)
     return force
@@ -262,7 +271,7 @@ def project(system, q_start, q, v, dt):
         g = 0.5 * (dot(d, d) - lengths * lengths)
         if np.all(np.abs(g) <= near):
             v = v + (x - free) / dt
-            return np.moveaxis(x, 0, -1), np.moveaxis(v - impulse(d, d, dot(d, rod_vectors(rods, v))), 0, -1)
+            return leading_first(x, 1), leading_first(v - impulse(d, d, dot(d, rod_vectors(rods, v))), 1)
         x = x - impulse(d, along, g)
     raise FloatingPointError("no way back onto the rods")
 

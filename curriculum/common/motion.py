@@ -9,7 +9,7 @@ import time
 from itertools import chain
 from typing import NamedTuple
 
-from curriculum.common.arrays import ArrayFunction
+from curriculum.common.arrays import ArrayFunction, leading_first
 from curriculum.common.device import progress
 from curriculum.common.source import again, number_function, once
 from curriculum.common.unroll import Program, Untraceable
@@ -77,11 +77,6 @@ def each(function, q, v):
         return Unrolled(lambda q, v: (function(q, v),), free, free)(q, v)[0]
     except Exception:  # what is wrong with it shows again below
         return np.stack([function(*state) for state in zip(q, v, strict=True)])
-
-
-def leading_first(a, axes):
-    """The array with its first `axes` axes last: a view."""
-    return a.transpose(*range(axes, a.ndim), *range(axes))
 
 
 class Pieces:
