@@ -12,16 +12,16 @@ import math
 from collections import namedtuple
 from pathlib import Path
 
-from curriculum.common import large  # many rods: these formulas again, not these lines
+from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
+from curriculum.ch3_4_constraints.recording import frames, pulls, record
+from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
+from curriculum.common.banner import banner
 from curriculum.common.cli import chapter_parser, number, run_script
-from curriculum.common.device import banner
 from curriculum.common.files import publish
 from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.loops import repeat
 from curriculum.common.motion import Motion, followed, source
-from curriculum.common.recording import frames, pulls, record
 from curriculum.common.ruler import make_gauss, settle
-from curriculum.common.scenes import direction, in_line, load_scene
 
 import numpy as np
 

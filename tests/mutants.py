@@ -1,9 +1,12 @@
-"""Do the tests bite?  One line of a copy is broken at a time, and the tests that should notice are run on it.
+"""Do the tests bite?  One line of a copy is broken at a time, and the tests that should notice are
+run on it.
 
-    python -m tests.mutants [WORD ...]      all of them, or those whose name or file contains a word; a few minutes
+    python -m tests.mutants [WORD ...]      all of them, or those whose name or file contains a
+    word; a few minutes
 
-A mutant that no test catches survives, and then the exit status is 1: a test is missing. So it is if the line to break
-is no longer there, or the tests fail before anything is broken: then this file is to be mended.
+A mutant that no test catches survives, and then the exit status is 1: a test is missing. So it is
+if the line to break is no longer there, or the tests fail before anything is broken: then this file
+is to be mended.
 """
 
 import os
@@ -13,8 +16,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from curriculum.common.banner import progress
 from curriculum.common.cli import Parser, run_script
-from curriculum.common.device import progress
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = "constraints.py", "curriculum", "tests", "pyproject.toml", "README.md"
@@ -25,7 +28,11 @@ FORCE, MOTION, UNROLL, RULER = (
     "tests/test_unroll.py",
     "tests/test_ruler.py",
 )
-LINE, MISTAKES, RESULTS = "tests/test_command_line.py", "tests/test_mistakes.py", "tests/test_results.py"
+LINE, MISTAKES, RESULTS = (
+    "tests/test_command_line.py",
+    "tests/test_mistakes.py",
+    "tests/test_results.py",
+)
 SCENES, RECORDING = "tests/test_scenes.py", "tests/test_recording.py"
 
 MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what takes its place, who should notice)]
@@ -51,7 +58,7 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("a verdict on short runs", 'len(runs["none"].tip) > SMOKE_STEPS', "True", RESULTS),
         ("the verdict upside down", "none > 3.0 * helped", "none < 3.0 * helped", RESULTS),
     ],
-    "curriculum/common/unroll.py": [
+    "curriculum/common/trace.py": [
         ("-a - b is a + b", 'self.note("+", b, self.minus)', 'self.note("+", b)', UNROLL),
         ("a + 0 is -a", "return b if self.x == 0.0 else self", "return b if self.x == 0.0 else -self", UNROLL),
         ("a quotient loses its sign", "self.note(\"/\", b, minus)", "self.note(\"/\", b)", UNROLL),
@@ -73,7 +80,7 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("a budget without end", "self.left -= 1", "self.left -= 0", MISTAKES),
         ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:", LINE),
     ],
-    "curriculum/common/large.py": [
+    "curriculum/ch3_4_constraints/large.py": [
         ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += ", FORCE),
         ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up", FORCE),
         ("loops without slack", "((slack, rounds) if rods.loop else (0.0, 1))", "(0.0, 1)", MISTAKES),
@@ -81,7 +88,7 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("an endless way back for long chains", "np.all(np.abs(g) <= near)",
             "np.all(np.sum(np.square(g / near), axis=-1) <= 1.0)", MISTAKES),
     ],
-    "curriculum/common/recording.py": [
+    "curriculum/ch3_4_constraints/recording.py": [
         ("one colour for all modes", "COLORS.get(mode, GREY)", "GREY", RECORDING),
         ("the trail of another particle", "positions=run.q[:, -1]", "positions=run.q[:, 0]", RECORDING),
         ("the camera behind the scene", "half[2] + reach / SLOPE]", "-half[2] - reach / SLOPE]", RECORDING),
@@ -90,7 +97,7 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("no thinning", "max(1, round(1.0 / (FRAME_RATE * dt)), ", "max(1, ", RECORDING),
         ("no cap", ", -(-(steps + 1) // most)))", ", 1))", RECORDING),
     ],
-    "curriculum/common/scenes.py": [
+    "curriculum/ch3_4_constraints/scene_files.py": [
         ("a taut cable let through", "if abs(row @ curl) > TAUT", "if abs(row @ curl) > 1e9", SCENES),
         ("the second of two equal keys counts", "if len(found) < len(items):", "if False:", SCENES),
         ("any number of particles", "0 < len(rows) <= MOST", "0 < len(rows)", MISTAKES),
@@ -111,7 +118,7 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("digits of any script", ", text, re.ASCII)", ", text)", MISTAKES),
         ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:", MISTAKES),
     ],
-    "curriculum/common/device.py": [
+    "curriculum/common/banner.py": [
         ("the banner is never measured", '["status"] == "measured"', '["status"] == "ever"', MISTAKES),
         ("the banner's tier is another", "if its == device)", "if its != device)", MISTAKES),
         ("minutes as seconds", "* 60.0:.2g} s", ":.2g} s", MISTAKES),
@@ -122,14 +129,19 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
 
 
 def tests(folder, files):
-    """What pytest says of test files in a copy of the tree: its exit status and its last line; None if it hangs."""
+    """What pytest says of test files in a copy of the tree: its exit status and its last line; None
+    if it hangs."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
     settings, limit = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, LIMIT * len(files)
     try:
-        done = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True, timeout=limit)
+        done = subprocess.run(
+            command, cwd=folder, env=settings, capture_output=True, text=True, timeout=limit
+        )
     except subprocess.TimeoutExpired:
         return None, f"did not end in {limit} s"
-    return done.returncode, (done.stdout.strip() or done.stderr.strip() or "nothing").splitlines()[-1]
+    return done.returncode, (done.stdout.strip() or done.stderr.strip() or "nothing").splitlines()[
+        -1
+    ]
 
 
 def fate(folder, file, old, new, test):
@@ -151,10 +163,14 @@ def fate(folder, file, old, new, test):
 def main(argv=None):
     """Break, test, mend, in turn; returns 1 unless all are caught."""
     parser = Parser(prog="mutants", usage="python -m tests.mutants [WORD ...]", description=__doc__)
-    parser.add_argument("words", nargs="*", metavar="WORD", help="only mutants whose name or file contains it")
+    parser.add_argument(
+        "words", nargs="*", metavar="WORD", help="only mutants whose name or file contains it"
+    )
     words = parser.parse_args(argv).words or [""]
     chosen = [(file, *mutant) for file, mutants in MUTANTS.items() for mutant in mutants]
-    chosen = [mutant for mutant in chosen if any(word in f"{mutant[0]}: {mutant[1]}" for word in words)]
+    chosen = [
+        mutant for mutant in chosen if any(word in f"{mutant[0]}: {mutant[1]}" for word in words)
+    ]
     if not chosen:
         parser.error(f"argument WORD: no mutant is called {' or '.join(words)}")
     with tempfile.TemporaryDirectory() as name:

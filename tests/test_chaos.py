@@ -1,4 +1,5 @@
-"""The study of many seeds: its starts, its members, what it counts, its exponent, its memory and its command."""
+"""The study of many seeds: its starts, its members, what it counts, its exponent, its memory and
+its command."""
 
 import json
 import math
@@ -24,7 +25,9 @@ def test_the_starts_are_those_of_build_system(name):
 
 
 @pytest.mark.parametrize(("name", "steps"), [("double", 1000), ("triple", 50)])
-def test_a_member_ends_where_it_ends_alone_bit_for_bit_in_batches_of_any_size(name, steps, monkeypatch):
+def test_a_member_ends_where_it_ends_alone_bit_for_bit_in_batches_of_any_size(
+    name, steps, monkeypatch
+):
     monkeypatch.setattr(motion, "BLOCK", 4096)  # so that there are many blocks of steps, too
     found = {}
     for size in (5, 9):
@@ -32,13 +35,17 @@ def test_a_member_ends_where_it_ends_alone_bit_for_bit_in_batches_of_any_size(na
         found[size] = chaos.crowds(name, range(3, 12), DT, steps)
     for rule, mode in chaos.RUNS:
         ends = found[9][rule, mode]
-        assert all(a.tobytes() == b.tobytes() for a, b in zip(ends, found[5][rule, mode], strict=True))
+        assert all(
+            a.tobytes() == b.tobytes() for a, b in zip(ends, found[5][rule, mode], strict=True)
+        )
         for k in (0, 5, 8):
             system = c.build_system(name, 3 + k)
             alone = run(system, rule, mode, DT, steps)
             gained = (alone.energies[-1] - alone.energies[0]) / energy_scale(system)
             expected = alone.violations.max(), drift(system, alone), gained, alone.tip[-1]
-            assert all(x[k].tobytes() == e.tobytes() for x, e in zip(ends, expected, strict=True)), (rule, mode, k)
+            assert all(
+                x[k].tobytes() == e.tobytes() for x, e in zip(ends, expected, strict=True)
+            ), (rule, mode, k)
 
 
 def test_the_tables_say_what_the_ends_are_and_count_who_is_lost():
@@ -69,7 +76,9 @@ def test_a_member_that_flies_apart_is_lost_alone():
 @pytest.mark.parametrize(("name", "square"), [("pendulum", 1.0), ("double", 2.0 + math.sqrt(2.0))])
 def test_neighbours_of_a_pendulum_on_end_part_as_the_linear_equations_say(name, square):
     upright = chaos.ensemble(name, range(4))
-    upright["q0"] = np.zeros_like(upright["q0"]) + np.arange(1.0, c.SYSTEMS[name] + 1.0)[:, None] * [0.0, 1.0, 0.0]
+    upright["q0"] = np.zeros_like(upright["q0"]) + np.arange(1.0, c.SYSTEMS[name] + 1.0)[
+        :, None
+    ] * [0.0, 1.0, 0.0]
     rates, rods, lost = chaos.growth(upright, 4.0, 2.0, DT)
     assert rates.shape == (4, 4)
     assert rates == pytest.approx(math.sqrt(9.81 * square), rel=1e-6)
@@ -95,7 +104,11 @@ def test_memory_grows_neither_with_steps_nor_with_batches(monkeypatch):
 
 def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch, tmp_path, capsys):
     drawn, flags = [], ["--quick", "--seeds", "3", "--first", "2", "--seconds", "0.1"]
-    less = {"WORK": 4000, "SIZES": (1000,), "growth": lambda system, *_: (np.ones((3, 20)), 1.23e-10, 4.56e-10)}
+    less = {
+        "WORK": 4000,
+        "SIZES": (1000,),
+        "growth": lambda system, *_: (np.ones((3, 20)), 1.23e-10, 4.56e-10),
+    }
     for name, value in less.items():
         monkeypatch.setattr(chaos, name, value)
     monkeypatch.setattr(chaos, "record", lambda path, *scene: drawn.append(scene) or path.touch())
@@ -107,7 +120,9 @@ def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch,
     assert texts[0] == texts[1]
     metrics = json.loads(texts[0])
     assert (metrics["first"], metrics["seeds"], metrics["steps"]) == (2, 3, 20)
-    assert metrics["answers"][0]["rows"] == [chaos.ordering(chaos.crowds("double", range(2, 5), DT, 20))]
+    assert metrics["answers"][0]["rows"] == [
+        chaos.ordering(chaos.crowds("double", range(2, 5), DT, 20))
+    ]
 
     _, _, linkage, runs, _, _, pulls = drawn[0]
     pulls = pulls()
@@ -116,6 +131,8 @@ def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch,
         alone = run(system, rule, mode, DT, 20, found.kept)
         assert (key, linkage["pairs"][2:4]) == (f"{rule}_{mode}", [(2, -1), (3, 2)])
         assert np.array_equal(found.q[:, 2:4], alone.q)
-        assert np.allclose(pulls[key][:, 2:4], c.tensions(system, alone.q, alone.v, hold), rtol=1e-12)
+        assert np.allclose(
+            pulls[key][:, 2:4], c.tensions(system, alone.q, alone.v, hold), rtol=1e-12
+        )
     chaos.main([*flags, "--no-rerun", "--out", str(tmp_path / "a")])
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["metrics.json"]

@@ -1,4 +1,5 @@
-"""The command line: mistakes answered by one line, results whole or not at all, and no work that was not asked for."""
+"""The command line: mistakes answered by one line, results whole or not at all, and no work that
+was not asked for."""
 
 import itertools
 import json
@@ -12,7 +13,7 @@ from functools import partial
 from types import SimpleNamespace
 
 import constraints
-from curriculum.common import device
+from curriculum.common import banner as device
 from curriculum.common.files import write_json, write_whole
 
 import pytest
@@ -39,7 +40,10 @@ FLAGS = {  # and what the line must repeat
     "--tol 0.001": "--tol 0.001 --integrator gauss",
     "--tol 0.001 --integrator rk4": "--tol 0.001 --integrator gauss",
 }
-TOO_FINE = ["--links 40 --system chain", "--system heavy_tip"]  # where the ruler ends: too many rods, too hard
+TOO_FINE = [
+    "--links 40 --system chain",
+    "--system heavy_tip",
+]  # where the ruler ends: too many rods, too hard
 
 
 @pytest.fixture
@@ -63,7 +67,9 @@ def refusal(capsys, *flags):
     return line
 
 
-@pytest.mark.parametrize(("flag", "value"), [(flag, x) for flag, values in VALUES.items() for x in values.split(" ")])
+@pytest.mark.parametrize(
+    ("flag", "value"), [(flag, x) for flag, values in VALUES.items() for x in values.split(" ")]
+)
 def test_a_bad_value_is_one_line_with_flag_and_value(flag, value, out, capsys):
     line = refusal(capsys, "--out", out, flag, value)
     assert f"argument {flag}: " in line
@@ -84,13 +90,24 @@ def test_an_out_that_cannot_be_a_folder(out, capsys):
 @pytest.mark.parametrize("name", ["metrics.json", "constraints.rrd"])
 def test_a_folder_where_a_result_should_go(name, tmp_path, capsys):
     (tmp_path / name).mkdir()
-    assert f"--out: cannot write into '{tmp_path}': {name} is a folder" in refusal(capsys, "--out", tmp_path)
+    assert f"--out: cannot write into '{tmp_path}': {name} is a folder" in refusal(
+        capsys, "--out", tmp_path
+    )
     assert [path.name for path in tmp_path.rglob("*")] == [name]
 
 
 @pytest.mark.parametrize("flags", TOO_FINE)
 def test_a_tolerance_that_nobody_could_judge_is_refused(flags, out):
-    command = [sys.executable, constraints.__file__, "--integrator", "gauss", "--tol", "0.001", "--steps", "400"]
+    command = [
+        sys.executable,
+        constraints.__file__,
+        "--integrator",
+        "gauss",
+        "--tol",
+        "0.001",
+        "--steps",
+        "400",
+    ]
     command += [*flags.split(), "--out", str(out)]
     done = subprocess.run(command, cwd=constraints.HERE, capture_output=True, text=True)
     assert re.fullmatch(r"[^\n]*error: argument --tol: [^\n]* 0\.001 m[^\n]*\n", done.stderr)
@@ -98,9 +115,12 @@ def test_a_tolerance_that_nobody_could_judge_is_refused(flags, out):
 
 
 def results(capsys, folder, *flags):
-    """The lines that main prints and the results that it writes, which must be JSON without NaN and Infinity."""
+    """The lines that main prints and the results that it writes, which must be JSON without NaN and
+    Infinity."""
     assert constraints.main(["--no-rerun", "--out", str(folder), *flags]) == 0
-    content = json.loads((folder / "metrics.json").read_text(), parse_constant=lambda name: pytest.fail(name))
+    content = json.loads(
+        (folder / "metrics.json").read_text(), parse_constant=lambda name: pytest.fail(name)
+    )
     return capsys.readouterr().out.splitlines(), content["results"]
 
 
@@ -115,18 +135,34 @@ def test_a_run_that_diverges_says_where_and_why(tmp_path, capsys):
 
 @pytest.mark.parametrize("integrator", constraints.INTEGRATORS)
 def test_a_hopeless_step_still_gives_results(integrator, tmp_path, capsys):
-    lines, content = results(capsys, tmp_path, "--dt", "100", "--steps", "10", "--integrator", integrator)
+    lines, content = results(
+        capsys, tmp_path, "--dt", "100", "--steps", "10", "--integrator", integrator
+    )
     for mode, row in content.items():
-        told = [line for line in lines if line.startswith(f"* {mode} ") and line.endswith(str(row["stopped"]))]
+        told = [
+            line
+            for line in lines
+            if line.startswith(f"* {mode} ") and line.endswith(str(row["stopped"]))
+        ]
         assert len(told) == (row["stopped"] is not None)
     assert content["none"]["stopped"] and content["baumgarte"]["stopped"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="an interrupt is no signal there")
 def test_an_interrupted_run_leaves_nothing(out):
-    command = [sys.executable, "-u", constraints.__file__, "--steps", "1000000000", "--out", str(out)]
+    command = [
+        sys.executable,
+        "-u",
+        constraints.__file__,
+        "--steps",
+        "1000000000",
+        "--out",
+        str(out),
+    ]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job in the background is born ignoring it
+    heed = partial(
+        signal.signal, signal.SIGINT, signal.SIG_DFL
+    )  # a job in the background is born ignoring it
     with subprocess.Popen(command, cwd=constraints.HERE, preexec_fn=heed, **pipes) as process:
         process.stdout.readline()  # imports done, main at work
         time.sleep(1.0)
@@ -158,10 +194,19 @@ def test_who_reads_the_metrics_sees_the_old_or_the_new_ones(tmp_path, capsys):
 @pytest.mark.skipif(os.name == "nt", reason="a closed pipe is another error there")
 @pytest.mark.parametrize("python", [["python"], ["python", "-u"]], ids=["buffered", "unbuffered"])
 def test_a_reader_that_has_seen_enough_is_no_error(python, tmp_path):
-    """As `| head -0` does: the other end of standard output is closed before anything is printed."""
+    """As `| head -0` does: the other end of standard output is closed before anything is
+    printed."""
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, *python[1:], constraints.__file__, "--smoke", "--no-rerun", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        *python[1:],
+        constraints.__file__,
+        "--smoke",
+        "--no-rerun",
+        "--out",
+        str(tmp_path),
+    ]
     done = subprocess.run(command, cwd=constraints.HERE, stdout=write, stderr=subprocess.PIPE)
     os.close(write)
     assert done.stderr == b"" and done.returncode == 1
@@ -176,14 +221,18 @@ def test_help_ends_by_naming_the_studies(capsys):
     with pytest.raises(SystemExit, match="0"):
         constraints.main(["--help"])
     ending = capsys.readouterr().out.split("\n\n")[-1]
-    studies = {path.stem for path in (constraints.HERE / constraints.CHAPTER / "studies").glob("[!_]*.py")}
+    studies = {
+        path.stem for path in (constraints.HERE / constraints.CHAPTER / "studies").glob("[!_]*.py")
+    }
     assert {"benchmark"} < studies <= set(re.findall(r"\w+", ending))
 
 
 def test_importing_does_nothing(tmp_path):
     code = "import constraints, sys; assert not {'rerun', 'pyarrow'} & set(sys.modules)"
     environment = os.environ | {"PYTHONPATH": str(constraints.HERE)}
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
     assert not list(tmp_path.iterdir())
 
@@ -202,10 +251,14 @@ def test_a_run_begins_with_the_banner(tmp_path, capsys):
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_only_a_terminal_sees_progress(terminal, tmp_path, monkeypatch, capsys):
-    ticks = itertools.count(step=10.0)  # a clock on which every block takes long enough to be told of
+    ticks = itertools.count(
+        step=10.0
+    )  # a clock on which every block takes long enough to be told of
     monkeypatch.setattr(device, "time", SimpleNamespace(monotonic=lambda: next(ticks)))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
-    constraints.main(["--steps", "40000", "--stabilization", "none", "--no-rerun", "--out", str(tmp_path)])
+    constraints.main(
+        ["--steps", "40000", "--stabilization", "none", "--no-rerun", "--out", str(tmp_path)]
+    )
     out, err = capsys.readouterr()
     assert "\r" not in out
     assert ("\r" in err) == terminal

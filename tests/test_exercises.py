@@ -18,14 +18,22 @@ import pytest
 
 HERE = Path(test_answers.__file__).parent
 CHECKS, judge = test_answers.CHECKS, test_answers.test_answer
-LISTED = ["git", "ls-files", "--modified", "--", "ex*.py", "my_linkage.json"]  # nothing where there is no repository
+LISTED = [
+    "git",
+    "ls-files",
+    "--modified",
+    "--",
+    "ex*.py",
+    "my_linkage.json",
+]  # nothing where there is no repository
 EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=HERE, capture_output=True).stdout
 unedited = pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
 
 
 @pytest.fixture
 def load(tmp_path, monkeypatch):
-    """load(name, right, wrong) -> a solution, put in place of its exercise for a test, with `wrong` for `right`."""
+    """load(name, right, wrong) -> a solution, put in place of its exercise for a test, with `wrong`
+    for `right`."""
 
     def load(name, right="", wrong=""):
         path = HERE / f"solutions/{name}.py"
@@ -58,9 +66,13 @@ def test_a_solution_passes_and_prints_what_its_text_says(name, load, capsys):
 @pytest.mark.parametrize("name", CHECKS)
 @unedited
 def test_a_solution_is_its_exercise_but_for_the_blanks(name):
-    exercise, solution = ((HERE / f"{folder}{name}.py").read_text().splitlines() for folder in ("", "solutions/"))
+    exercise, solution = (
+        (HERE / f"{folder}{name}.py").read_text().splitlines() for folder in ("", "solutions/")
+    )
     changes = [
-        tag for tag in difflib.SequenceMatcher(None, exercise, solution, False).get_opcodes() if tag[0] != "equal"
+        tag
+        for tag in difflib.SequenceMatcher(None, exercise, solution, False).get_opcodes()
+        if tag[0] != "equal"
     ]
     changed = [line for _, first, last, *_ in changes for line in exercise[first:last]]
     assert all("blank" in line or f"exercises.{name}" in line for line in changed)
@@ -78,10 +90,16 @@ def test_an_unedited_exercise_is_skipped_with_what_to_do():
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", HERE.relative_to(c.HERE)]
     done = subprocess.run(command, cwd=c.HERE, capture_output=True, text=True)
     assert done.returncode == 0 and f"{len(CHECKS)} skipped" in done.stdout
-    assert [line for line in done.stdout.splitlines() if line.startswith("to do: ")] == [f"to do: {x}" for x in asked]
+    assert [line for line in done.stdout.splitlines() if line.startswith("to do: ")] == [
+        f"to do: {x}" for x in asked
+    ]
     assert f"\n{asked[0]}\n" in (HERE / "README.md").read_text(encoding="utf-8")
-    script = subprocess.run([sys.executable, "-m", f"{test_answers.FOLDER}.ex1_drift"], cwd=c.HERE, capture_output=True)
-    assert script.returncode == 0 and script.stdout.decode().strip() == asked[0] and not script.stderr
+    script = subprocess.run(
+        [sys.executable, "-m", f"{test_answers.FOLDER}.ex1_drift"], cwd=c.HERE, capture_output=True
+    )
+    assert (
+        script.returncode == 0 and script.stdout.decode().strip() == asked[0] and not script.stderr
+    )
 
 
 WRONG = [
@@ -108,7 +126,9 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG, ids=[f"{row[0]}: {row[2]}" for row in WRONG])
+@pytest.mark.parametrize(
+    ("name", "right", "wrong", "says"), WRONG, ids=[f"{row[0]}: {row[2]}" for row in WRONG]
+)
 def test_a_wrong_answer_fails_and_is_told_where(name, right, wrong, says, load, capsys):
     solution = load(name, right, wrong)
     if hasattr(solution, "NOTE"):
@@ -155,7 +175,13 @@ def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
     tips = [double | {"m": double["m"] * [[1.0], [ratio]]} for ratio in (10.0, 1.0, 0.1)]
     said += [f"{run(system).violations[-1]:.3f} m" for system in tips]
     weak, weight = load("ex2_solve", "rate @ rate", "0.0"), double["m"] * c.GRAVITY
-    ran = c.simulate(c.rk4_step, double, lambda q, v: weight + weak.rod_force(double, q, v, weight, 20.0), 0.005, 1000)
+    ran = c.simulate(
+        c.rk4_step,
+        double,
+        lambda q, v: weight + weak.rod_force(double, q, v, weight, 20.0),
+        0.005,
+        1000,
+    )
     said.append(f"stretched by {ran.violations.max():.1f} m")
     chaos = load("ex3_chaos")
     chaos.DT, chaos.STEPS = 0.5 * chaos.DT, 2 * chaos.STEPS
@@ -181,7 +207,9 @@ def test_what_the_answers_say_of_cliffs_is_so(load):
     linkage = load("ex5_linkage")
     fast = c.build_system(str(linkage.SCENE))
     fast["v0"] = 3.0 * fast["v0"]
-    assert [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE] == ["project"]
+    assert [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE] == [
+        "project"
+    ]
 
 
 @unedited

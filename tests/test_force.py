@@ -1,8 +1,9 @@
-"""The constraint force: the one that J M^-1 J^T lambda = ... asks for, by two other ways of finding it."""
+"""The constraint force: the one that J M^-1 J^T lambda = ... asks for, by two other ways of finding
+it."""
 
 import constraints as c
+from curriculum.ch3_4_constraints import large
 from curriculum.ch3_4_constraints.studies._runs import make_system
-from curriculum.common import large
 
 import numpy as np
 import pytest
@@ -11,12 +12,15 @@ TABLE = c.hold_table(dt=0.005)
 
 
 def random_chain(rng, n, off_length=0.0):
-    """A chain in space with random masses and directions; its rods are `off_length` longer than they should be."""
+    """A chain in space with random masses and directions; its rods are `off_length` longer than
+    they should be."""
     d = rng.normal(size=(n, 3))
     lengths = np.linalg.norm(d, axis=1)
     q = np.cumsum(d * (1.0 + off_length / lengths[:, None]), axis=0) + 0.5
     pairs = [(k, k - 1) for k in range(n)]
-    return make_system(q, rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n), pairs, lengths, [[0.5, 0.5, 0.5]])
+    return make_system(
+        q, rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n), pairs, lengths, [[0.5, 0.5, 0.5]]
+    )
 
 
 def random_linkage(rng, n, rods, off_length=0.0):
@@ -27,11 +31,14 @@ def random_linkage(rng, n, rods, off_length=0.0):
     pairs += [free[k] for k in rng.choice(len(free), rods, replace=False)]
     ends = np.concatenate([points, anchors[::-1]])
     lengths = [np.linalg.norm(ends[i] - ends[j]) - off_length for i, j in pairs]
-    return make_system(points, rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n), pairs, lengths, anchors)
+    return make_system(
+        points, rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n), pairs, lengths, anchors
+    )
 
 
 def textbook_force(system, q, v, hold):
-    """J^T lambda with the matrices written out and LAPACK's solver; soft's position error as MuJoCo defines it."""
+    """J^T lambda with the matrices written out and LAPACK's solver; soft's position error as MuJoCo
+    defines it."""
     jac, g, gdot, jdotv = c.constraint_terms(system, q, v)
     if hold.softness:
         length = np.sqrt(2.0 * g + system["lengths"] ** 2)
@@ -49,35 +56,53 @@ def assert_close(a, b, tolerance=1e-12):
 
 @pytest.mark.parametrize("mode", TABLE)
 def test_force_solves_the_explicit_system(mode):
-    """Chains, trees and loops; the slack of loops is taken back to what rounding leaves of a badly posed system."""
+    """Chains, trees and loops; the slack of loops is taken back to what rounding leaves of a badly
+    posed system."""
     rng = np.random.default_rng(1)
     for system in [random_chain(rng, n, off) for n in (1, 2, 3, 7) for off in (0.0, 0.02)]:
         q, v = system["q0"], system["v0"]
-        assert_close(c.constraint_force(system, q, v, TABLE[mode]), textbook_force(system, q, v, TABLE[mode]))
+        assert_close(
+            c.constraint_force(system, q, v, TABLE[mode]), textbook_force(system, q, v, TABLE[mode])
+        )
     for system in [random_linkage(rng, 7, rods, 0.02) for rods in (0, 1, 2)]:
         q, v = system["q0"], system["v0"]
-        assert_close(c.constraint_force(system, q, v, TABLE[mode]), textbook_force(system, q, v, TABLE[mode]), 1e-11)
+        assert_close(
+            c.constraint_force(system, q, v, TABLE[mode]),
+            textbook_force(system, q, v, TABLE[mode]),
+            1e-11,
+        )
 
 
 LARGE = {  # by arrays: chains of every length around a halving, a tree, and loops
-    **{f"chain{n}": lambda rng, n=n: random_chain(rng, n, 1e-3) for n in (large.CHAIN + 1, 81, 162)},
+    **{
+        f"chain{n}": lambda rng, n=n: random_chain(rng, n, 1e-3) for n in (large.CHAIN + 1, 81, 162)
+    },
     "tree": lambda rng: random_linkage(rng, large.LINKAGE + 1, 0, 1e-3),
     "loops": lambda rng: random_linkage(rng, large.LINKAGE, 8, 1e-3),
 }
 
 
-SPARSE = [(name, installed) for name in LARGE for installed in (True, False) if "chain" not in name or not installed]
+SPARSE = [
+    (name, installed)
+    for name in LARGE
+    for installed in (True, False)
+    if "chain" not in name or not installed
+]
 
 
 @pytest.mark.parametrize(("name", "installed"), SPARSE)
 def test_large_scenes_equal_the_chapters_lines(name, installed, monkeypatch):
     if installed:
-        pytest.importorskip("scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'")
+        pytest.importorskip(
+            "scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'"
+        )
     monkeypatch.setattr(large, "find_spec", lambda module: installed)
     system = LARGE[name](np.random.default_rng(3))
     q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
     assert large.takes(system)
-    tolerance = 1e-9 if name == "loops" else 1e-12  # where loops are badly posed, the last digits are anybody's
+    tolerance = (
+        1e-9 if name == "loops" else 1e-12
+    )  # where loops are badly posed, the last digits are anybody's
     for hold in (*TABLE.values(), c.Hold(0.0, 200.0, 0.0, 0.0, None, None)):
         force = large.make_force(system, hold, c.external_force)
         expected = c.external_force(system, q, v) + c.constraint_force(system, q, v, hold)
@@ -92,16 +117,22 @@ def test_large_scenes_equal_the_chapters_lines(name, installed, monkeypatch):
 
 
 def test_rods_keep_g_on_its_way():
-    """Along the motion that the force makes, the second difference of g is what the mode asked for: none asks for 0."""
+    """Along the motion that the force makes, the second difference of g is what the mode asked for:
+    none asks for 0."""
     rng = np.random.default_rng(0)
     for system in (random_chain(rng, 4), random_linkage(rng, 5, 2)):
         q, v, dt = system["q0"], system["v0"], 1e-4
         for hold in (TABLE["none"], TABLE["baumgarte"]):
             _, g, gdot, _ = c.constraint_terms(system, q, v)
             a = c.make_force(system, hold)(q, v) / system["m"]
-            g_at = [c.constraint_terms(system, q + t * v + 0.5 * t * t * a, v)[1] for t in (-dt, dt)]
+            g_at = [
+                c.constraint_terms(system, q + t * v + 0.5 * t * t * a, v)[1] for t in (-dt, dt)
+            ]
             gddot = (g_at[0] - 2.0 * g + g_at[1]) / dt**2
-            assert np.abs(gddot + hold.damping * gdot + hold.stiffness * g).max() < 1e-4 * np.abs(a).max() ** 2
+            assert (
+                np.abs(gddot + hold.damping * gdot + hold.stiffness * g).max()
+                < 1e-4 * np.abs(a).max() ** 2
+            )
 
 
 def test_jacobian_is_the_derivative_of_g():
@@ -144,22 +175,33 @@ def test_rods_act_in_pairs_do_no_work_and_turn_nothing_about_the_pivot():
         system = random_linkage(rng, 6, trial % 4) if trial % 2 else random_chain(rng, 6)
         q, v = system["q0"], system["v0"]
         jac, _, _, _ = c.constraint_terms(system, q, v)
-        v = (v.ravel() - np.linalg.pinv(jac) @ (jac @ v.ravel())).reshape(-1, 3)  # a motion the rods allow
+        v = (v.ravel() - np.linalg.pinv(jac) @ (jac @ v.ravel())).reshape(
+            -1, 3
+        )  # a motion the rods allow
         force = c.constraint_force(system, q, v, TABLE["none"])
         scale = np.abs(force).max()
         assert abs(np.sum(force * v)) < 1e-10 * scale
         # what the rods at the anchors do to the particles is all that does not cancel in pairs
         lam = np.linalg.lstsq(jac.T, force.ravel(), rcond=None)[0]
         grounded = np.array([j < 0 for _, j in system["pairs"]])
-        d = np.array([q[i] - (system["anchors"][-1 - j] if j < 0 else q[j]) for i, j in system["pairs"]])
-        assert np.abs(force.sum(axis=0) - (lam[grounded, None] * d[grounded]).sum(axis=0)).max() < 1e-9 * scale
+        d = np.array(
+            [q[i] - (system["anchors"][-1 - j] if j < 0 else q[j]) for i, j in system["pairs"]]
+        )
+        assert (
+            np.abs(force.sum(axis=0) - (lam[grounded, None] * d[grounded]).sum(axis=0)).max()
+            < 1e-9 * scale
+        )
         if len({j for _, j in system["pairs"] if j < 0}) == 1:
             pivot = system["anchors"][-1 - min(j for _, j in system["pairs"])]
-            assert np.abs(np.cross(q - pivot, force).sum(axis=0)).max() < 1e-9 * scale * np.abs(q - pivot).max()
+            assert (
+                np.abs(np.cross(q - pivot, force).sum(axis=0)).max()
+                < 1e-9 * scale * np.abs(q - pivot).max()
+            )
 
 
 def test_redundant_rods_share_the_load_and_change_no_motion():
-    """A square with both diagonals hangs by a corner: six rods, five needed. The pull is unique, its split is not."""
+    """A square with both diagonals hangs by a corner: six rods, five needed. The pull is unique,
+    its split is not."""
     q = np.array([[1.0, 0, 0], [1, -1, 0], [0, -1, 0]])
     pairs = [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)]
     system = make_system(q, np.zeros_like(q), np.ones(3), pairs)
@@ -172,10 +214,13 @@ def test_redundant_rods_share_the_load_and_change_no_motion():
 
 
 def test_no_tension_is_cut_off_that_is_needed():
-    """A tonne at rest under a frame with a brace too many: the smallest eigenvalue that carries it is 5e-5 of A's."""
+    """A tonne at rest under a frame with a brace too many: the smallest eigenvalue that carries it
+    is 5e-5 of A's."""
     q = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.5, -2.0, 0.0]]
     pairs = [(0, -1), (1, -1), (2, 0), (2, 1), (2, -1), (1, 0), (3, 1), (3, 2), (0, -2)]
-    system = make_system(q, np.zeros((4, 3)), [1.0, 1.0, 1.0, 1000.0], pairs, None, [[0, 0, 0], [1.0, 1.0, 0]])
+    system = make_system(
+        q, np.zeros((4, 3)), [1.0, 1.0, 1.0, 1000.0], pairs, None, [[0, 0, 0], [1.0, 1.0, 0]]
+    )
     jac, *_ = c.constraint_terms(system, system["q0"], system["v0"])
     force = c.make_force(system, 0.0)(system["q0"], system["v0"])
     assert np.abs(jac @ (force / system["m"]).ravel()).max() < 1e-5  # gddot, m^2/s^2
@@ -184,9 +229,15 @@ def test_no_tension_is_cut_off_that_is_needed():
 def test_a_number_is_a_baumgarte_frequency_and_drag_reaches_the_rods(monkeypatch):
     system = random_chain(np.random.default_rng(3), 4, 0.01)
     q, v = system["q0"], system["v0"]
-    assert np.array_equal(c.constraint_force(system, q, v, 20.0), c.constraint_force(system, q, v, TABLE["baumgarte"]))
-    assert np.array_equal(c.constraint_force(system, q, v), c.constraint_force(system, q, v, TABLE["none"]))
-    monkeypatch.setattr(c, "external_force", lambda system, q, v=None: system["m"] * c.GRAVITY - 0.3 * v)
+    assert np.array_equal(
+        c.constraint_force(system, q, v, 20.0), c.constraint_force(system, q, v, TABLE["baumgarte"])
+    )
+    assert np.array_equal(
+        c.constraint_force(system, q, v), c.constraint_force(system, q, v, TABLE["none"])
+    )
+    monkeypatch.setattr(
+        c, "external_force", lambda system, q, v=None: system["m"] * c.GRAVITY - 0.3 * v
+    )
     assert_close(c.constraint_force(system, q, v, 0.0), textbook_force(system, q, v, TABLE["none"]))
 
 

@@ -1,4 +1,5 @@
-"""What a bad hour may bring: files that are none, full disks, closed streams, signals, sizes that nobody meant."""
+"""What a bad hour may bring: files that are none, full disks, closed streams, signals, sizes that
+nobody meant."""
 
 import json
 import os
@@ -10,10 +11,13 @@ import time
 from types import SimpleNamespace
 
 import constraints as c
+from curriculum.ch3_4_constraints import large
+from curriculum.ch3_4_constraints import scene_files as scenes
+from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
-from curriculum.common import device, files, large, motion, ruler, scenes
+from curriculum.common import banner as device
+from curriculum.common import files, motion, ruler
 from curriculum.common.cli import Parser, number, writable
-from curriculum.common.scenes import SceneError
 
 import numpy as np
 import pytest
@@ -62,7 +66,9 @@ def test_what_is_no_plain_file_is_never_replaced_by_one(tmp_path, capsys):
 def test_an_out_that_is_a_link_to_nothing_or_below_one_or_empty(tmp_path, capsys):
     (tmp_path / "link").symlink_to(tmp_path / "nothing")
     assert "it is a link to nothing" in refusal(capsys, *SHORT, "--out", tmp_path / "link")
-    assert "link is a link to nothing" in refusal(capsys, *SHORT, "--out", tmp_path / "link" / "below")
+    assert "link is a link to nothing" in refusal(
+        capsys, *SHORT, "--out", tmp_path / "link" / "below"
+    )
     assert "the name is empty" in refusal(capsys, *SHORT, "--out", "")
 
 
@@ -81,10 +87,16 @@ def test_results_of_another_user_are_found_out_before_the_run(tmp_path, monkeypa
 
 
 @posix
-def test_what_a_killed_run_left_is_removed_by_the_next_and_what_a_living_one_writes_is_not(tmp_path):
+def test_what_a_killed_run_left_is_removed_by_the_next_and_what_a_living_one_writes_is_not(
+    tmp_path,
+):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    for name, owner in (("metrics.json", dead.pid), ("constraints.rrd", dead.pid), ("metrics.json", os.getppid())):
+    for name, owner in (
+        ("metrics.json", dead.pid),
+        ("constraints.rrd", dead.pid),
+        ("metrics.json", os.getppid()),
+    ):
         (tmp_path / f".{name}.{owner}").write_text("half of the resu")
     (tmp_path / ".metrics.json.notes").write_text("mine")
     c.main([*SHORT, "--out", str(tmp_path)])
@@ -108,10 +120,16 @@ def test_an_old_recording_never_lies_beside_new_metrics(tmp_path):
         seen.append((json.loads(metrics.read_text())["steps"], recording.exists()))
         raise OSError(28, "No space left on device")
 
-    flags = dict.fromkeys(("integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"), 0)
+    flags = dict.fromkeys(
+        ("integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"), 0
+    )
     args = SimpleNamespace(**flags, system="double", out=tmp_path, rerun=True)
     said = files.publish(args, {"steps": 7}, {}, record)
-    assert seen == [(7, False)] and said.count("\n") == 0 and "no recording: No space left on device" in said
+    assert (
+        seen == [(7, False)]
+        and said.count("\n") == 0
+        and "no recording: No space left on device" in said
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["metrics.json"]
 
 
@@ -147,7 +165,9 @@ def test_a_full_or_closed_or_narrow_terminal(tmp_path):
     assert (done.returncode, done.stderr) == (1, "constraints.py: error: No space left on device\n")
     for closed in ((1,), (0, 1, 2)):
         (tmp_path / "metrics.json").unlink(missing_ok=True)
-        done = program(*SHORT, "--out", tmp_path, before=lambda closed=closed: [os.close(k) for k in closed])
+        done = program(
+            *SHORT, "--out", tmp_path, before=lambda closed=closed: [os.close(k) for k in closed]
+        )
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
         assert json.loads((tmp_path / "metrics.json").read_text())["steps"] == 20
     narrow = os.environ | {"PYTHONIOENCODING": "ascii"}
@@ -158,7 +178,9 @@ def test_a_full_or_closed_or_narrow_terminal(tmp_path):
 @posix
 def test_no_file_takes_the_place_of_a_closed_stream():
     """Or what a library writes there would be in it."""
-    done = script("return os.open(os.devnull, os.O_RDONLY)", before=lambda: [os.close(k) for k in range(3)])
+    done = script(
+        "return os.open(os.devnull, os.O_RDONLY)", before=lambda: [os.close(k) for k in range(3)]
+    )
     assert done.returncode > 2
 
 
@@ -179,7 +201,10 @@ write_whole({str(tmp_path / "metrics.json")!r}, write)"""
 
 @posix
 def test_under_nohup_a_hangup_is_nothing():
-    kill, deaf = "os.kill(os.getpid(), signal.SIGHUP)", lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    kill, deaf = (
+        "os.kill(os.getpid(), signal.SIGHUP)",
+        lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    )
     assert script(kill, before=deaf).returncode == 0
 
 
@@ -209,7 +234,10 @@ def test_no_memory_is_one_line(tmp_path):
 
     done = program("--steps", 10**9, "--no-rerun", "--out", tmp_path, before=little)
     assert done.returncode == 1 and not list(tmp_path.iterdir())
-    assert done.stderr == "constraints.py: error: not enough memory; ask for fewer rods, members or steps\n"
+    assert (
+        done.stderr
+        == "constraints.py: error: not enough memory; ask for fewer rods, members or steps\n"
+    )
 
 
 # --- what takes long ---
@@ -222,7 +250,10 @@ def test_progress_says_how_long_it_will_take_as_soon_as_one_can_tell(monkeypatch
         tick(step)
         shown.append(capsys.readouterr().err)
     assert shown[0] == shown[2] == ""  # too early, and too soon after the last
-    assert "falling:   0%, about 2 min left" in shown[1] and "falling:   9%, about 2 min left" in shown[3]
+    assert (
+        "falling:   0%, about 2 min left" in shown[1]
+        and "falling:   9%, about 2 min left" in shown[3]
+    )
     assert not re.search(r"\w", shown[4].replace("\x1b[K", ""))
 
 
@@ -237,7 +268,8 @@ def test_what_is_short_shows_no_progress(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"), [(0.2, "1 s"), (45, "45 s"), (170, "3 min"), (8000, "2 h"), (1e6, "278 h")]
+    ("seconds", "words"),
+    [(0.2, "1 s"), (45, "45 s"), (170, "3 min"), (8000, "2 h"), (1e6, "278 h")],
 )
 def test_an_estimate_has_no_false_digits(seconds, words):
     assert device.about(seconds) == f"about {words}"
@@ -251,7 +283,8 @@ def test_the_ruler_does_not_follow_a_step_that_is_too_long_for_it(dt, tmp_path):
 
 
 def test_the_rulers_budget_counts_every_step_and_every_half_of_one():
-    """At 10 m/s and more the first rung takes nearly all its steps in halves, and there is no second."""
+    """At 10 m/s and more the first rung takes nearly all its steps in halves, and there is no
+    second."""
     system, asked = scenes.load_scene("spin", c.HERE / c.CHAPTER / "scenes"), []
 
     def counted(rule, dt, steps):
@@ -261,7 +294,9 @@ def test_the_rulers_budget_counts_every_step_and_every_half_of_one():
         return found
 
     assert ruler.true_position(counted, 2.0, 125) == (None, np.inf)
-    assert asked == [40] and ruler.true_position(counted, 2.0, 119) == (None, np.inf) and asked == [40]
+    assert (
+        asked == [40] and ruler.true_position(counted, 2.0, 119) == (None, np.inf) and asked == [40]
+    )
 
 
 def test_the_ruler_leaves_out_what_is_done_by_arrays():
@@ -280,7 +315,12 @@ def test_the_ruler_leaves_out_what_is_done_by_arrays():
 # --- sizes ---
 def star(n):
     """n particles on rods that all feel each other."""
-    return make_system([[k + 1, k % 7, k % 5] for k in range(n)], np.zeros((n, 3)), np.ones(n), [(0, -1), *spokes(n)])
+    return make_system(
+        [[k + 1, k % 7, k % 5] for k in range(n)],
+        np.zeros((n, 3)),
+        np.ones(n),
+        [(0, -1), *spokes(n)],
+    )
 
 
 def spokes(n):
@@ -303,7 +343,10 @@ def test_particles_without_rods_fall_and_cost_little(tmp_path):
         assert large.takes(system) == (n > rods + 1) and not large.of(system).chain
         found = run(system, "rk4", "project", 0.01, 10)
         assert found.q[-1, -1] == pytest.approx([n, -0.5 * 9.81 * 0.1**2, 0.0], abs=1e-12)
-    document = {"particles": [{"position": p} for p in position], "rods": [{"pair": pair} for pair in pairs]}
+    document = {
+        "particles": [{"position": p} for p in position],
+        "rods": [{"pair": pair} for pair in pairs],
+    }
     document["rods"][0] = {"pair": [rods - 1, 0]}  # closes a loop, so that the start is looked at
     (tmp_path / "loose.json").write_text(json.dumps(document))
     assert len(c.build_system(str(tmp_path / "loose.json"))["q0"]) == len(position)
@@ -316,18 +359,25 @@ def test_a_long_chain_finds_its_way_back():
 
 def test_numbers_that_overflow_within_a_step_stop_a_run_with_a_sentence():
     """The sparse solver has an error of its own for that."""
-    pytest.importorskip("scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'")
+    pytest.importorskip(
+        "scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'"
+    )
     assert "no finite tensions" in run(star(large.LINKAGE + 1), "rk4", dt=1e80, steps=1).stopped
 
 
 @pytest.mark.parametrize("n", [11, 13], ids=["dense", "sparse"])
 def test_rods_too_many_by_arrays_keep_a_body_rigid(n):
-    """All tied to all, and turning: a third of the rods would do, and which of them carry the load is open."""
+    """All tied to all, and turning: a third of the rods would do, and which of them carry the load
+    is open."""
     if n == 13:
-        pytest.importorskip("scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'")
+        pytest.importorskip(
+            "scipy", reason="the sparse solver of large linkages: pip install -e '.[large]'"
+        )
     rng = np.random.default_rng(0)
     q, turn = rng.normal(size=(n, 3)), rng.normal(size=3)
-    system = make_system(q, np.cross(turn, q), rng.uniform(1.0, 2.0, n), [(i, j) for i in range(n) for j in range(i)])
+    system = make_system(
+        q, np.cross(turn, q), rng.uniform(1.0, 2.0, n), [(i, j) for i in range(n) for j in range(i)]
+    )
     assert large.takes(system) and ("dense" in large.way(system)) == (n == 11)
     jac, _, _, jdotv = c.constraint_terms(system, q, system["v0"])
     a = c.make_force(system, 0.0)(q, system["v0"]) / system["m"]
@@ -352,7 +402,10 @@ SIZES = {
         {"particles": [POINT] * (scenes.MOST + 1), "rods": [{"pair": [0, 1]}]},
         f"1 to {scenes.MOST} entries",
     ),
-    "anchors": ({"particles": [POINT], "anchors": [[0, 0, 0]] * (scenes.MOST + 1)}, f"{scenes.MOST} at most"),
+    "anchors": (
+        {"particles": [POINT], "anchors": [[0, 0, 0]] * (scenes.MOST + 1)},
+        f"{scenes.MOST} at most",
+    ),
     "masses": (
         {"particles": [POINT | {"mass": 1e-13}, POINT], "rods": [{"pair": [0, 1]}]},
         "particles[1].mass is 1.0; must be at most 1e+12 times the lightest, 1e-13 kg",
@@ -395,7 +448,8 @@ def test_a_file_too_large_is_not_read_and_a_late_double_key_is_found_at_once(tmp
 def test_a_scene_may_come_from_an_editor_that_marks_its_bytes(encoding, tmp_path):
     path = tmp_path / "scene.json"
     path.write_text(
-        '{"anchors": [[0, 0, 0]], "particles": [{"position": [1, 0, 0]}], "rods": [{"pair": [0, -1]}]}', encoding
+        '{"anchors": [[0, 0, 0]], "particles": [{"position": [1, 0, 0]}], "rods": [{"pair": [0, -1]}]}',
+        encoding,
     )
     assert c.build_system(str(path))["lengths"] == 1.0
 
@@ -417,10 +471,17 @@ def test_what_is_nearly_right_is_guessed_whatever_its_case(capsys):
 # --- the ledger ---
 def test_the_ledger_has_a_row_for_every_tier():
     rows = [row for row in device.read_ledger() if row["chapter"] == "ch3.4"]
-    assert [row["tier"] for row in rows] == list(device.TIERS) == ["cpu-laptop", "mps", "t4", "4090"]
+    assert (
+        [row["tier"] for row in rows] == list(device.TIERS) == ["cpu-laptop", "mps", "t4", "4090"]
+    )
     for row in rows:
         assert row["status"] in ("measured", "not yet measured")
-        assert bool(row["minutes"]) == bool(row["machine"]) == bool(row["date"]) == (row["status"] == "measured")
+        assert (
+            bool(row["minutes"])
+            == bool(row["machine"])
+            == bool(row["date"])
+            == (row["status"] == "measured")
+        )
     assert rows[0]["status"] == "measured"
 
 
@@ -429,19 +490,32 @@ def test_the_banner_speaks_of_a_default_run_and_not_of_this_one(tmp_path):
     head = "chapter,tier,minutes,machine,date,commit,status\n"
     rows = "ch0,cpu-laptop,0.5,a desk,2020-01-01,abc,measured\nch0,mps,7,a guess,2020-01-01,abc,estimated\n"
     ledger.write_text(f"{head}{rows}")
-    expected = "ch0 title | device cpu | tier cpu-laptop | a default run took 30 s on a desk, 2020-01-01"
+    expected = (
+        "ch0 title | device cpu | tier cpu-laptop | a default run took 30 s on a desk, 2020-01-01"
+    )
     assert device.banner("ch0", "title", "cpu", ledger=ledger) == expected
-    assert device.banner("ch0", "title", "mps", ledger=ledger).endswith("tier mps | a default run is not yet measured")
+    assert device.banner("ch0", "title", "mps", ledger=ledger).endswith(
+        "tier mps | a default run is not yet measured"
+    )
     assert device.banner("ch0", "title", "cuda", "4090", ledger).endswith(
         "tier 4090 | a default run is not yet measured"
     )
-    assert device.banner("ch1", "title", "cpu", ledger=ledger).endswith("| a default run is not yet measured")
-    assert "| ch0 | cpu-laptop | 30 s | a desk | 2020-01-01 |\n| ch0 | mps | not yet measured |" in device.table(ledger)
+    assert device.banner("ch1", "title", "cpu", ledger=ledger).endswith(
+        "| a default run is not yet measured"
+    )
+    assert (
+        "| ch0 | cpu-laptop | 30 s | a desk | 2020-01-01 |\n| ch0 | mps | not yet measured |"
+        in device.table(ledger)
+    )
 
 
-def test_measuring_takes_the_median_of_five_in_minutes_and_leaves_a_row_for_each_tier(tmp_path, monkeypatch):
+def test_measuring_takes_the_median_of_five_in_minutes_and_leaves_a_row_for_each_tier(
+    tmp_path, monkeypatch
+):
     ledger, clock = tmp_path / "wallclock.csv", iter([0, 6, 6, 7, 7, 10, 10, 70, 70, 72])
-    ledger.write_text("chapter,tier,minutes,machine,date,commit,status\nch9,t4,0.5,a desk,2020-01-01,abc,measured\n")
+    ledger.write_text(
+        "chapter,tier,minutes,machine,date,commit,status\nch9,t4,0.5,a desk,2020-01-01,abc,measured\n"
+    )
     before = ledger.read_bytes()
     with pytest.raises(subprocess.CalledProcessError):
         device.measure("ch0", "mps", [sys.executable, "-c", "raise SystemExit(1)"], ledger)
@@ -451,5 +525,8 @@ def test_measuring_takes_the_median_of_five_in_minutes_and_leaves_a_row_for_each
     assert device.measure("ch0", "mps", ["a", "command"], ledger) == 3
     rows = {(row["chapter"], row["tier"]): row for row in device.read_ledger(ledger)}
     assert list(rows) == [("ch9", "t4"), *(("ch0", tier) for tier in device.TIERS)]
-    assert rows["ch0", "mps"]["minutes"] == "0.05000" and rows["ch0", "t4"]["status"] == "not yet measured"
+    assert (
+        rows["ch0", "mps"]["minutes"] == "0.05000"
+        and rows["ch0", "t4"]["status"] == "not yet measured"
+    )
     assert " 3 s on " in device.banner("ch0", "title", "mps", ledger=ledger)

@@ -1,4 +1,5 @@
-"""The motion: the chapter's numbers, closed forms, an independent formulation, orders and limits, each measured."""
+"""The motion: the chapter's numbers, closed forms, an independent formulation, orders and limits,
+each measured."""
 
 import json
 import math
@@ -12,11 +13,14 @@ from curriculum.common import motion
 import numpy as np
 import pytest
 
-REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies" / "reference.json").read_text(encoding="utf-8"))
+REFERENCE = json.loads(
+    (c.HERE / c.CHAPTER / "studies" / "reference.json").read_text(encoding="utf-8")
+)
 
 
 def true_error(name, rule, mode, dt, until=5.0):
-    """Largest distance of a particle from where equations of motion in angles put it (studies/reference.py)."""
+    """Largest distance of a particle from where equations of motion in angles put it
+    (studies/reference.py)."""
     steps = [round(t / dt) for t in REFERENCE["times"] if t <= until]  # which the step divides
     truth = np.array(REFERENCE["cases"][name]["positions"])[: len(steps)]
     found = run(c.build_system(name), rule, mode, dt, steps[-1], steps)
@@ -30,7 +34,11 @@ def orders(errors):
 
 @pytest.mark.parametrize(
     ("name", "mode", "worst"),
-    [("double", "none", 0.384014620396), ("double", "baumgarte", 0.023470285993), ("triple", "none", 0.403663129450)],
+    [
+        ("double", "none", 0.384014620396),
+        ("double", "baumgarte", 0.023470285993),
+        ("triple", "none", 0.403663129450),
+    ],
 )
 def test_the_published_script_finds_the_same_twelve_digits(name, mode, worst):
     assert round(float(run(c.build_system(name), hold=mode).violations.max()), 12) == worst
@@ -40,9 +48,15 @@ def test_the_chapters_other_numbers():
     """As it prints them: final rod errors and energies, and what RK4 leaves of the pendulum's."""
     none, helped = (run(c.build_system("double"), hold=mode) for mode in ("none", "baumgarte"))
     assert f"{none.violations[-1]:.3f} {helped.violations[-1]:.4f}" == "0.384 0.0014"
-    assert [f"{drift(c.build_system('double'), found):.2f}" for found in (none, helped)] == ["0.43", "0.32"]
+    assert [f"{drift(c.build_system('double'), found):.2f}" for found in (none, helped)] == [
+        "0.43",
+        "0.32",
+    ]
     swing = run(c.build_system("pendulum"), "rk4")
-    assert f"{swing.violations.max():.1e} {drift(c.build_system('pendulum'), swing):.1e}" == "8.8e-06 1.2e-05"
+    assert (
+        f"{swing.violations.max():.1e} {drift(c.build_system('pendulum'), swing):.1e}"
+        == "8.8e-06 1.2e-05"
+    )
 
 
 def test_neighbouring_seeds_part_and_a_generator_is_as_good_as_a_seed():
@@ -55,12 +69,15 @@ def test_neighbouring_seeds_part_and_a_generator_is_as_good_as_a_seed():
 def test_none_drifts_over_three_times_as_far_as_baumgarte_on_every_chapter_scene():
     for name in c.SYSTEMS:
         for seed in range(3):
-            none, helped = (run(c.build_system(name, seed), hold=w).violations.max() for w in (0.0, 20.0))
+            none, helped = (
+                run(c.build_system(name, seed), hold=w).violations.max() for w in (0.0, 20.0)
+            )
             assert none > 3.0 * helped
 
 
 def test_the_pendulum_keeps_time_with_the_complete_elliptic_integral():
-    """Period 4 K(sin(phi_0/2)) sqrt(L/g), K by Gauss's mean; the bob is at rest again on its own side after it."""
+    """Period 4 K(sin(phi_0/2)) sqrt(L/g), K by Gauss's mean; the bob is at rest again on its own
+    side after it."""
     system = c.build_system("pendulum")
     x, y, _ = system["q0"][0]
     k = math.sin(0.5 * math.atan2(x, -y))
@@ -75,7 +92,8 @@ def test_the_pendulum_keeps_time_with_the_complete_elliptic_integral():
 
 @pytest.mark.parametrize("name", REFERENCE["cases"])
 def test_rk4_meets_the_closed_form_and_the_independent_formulation(name):
-    """The single pendulum against Jacobi's elliptic functions, the others against angles, to more digits than ours."""
+    """The single pendulum against Jacobi's elliptic functions, the others against angles, to more
+    digits than ours."""
     assert REFERENCE["cases"][name]["error"] < 1e-16
     assert true_error(name, "rk4", "project", 0.001) < 2e-8
 
@@ -98,7 +116,12 @@ def test_order_on_the_trajectory(rule, mode, low, high, dts):
 @pytest.mark.parametrize(("rule", "low", "high"), [("semi_implicit", 0.9, 1.1), ("rk4", 3.95, 5.0)])
 def test_order_on_the_rods(rule, low, high):
     ladder = [0.005, 0.0025, 0.00125]
-    found = orders([run(c.build_system("double"), rule, 0.0, dt, round(5 / dt)).violations.max() for dt in ladder])
+    found = orders(
+        [
+            run(c.build_system("double"), rule, 0.0, dt, round(5 / dt)).violations.max()
+            for dt in ladder
+        ]
+    )
     assert (low < found).all() and (found < high).all(), found
 
 
@@ -125,7 +148,8 @@ def test_project_finds_the_way_back_from_long_steps(rule, dt):
 
 
 def test_semi_implicit_with_project_keeps_energy_without_a_trend():
-    """100 s: within 6e-3, no slope beyond the noise of block means, and half of it at half the step."""
+    """100 s: within 6e-3, no slope beyond the noise of block means, and half of it at half the
+    step."""
     system, worst = c.build_system("double"), []
     for dt in (0.005, 0.0025):
         found = run(system, hold="project", dt=dt, steps=round(100 / dt))
@@ -142,7 +166,8 @@ def test_semi_implicit_with_project_keeps_energy_without_a_trend():
 
 @pytest.mark.parametrize("rule", c.STABILITY_LIMIT)
 def test_baumgarte_holds_up_to_the_stability_limit(rule):
-    """A pendulum at rest, its rod 1e-9 m too long: below dt w = limit the error dies, above it grows. By bisection."""
+    """A pendulum at rest, its rod 1e-9 m too long: below dt w = limit the error dies, above it
+    grows. By bisection."""
     hanging = make_system([[0.0, -1.0 - 1e-9, 0.0]], [[0.0, 0.0, 0.0]], [1.0], [(0, -1)], [1.0])
     low, high = 0.1, 4.0
     while high - low > 1e-4:
@@ -156,7 +181,9 @@ def test_a_force_made_for_another_step_is_refused():
     system = c.build_system("double")
     for mode in ("impulse", "soft"):
         force = c.make_force(system, c.hold_table(0.005)[mode])
-        with pytest.raises(ValueError, match=r"this force is for steps of 0\.005 s, not of 0\.008 s"):
+        with pytest.raises(
+            ValueError, match=r"this force is for steps of 0\.005 s, not of 0\.008 s"
+        ):
             c.simulate(c.semi_implicit_step, system, force, 0.008, 1)
 
 
@@ -168,7 +195,8 @@ def test_a_run_that_blows_up_stops_and_keeps_what_was_true():
 
 
 def test_what_is_not_finite_ends_a_run_before_it_starts_or_there(monkeypatch):
-    """Energy tells first: explicit Euler moves q by the old v, so that the rods are right for one more step."""
+    """Energy tells first: explicit Euler moves q by the old v, so that the rods are right for one
+    more step."""
     system = c.build_system("pendulum")
     with pytest.raises(ValueError, match="this is no start: .* a number is not finite"):
         run(system | {"v0": np.array([[0.0, 0.0, np.nan]])}, "euler", steps=1)
@@ -182,7 +210,9 @@ def test_every_step_is_measured_whatever_is_kept(rule, steps):
     """The three series are those of all states, from the start on and over the edges of blocks."""
     system = c.build_system("double")
     tip, violations, energies, *_ = full = run(system, rule, steps=steps, keep=range(steps + 1))
-    assert np.array_equal(full.kept, np.arange(steps + 1)) and np.array_equal(full.q[0], system["q0"])
+    assert np.array_equal(full.kept, np.arange(steps + 1)) and np.array_equal(
+        full.q[0], system["q0"]
+    )
     assert np.array_equal(tip, full.q[:, -1])
     assert np.abs(violations - c.constraint_violation(system, full.q)).max() < 1e-14
     assert np.abs(energies - c.energy(system, full.q, full.v)).max() < 1e-12
@@ -205,7 +235,9 @@ def test_a_run_that_blows_up_is_not_slow(monkeypatch):
     assert found.stopped and found.pace < 2e3
 
 
-@pytest.mark.parametrize(("rule", "mode"), [("semi_implicit", 20.0), ("rk4", "project"), ("gauss", "none")])
+@pytest.mark.parametrize(
+    ("rule", "mode"), [("semi_implicit", 20.0), ("rk4", "project"), ("gauss", "none")]
+)
 def test_an_ensemble_is_its_members(rule, mode):
     starts = np.stack([c.build_system("triple", seed)["q0"] for seed in range(4)])
     ensemble = c.build_system("triple") | {"q0": starts, "v0": np.zeros_like(starts)}

@@ -1,4 +1,5 @@
-"""What a run hands over: every flag counts, and table, verdict and metrics.json say what was simulated."""
+"""What a run hands over: every flag counts, and table, verdict and metrics.json say what was
+simulated."""
 
 import json
 from itertools import count
@@ -15,7 +16,8 @@ import pytest
 
 @pytest.fixture
 def results(tmp_path, capsys):
-    """results(*flags): the metrics of a short run with these flags, and the lines that it prints."""
+    """results(*flags): the metrics of a short run with these flags, and the lines that it
+    prints."""
 
     def of(*flags):
         c.main(["--no-rerun", "--steps", "200", "--out", str(tmp_path), *flags])
@@ -66,11 +68,16 @@ def test_metrics_are_the_run_rounded(results, tmp_path):
     system, row = c.build_system("double"), found["results"]["baumgarte"]
     here = run(system, hold=20.0, steps=200)
     assert row["tip_final"] == [round(x, 6) for x in here.tip[-1].tolist()]
-    for key, value in (("max_violation", here.violations.max()), ("final_violation", here.violations[-1])):
+    for key, value in (
+        ("max_violation", here.violations.max()),
+        ("final_violation", here.violations[-1]),
+    ):
         assert row[key] == round(float(value), 12)
     assert row["energy_rel_max"] == round(float(drift(system, here)), 12)
     truth, _ = true_position(lambda rule, dt, steps: run(system, rule, "project", dt, steps), 1.0)
-    assert found["error_at"] == 1.0 and row["error"] == pytest.approx(distance(here.q[-1], truth), abs=1e-11)
+    assert found["error_at"] == 1.0 and row["error"] == pytest.approx(
+        distance(here.q[-1], truth), abs=1e-11
+    )
 
 
 def test_the_table_is_the_metrics_and_the_pace(results, monkeypatch):
@@ -79,12 +86,16 @@ def test_the_table_is_the_metrics_and_the_pace(results, monkeypatch):
     found, lines = results("--steps", "100")
     first = [line.partition(" ")[0] for line in lines]
     start = first.index("mode") + 1
-    assert first[start : start + 5] == list(c.hold_table()) and sorted(found["results"]) == sorted(c.hold_table())
+    assert first[start : start + 5] == list(c.hold_table()) and sorted(found["results"]) == sorted(
+        c.hold_table()
+    )
     for line in lines[start : start + 5]:
         mode, *numbers = line.split()
         row = found["results"][mode]
         keys = ("max_violation", "final_violation", "energy_rel_max", "error")
-        assert [float(x) for x in numbers[:4]] == pytest.approx([row[key] for key in keys], rel=0.05)
+        assert [float(x) for x in numbers[:4]] == pytest.approx(
+            [row[key] for key in keys], rel=0.05
+        )
         assert [float(x) for x in numbers[4:6]] == pytest.approx(row["tip_final"][:2], abs=1e-3)
         assert float(numbers[6]) == 1e6 / 100
     assert any(f"at {found['error_at']:g} s, m" in line for line in lines[:start])

@@ -1,4 +1,5 @@
-"""The ruler: gauss against high-precision references that share neither its formulation nor its rule."""
+"""The ruler: gauss against high-precision references that share neither its formulation nor its
+rule."""
 
 import json
 
@@ -16,7 +17,8 @@ REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies/reference.json").read_text
 
 
 def measured(name, rule, dt, until=5.0, mode="project"):
-    """The largest distance of a particle from the reference at its sample times up to `until`, in m; and the Run."""
+    """The largest distance of a particle from the reference at its sample times up to `until`, in
+    m; and the Run."""
     keep = [round(t / dt) for t in REFERENCE["times"] if t <= until]
     found = run(c.build_system(name), rule, mode, dt, keep[-1], keep)
     assert not found.stopped
@@ -26,7 +28,9 @@ def measured(name, rule, dt, until=5.0, mode="project"):
 
 def ruled(name, seconds):
     """true_position of a chapter scene."""
-    return true_position(lambda rule, dt, steps: run(c.build_system(name), rule, "project", dt, steps), seconds)
+    return true_position(
+        lambda rule, dt, steps: run(c.build_system(name), rule, "project", dt, steps), seconds
+    )
 
 
 @pytest.mark.parametrize("name", REFERENCE["cases"])
@@ -38,14 +42,18 @@ def test_gauss_is_true_to_a_trillionth_of_a_metre(name, mode):
 
 @pytest.mark.parametrize(("stages", "dt"), [(1, 0.01), (2, 0.025), (3, 0.05), (4, 0.0625)])
 def test_order_is_twice_the_stages(stages, dt):
-    errors = [measured("double", make_gauss(stages, 2), step, 1.0, "none")[0] for step in (dt, dt / 2, dt / 4)]
+    errors = [
+        measured("double", make_gauss(stages, 2), step, 1.0, "none")[0]
+        for step in (dt, dt / 2, dt / 4)
+    ]
     found = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     assert 2 * stages - 0.4 < found[-1] < 2 * stages + 0.4, found
 
 
 @pytest.mark.parametrize("stages", [1, 2, 5, 8, 12])
 def test_collocation_integrates_every_polynomial_it_claims_to(stages):
-    """t^p up to the nodes, once and twice; over a step up to p = 2 * stages - 1; and what a polynomial ends in."""
+    """t^p up to the nodes, once and twice; over a step up to p = 2 * stages - 1; and what a
+    polynomial ends in."""
     nodes, weights, once, twice, last = collocation(stages)
     for p in range(2 * stages):
         assert abs(weights @ nodes**p - 1.0 / (p + 1)) < 1e-15
@@ -59,7 +67,9 @@ def test_collocation_integrates_every_polynomial_it_claims_to(stages):
 
 def test_stages_taken_along_change_the_cost_and_not_the_result():
     """Windows of 1 and of 5 steps end at the same numbers, to where the iteration stops."""
-    alone, along = (run(c.build_system("double"), make_gauss(8, n, 1e-13), 0.0, 0.05, 100).q[-1] for n in (1, 5))
+    alone, along = (
+        run(c.build_system("double"), make_gauss(8, n, 1e-13), 0.0, 0.05, 100).q[-1] for n in (1, 5)
+    )
     assert distance(alone, along) < 1e-12
 
 
@@ -71,7 +81,8 @@ def test_a_step_ahead_that_runs_away_is_guessed_anew(name, dt):
 
 
 def test_a_caller_may_move_the_state_and_change_the_step():
-    """What a run remembers is a guess, nothing else: the next step is that of a rule without a past."""
+    """What a run remembers is a guess, nothing else: the next step is that of a rule without a
+    past."""
     system, rule = c.build_system("double"), c.INTEGRATORS["gauss"]
     q, v, m = system["q0"], system["v0"], system["m"]
     force = Pieces(c.make_force(system, 0.0), m, np.zeros(q.shape, dtype=bool))
@@ -85,11 +96,15 @@ def test_a_caller_may_move_the_state_and_change_the_step():
 
 
 def test_a_rule_remembers_nothing_between_runs():
-    first, _, again = (run(c.build_system(name), "gauss", 0.0, 0.05, 20) for name in ("double", "triple", "double"))
+    first, _, again = (
+        run(c.build_system(name), "gauss", 0.0, 0.05, 20) for name in ("double", "triple", "double")
+    )
     assert np.array_equal(first.q, again.q)
 
 
-@pytest.mark.parametrize(("name", "mode", "halved"), [("double", "project", 1), ("triple", "none", 3)])
+@pytest.mark.parametrize(
+    ("name", "mode", "halved"), [("double", "project", 1), ("triple", "none", 3)]
+)
 def test_a_step_too_long_for_its_stages_is_taken_in_halves_and_counted(name, mode, halved):
     error, found = measured(name, "gauss", 0.25, mode=mode)
     assert error < 1e-4 and halved <= found.halved < len(found.tip) - 1
@@ -99,10 +114,15 @@ def test_a_step_too_long_for_its_stages_is_taken_in_halves_and_counted(name, mod
 
 def test_where_halves_do_not_help_it_says_so():
     found = run(c.build_system("double"), "gauss", 0.0, 100.0, 20)
-    assert found.stopped.startswith("stopped at step 1: the Gauss stages do not ") and "at dt 0.39" in found.stopped
+    assert (
+        found.stopped.startswith("stopped at step 1: the Gauss stages do not ")
+        and "at dt 0.39" in found.stopped
+    )
     system = c.build_system("double")
     with pytest.raises(FloatingPointError, match="the Gauss stages do not .* at dt 5"):
-        c.INTEGRATORS["gauss"](system["q0"], system["v0"], system["m"], c.make_force(system, 0.0), 5.0)
+        c.INTEGRATORS["gauss"](
+            system["q0"], system["v0"], system["m"], c.make_force(system, 0.0), 5.0
+        )
 
 
 def test_the_ruler_knows_its_own_error():
@@ -121,9 +141,21 @@ def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-9])
 def test_tol_is_met_and_noted(tol, capsys, tmp_path):
-    flags = ["--integrator", "gauss", "--tol", str(tol), "--steps", "1000", "--no-rerun", "--out", str(tmp_path)]
+    flags = [
+        "--integrator",
+        "gauss",
+        "--tol",
+        str(tol),
+        "--steps",
+        "1000",
+        "--no-rerun",
+        "--out",
+        str(tmp_path),
+    ]
     c.main([*flags, "--stabilization", "none"])
     found = json.loads((tmp_path / "metrics.json").read_text())
     assert found["tol"] == tol and found["results"]["none"]["error"] <= tol
-    assert found["dt"] > 0.005 and found["dt"] * found["steps"] == pytest.approx(5.0, abs=found["dt"])
+    assert found["dt"] > 0.005 and found["dt"] * found["steps"] == pytest.approx(
+        5.0, abs=found["dt"]
+    )
     capsys.readouterr()

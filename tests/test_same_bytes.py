@@ -1,4 +1,5 @@
-"""Equal runs give equal bytes: from process to process, and whatever the processor lets numpy and its BLAS choose."""
+"""Equal runs give equal bytes: from process to process, and whatever the processor lets numpy and
+its BLAS choose."""
 
 import json
 import os
@@ -14,9 +15,11 @@ from curriculum.ch3_4_constraints.studies._runs import SCENES
 import numpy as np
 import pytest
 
-# what numpy found here beyond its baseline, by its own listing: naming anything else would only earn a warning
+# what numpy found here beyond its baseline, by its own listing: naming anything else would only
+# earn a warning
 FEATURES = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ()))
-# kernels of OpenBLAS and what they need: one that the processor lacks ends in an illegal instruction
+# kernels of OpenBLAS and what they need: one that the processor lacks ends in an illegal
+# instruction
 KERNELS = {"Prescott": "sse2", "Nehalem": "sse4_2", "Haswell": "avx2", "SkylakeX": "avx512f"}
 RUNS = """
 import hashlib, json, sys, constraints
@@ -36,18 +39,22 @@ print(numbers.hexdigest())
 
 
 def environments():
-    """The default; then each kernel, by turns with one thread and numpy's features off, or with two and on."""
+    """The default; then each kernel, by turns with one thread and numpy's features off, or with two
+    and on."""
     cpuinfo = Path("/proc/cpuinfo")
     flags = cpuinfo.read_text(encoding="utf-8").split() if cpuinfo.exists() else []
     fit = [kernel for kernel, needs in KERNELS.items() if needs in flags]
     off = {"NPY_DISABLE_CPU_FEATURES": FEATURES}
     yield from ({},) if fit else ({}, off)
     for k, kernel in enumerate(fit):
-        yield {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": str(1 + k % 2)} | (off if k % 2 == 0 else {})
+        yield {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": str(1 + k % 2)} | (
+            off if k % 2 == 0 else {}
+        )
 
 
 def cases():
-    """Flags by name: scenes by the rules, short, and where chaos makes a last bit large, long; and many rods."""
+    """Flags by name: scenes by the rules, short, and where chaos makes a last bit large, long; and
+    many rods."""
     for rule in ("semi_implicit", "rk4", "gauss"):
         flags = ["--integrator", rule, "--stabilization", "project", "--dt", "0.02", "--steps"]
         yield f"triple_{rule}", ["--system", "triple", *flags, "1000"]
@@ -61,7 +68,9 @@ def cases():
 def python(*arguments, **variables):
     """What a process of its own prints; nothing of it may be meant for a terminal."""
     command = [sys.executable, *arguments]
-    done = subprocess.run(command, capture_output=True, env=os.environ | variables, cwd=constraints.HERE)
+    done = subprocess.run(
+        command, capture_output=True, env=os.environ | variables, cwd=constraints.HERE
+    )
     assert done.returncode == 0, done.stderr.decode()
     assert not done.stderr
     assert b"\r" not in done.stdout
@@ -74,7 +83,9 @@ def test_metrics_are_the_same_bytes_everywhere(tmp_path):
     def everything(k):
         flags = {str(tmp_path / str(k) / name): flags for name, flags in wanted.items()}
         printed = python("-c", RUNS, json.dumps(flags), **settings[k])
-        metrics = {name: (tmp_path / str(k) / name / "metrics.json").read_bytes() for name in wanted}
+        metrics = {
+            name: (tmp_path / str(k) / name / "metrics.json").read_bytes() for name in wanted
+        }
         return metrics, printed.splitlines()[-1]
 
     with ThreadPoolExecutor(2) as pool:

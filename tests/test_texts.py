@@ -9,9 +9,15 @@ from curriculum.ch3_4_constraints.studies import figures
 
 import pytest
 
-TEXTS = {path.relative_to(figures.ROOT).as_posix(): path.read_text(encoding="utf-8") for path in figures.TEXTS}
+TEXTS = {
+    path.relative_to(figures.ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in figures.TEXTS
+}
 BLOCKS = [block for text in TEXTS.values() for block in figures.BLOCK.finditer(text)]
-QUICK = "python constraints.py", "python -m curriculum.ch3_4_constraints.studies.shown"  # the others: figures.py
+QUICK = (
+    "python constraints.py",
+    "python -m curriculum.ch3_4_constraints.studies.shown",
+)  # the others: figures.py
 
 
 def without_code(text):
@@ -20,7 +26,12 @@ def without_code(text):
 
 
 @pytest.mark.parametrize(
-    "block", [pytest.param(block, id=block["command"]) for block in BLOCKS if block["command"].startswith(QUICK)]
+    "block",
+    [
+        pytest.param(block, id=block["command"])
+        for block in BLOCKS
+        if block["command"].startswith(QUICK)
+    ],
 )
 def test_a_figure_in_a_text_is_what_its_command_prints(block, tmp_path, capsys):
     words = shlex.split(block["command"])[1:]
@@ -28,7 +39,9 @@ def test_a_figure_in_a_text_is_what_its_command_prints(block, tmp_path, capsys):
         importlib.import_module(words[1]).main(words[2:])
     else:
         constraints.main([*words[1:], "--no-rerun", "--out", str(tmp_path)])
-    assert figures.machine_free(capsys.readouterr().out.strip("\n")) == figures.machine_free(block["body"])
+    assert figures.machine_free(capsys.readouterr().out.strip("\n")) == figures.machine_free(
+        block["body"]
+    )
 
 
 def test_only_times_are_left_out_of_the_comparison():
@@ -56,8 +69,12 @@ def test_a_text_has_figures_and_its_links_lead_somewhere(name):
 
 @pytest.mark.parametrize("name", [name for name in TEXTS if "ch3_4" in name])
 def test_a_text_of_the_chapter_fits_its_page(name):
-    text = TEXTS[name] if name.endswith("ch3_4_constraints/README.md") else without_code(TEXTS[name])
-    assert [line for line in text.splitlines() if len(line) > 100 and not line.startswith("ch3.4 ")] == []
+    text = (
+        TEXTS[name] if name.endswith("ch3_4_constraints/README.md") else without_code(TEXTS[name])
+    )
+    assert [
+        line for line in text.splitlines() if len(line) > 100 and not line.startswith("ch3.4 ")
+    ] == []
 
 
 def test_what_the_chapter_names_in_the_file_is_there():

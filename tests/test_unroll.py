@@ -1,23 +1,25 @@
-"""The unroller: what it compiles computes what the function computes, to the last bit, and it knows when it cannot."""
+"""The unroller: what it compiles computes what the function computes, to the last bit, and it knows
+when it cannot."""
 
 import math
 import operator
 from itertools import chain
 
 import constraints as c
+from curriculum.ch3_4_constraints.recording import pulls
 from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
 from curriculum.common.arrays import ArrayFunction
 from curriculum.common.loops import repeat
 from curriculum.common.motion import Motion, Unrolled, followed, source
-from curriculum.common.recording import pulls
-from curriculum.common.unroll import FUNCTIONS, Program, Untraceable
+from curriculum.common.trace import FUNCTIONS, Program, Untraceable
 
 import numpy as np
 import pytest
 
 
 class Number:
-    """A Python float that numpy can ask for its square root, as it asks the entries of an object array."""
+    """A Python float that numpy can ask for its square root, as it asks the entries of an object
+    array."""
 
     def __init__(self, x):
         self.x = float(x)
@@ -67,7 +69,8 @@ def nothing_still(*arrays):
 
 
 def heron(x):
-    """Square roots of positive numbers by Heron's rule, until they settle: a loop that has nothing to do with rods."""
+    """Square roots of positive numbers by Heron's rule, until they settle: a loop that has nothing
+    to do with rods."""
 
     def body(y):
         following = 0.5 * (y + x / y)
@@ -79,8 +82,15 @@ def heron(x):
 EXAMPLES = {
     "polynomial": lambda x: (1.0 - 2.0 * x + x * x * x / 3.0, -x),
     "matrix": lambda x: (x @ x.T @ np.array([[0.0, 1.0], [2.0, 3.0]]), x.sum(axis=0) / 7.0),
-    "functions": lambda x: (np.sin(x) * np.exp(-x) + np.sqrt(x) ** 3, np.tanh(-x) - np.log(x) ** 2.0, abs(-x)),
-    "by parts": lambda x: (np.concatenate([x[:1] - x[1:], x[1:] - x[:1]]), 2.0 / (x + 1.0) - (x - x)),
+    "functions": lambda x: (
+        np.sin(x) * np.exp(-x) + np.sqrt(x) ** 3,
+        np.tanh(-x) - np.log(x) ** 2.0,
+        abs(-x),
+    ),
+    "by parts": lambda x: (
+        np.concatenate([x[:1] - x[1:], x[1:] - x[:1]]),
+        2.0 / (x + 1.0) - (x - x),
+    ),
     "powers": lambda x: ((x**3.0) ** 2.0, 2.0 ** (x**2.0), (-x) ** 2.0 - -(x**2.0)),
     "roots": heron,
 }
@@ -97,7 +107,11 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name):
     for exact, number, array, numpy in zip(expected, program(x), stacked, plain, strict=True):
         assert np.array_equal(number, exact) and np.allclose(numpy, exact, rtol=1e-13, atol=1e-13)
         for member in (array[0], array[2]):  # numpy's sine and powers are its own
-            assert np.allclose(member, exact, rtol=1e-14) if name in OF_LIBRARIES else np.array_equal(member, exact)
+            assert (
+                np.allclose(member, exact, rtol=1e-14)
+                if name in OF_LIBRARIES
+                else np.array_equal(member, exact)
+            )
 
 
 def test_a_loop_in_arrays_stops_each_member_where_it_would_stop_alone():
@@ -109,7 +123,8 @@ def test_a_loop_in_arrays_stops_each_member_where_it_would_stop_alone():
 
 
 def test_a_loop_changes_all_it_changes_at_once():
-    """What follows may be made of what is replaced; and the size that ends it may be a negative number."""
+    """What follows may be made of what is replaced; and the size that ends it may be a negative
+    number."""
 
     def body(x):
         return np.array([[0.5 * x[0, 1], x[0, 0]]]), -(5.0 - x[0, 0] - x[0, 1])
@@ -117,7 +132,9 @@ def test_a_loop_changes_all_it_changes_at_once():
     loop = Unrolled(lambda x: (repeat(body, x, 50, "no end"),), np.zeros((1, 2), dtype=bool))
     x = np.array([[[8.0, 3.0]], [[0.5, 0.5]], [[-3.0, 90.0]]])
     for together, alone in zip(loop(x)[0], x, strict=True):
-        assert np.array_equal(together, loop(alone)[0]) and np.array_equal(together, repeat(body, alone, 50, "no end"))
+        assert np.array_equal(together, loop(alone)[0]) and np.array_equal(
+            together, repeat(body, alone, 50, "no end")
+        )
 
 
 def test_a_loop_that_does_not_end_says_so():
@@ -128,7 +145,9 @@ def test_a_loop_that_does_not_end_says_so():
 def test_what_is_not_needed_is_not_done():
     """Products with zero, with one, repeated ones and those that nobody asks for vanish."""
     still = [np.array([[False, False, True]])]
-    program = Program(lambda x: ((x * np.array([[0.0, 1.0, 5.0]])).sum() * 1.0 + 0.0 * (x / 3.0),), *still)
+    program = Program(
+        lambda x: ((x * np.array([[0.0, 1.0, 5.0]])).sum() * 1.0 + 0.0 * (x / 3.0),), *still
+    )
     assert program.inputs == ["x_0_0", "x_0_1"]
     assert not program.tape.ancestry([s for a in program.results for s in a.flat])
     twice = Program(lambda x: (x * 2.5 + 1.0, 2.5 * x + 1.0), np.zeros((1, 1), dtype=bool))
@@ -146,10 +165,14 @@ def test_what_is_not_needed_is_not_done():
         lambda q, v: np.arcsinh(q),
     ],
 )
-def test_a_force_that_cannot_be_traced_runs_in_plain_numpy_with_the_same_answer(function, monkeypatch):
+def test_a_force_that_cannot_be_traced_runs_in_plain_numpy_with_the_same_answer(
+    function, monkeypatch
+):
     system = c.build_system("double")
     system["v0"] = np.ones_like(system["q0"]) * [0.0, 1.0, 0.0]
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY + 0.1 * function(q, v))
+    monkeypatch.setattr(
+        c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY + 0.1 * function(q, v)
+    )
     with np.errstate(all="ignore"):
         found = run(system, "semi_implicit", "none", steps=20)
         assert found.way.startswith("in plain numpy, which is slower: ")
@@ -161,7 +184,8 @@ def test_a_force_that_cannot_be_traced_runs_in_plain_numpy_with_the_same_answer(
 
 @pytest.mark.parametrize("branches", [True, False])
 def test_a_motor_on_one_particle_is_felt_by_that_state_alone(branches, monkeypatch):
-    """f (N, 3) is a force of one state, also where many states are at hand: to the stages of gauss, in a recording."""
+    """f (N, 3) is a force of one state, also where many states are at hand: to the stages of gauss,
+    in a recording."""
 
     def motor(system, q, v):
         f = system["m"] * c.GRAVITY + 0.0 * v
@@ -173,8 +197,13 @@ def test_a_motor_on_one_particle_is_felt_by_that_state_alone(branches, monkeypat
     runs = {"none": run(system, "rk4", "none", 0.002, 100, range(0, 101, 20))}
     truth = run(system, "gauss", "none", 0.02, 10)
     assert np.abs(truth.q[-1] - runs["none"].q[-1]).max() < (1e-4 if branches else 1e-9)
-    alone = [c.tensions(system, *state, holds["none"]) for state in zip(runs["none"].q, runs["none"].v, strict=True)]
-    assert np.allclose(pulls(c.tensions, system, runs, holds)["none"], alone, rtol=1e-12, atol=1e-12)
+    alone = [
+        c.tensions(system, *state, holds["none"])
+        for state in zip(runs["none"].q, runs["none"].v, strict=True)
+    ]
+    assert np.allclose(
+        pulls(c.tensions, system, runs, holds)["none"], alone, rtol=1e-12, atol=1e-12
+    )
 
 
 def test_a_force_that_draws_random_numbers_is_not_frozen(monkeypatch):
@@ -199,13 +228,24 @@ def test_drag_and_wind_run_at_full_speed(monkeypatch):
     assert np.abs(unrolled.q[-1] - q).max() < 1e-12
 
 
-SCENES = ["heavy_tip", "light_tip", "spin", "upright", "windows", "braced", "cable", "jansen_leg", "fourbar_coupler"]
+SCENES = [
+    "heavy_tip",
+    "light_tip",
+    "spin",
+    "upright",
+    "windows",
+    "braced",
+    "cable",
+    "jansen_leg",
+    "fourbar_coupler",
+]
 
 
 @pytest.mark.parametrize("mode", c.hold_table())
 @pytest.mark.parametrize("name", [*c.SYSTEMS, *SCENES])
 def test_every_step_is_compiled_to_the_last_bit(name, mode):
-    """Numbers and arrays, against the same lines on Python's floats, and to rounding against numpy's own."""
+    """Numbers and arrays, against the same lines on Python's floats, and to rounding against
+    numpy's own."""
     system = c.build_system(name) if name in c.SYSTEMS else scene(name)
     hold, q, v = c.hold_table()[mode], system["q0"], system["v0"]
     for rule in ("euler", "semi_implicit", "rk4"):
@@ -225,10 +265,13 @@ def test_every_step_is_compiled_to_the_last_bit(name, mode):
 
 
 def test_the_generated_code_is_names_of_operations_and_floats_only():
-    """A scene file stays data: whatever it is called and holds, the code has names of places and numbers."""
+    """A scene file stays data: whatever it is called and holds, the code has names of places and
+    numbers."""
     for name in ("windows", "light_tip"):
         system, hold = scene(name), c.hold_table()["project"]
-        written = source(followed(c.rk4_step, hold.after, system), system, c.make_force(system, hold), 0.01)
+        written = source(
+            followed(c.rk4_step, hold.after, system), system, c.make_force(system, hold), 0.01
+        )
         words = set(chain.from_iterable(line.split() for line in written.splitlines()))
         assert "__" not in written and "import" not in words and name not in written
 
@@ -244,7 +287,14 @@ def test_what_stays_zero_is_not_modelled_and_what_does_not_is():
     planar, spatial = c.build_system("double"), c.build_system("double")
     spatial["v0"] = spatial["v0"] + [0.0, 0.0, 0.1]
     for system, axes in ((planar, 2), (spatial, 3)):
-        motion = Motion(c.semi_implicit_step, system["m"], c.make_force(system, 0.0), 0.005, system["q0"], system["v0"])
+        motion = Motion(
+            c.semi_implicit_step,
+            system["m"],
+            c.make_force(system, 0.0),
+            0.005,
+            system["q0"],
+            system["v0"],
+        )
         assert len(motion.live) == 2 * 2 * axes
     assert np.abs(run(spatial, steps=100).q[-1][:, 2]).max() > 1e-3
 
@@ -271,7 +321,9 @@ def test_a_dict_typed_by_hand_runs():
         "pairs": [(0, -1)],
         "lengths": np.ones(1),
     }
-    tip, violations, energies, *_ = c.simulate(c.rk4_step, system, c.make_force(system, 0.0), 0.005, 100)
+    tip, violations, energies, *_ = c.simulate(
+        c.rk4_step, system, c.make_force(system, 0.0), 0.005, 100
+    )
     assert tip.shape == (101, 3) and violations.shape == energies.shape == (101,)
     assert violations.max() < 1e-8 and np.ptp(energies) < 1e-6
 
@@ -287,7 +339,10 @@ def test_an_integrator_of_ones_own_may_branch():
         return q + dt * v, v + dt * a
 
     found = run(system, careful, 0.0, steps=200)
-    assert found.way == "the force unrolled, the step not: it branches on a value, or wants one as a plain number"
+    assert (
+        found.way
+        == "the force unrolled, the step not: it branches on a value, or wants one as a plain number"
+    )
     q, v, force = system["q0"], system["v0"], c.make_force(system, 0.0)
     for _ in range(200):
         q, v = careful(q, v, system["m"], force, 0.005)
@@ -308,9 +363,12 @@ def test_the_unroller_refuses_what_a_symbol_cannot_do():
 
 
 def test_zero_lengths_of_time_and_far_away_systems(monkeypatch):
-    """`project` asks for no more than rounding allows: ten kilometres away a rod is right to 1e-12 m or so."""
+    """`project` asks for no more than rounding allows: ten kilometres away a rod is right to 1e-12
+    m or so."""
     system = c.build_system("double")
     far = np.array([1e4, -3e3, 0.0])
-    moved = make_system(system["q0"] + far, system["v0"], [1.0, 1.0], system["pairs"], system["lengths"], [far])
+    moved = make_system(
+        system["q0"] + far, system["v0"], [1.0, 1.0], system["pairs"], system["lengths"], [far]
+    )
     here, there = (run(s, "rk4", "project", 0.005, 400) for s in (system, moved))
     assert not there.stopped and np.abs(there.q[-1] - far - here.q[-1]).max() < 1e-6

@@ -1,17 +1,29 @@
-"""What a program does to numbers, done to whole arrays of them: one numpy call an operation, into few buffers.
+"""What a program does to numbers, done to whole arrays of them: one numpy call an operation, into
+few buffers.
 
-A buffer is used again as soon as nobody needs what is in it. So a dozen hold what a step needs, they stay in the
-processor's cache, and nothing is allocated: that, and not arithmetic, is what costs numpy its time.
+A buffer is used again as soon as nobody needs what is in it. So a dozen hold what a step needs,
+they stay in the processor's cache, and nothing is allocated: that, and not arithmetic, is what
+costs numpy its time.
 """
 
-from curriculum.common.unroll import FUNCTIONS
+from curriculum.common.trace import FUNCTIONS
 
 import numpy as np
 
 CACHE = 1 << 16  # numbers in all buffers together
-UFUNCS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "**": "power", "abs": "absolute"}
+UFUNCS = {
+    "+": "add",
+    "-": "subtract",
+    "*": "multiply",
+    "/": "divide",
+    "**": "power",
+    "abs": "absolute",
+}
 UFUNCS |= {name: name for name in FUNCTIONS}
-NAMES = {name: getattr(np, name) for name in [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not"]}
+NAMES = {
+    name: getattr(np, name)
+    for name in [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not"]
+}
 
 
 def leading_first(a, axes):
@@ -20,7 +32,8 @@ def leading_first(a, axes):
 
 
 class Writer:
-    """Lines of numpy calls; `place`: in which buffer, argument or constant each name on the tape is found."""
+    """Lines of numpy calls; `place`: in which buffer, argument or constant each name on the tape is
+    found."""
 
     def __init__(self, inputs):
         self.lines, self.place, self.constants = [], {name: name for name in inputs}, {}
@@ -33,15 +46,22 @@ class Writer:
         return self.free.pop()
 
     def text(self, x):
-        return self.place[x] if isinstance(x, str) else self.constants.setdefault(x, f"k{len(self.constants)}")
+        return (
+            self.place[x]
+            if isinstance(x, str)
+            else self.constants.setdefault(x, f"k{len(self.constants)}")
+        )
 
     def put(self, symbol, target):
         """Write a symbol's value, already computed, to `target`."""
         if symbol.minus or self.text(symbol.x) != target:
-            self.lines.append(f"{'negative' if symbol.minus else 'positive'}({self.text(symbol.x)}, {target})")
+            self.lines.append(
+                f"{'negative' if symbol.minus else 'positive'}({self.text(symbol.x)}, {target})"
+            )
 
     def operations(self, tape, names, kept, targets):
-        """The operations `names` of a tape, to buffers or `targets`; all but `kept` give theirs back after use."""
+        """The operations `names` of a tape, to buffers or `targets`; all but `kept` give theirs
+        back after use."""
         users = [tape.nodes[name][1:] for name in names]
         last = {x: k for k, operands in enumerate(users) for x in operands if isinstance(x, str)}
         for k, name in enumerate(names):
@@ -52,12 +72,15 @@ class Writer:
             self.free += sorted(gone & set(self.buffers))
             if sign not in ("loop", "of"):
                 target = targets.get(name) or self.buffer()
-                self.lines.append(f"{UFUNCS[sign]}({', '.join(map(self.text, operands))}, {target})")
+                self.lines.append(
+                    f"{UFUNCS[sign]}({', '.join(map(self.text, operands))}, {target})"
+                )
                 self.place[name] = target
 
 
 class ArrayFunction:
-    """A Program's function of arrays: call it with lists of arrays, its inputs and its results, all of one shape."""
+    """A Program's function of arrays: call it with lists of arrays, its inputs and its results, all
+    of one shape."""
 
     def __init__(self, program):
         writer, nodes, targets = Writer(program.inputs), program.tape.nodes, {}

@@ -11,8 +11,8 @@ import warnings
 from difflib import get_close_matches
 from pathlib import Path
 
+from curriculum.ch3_4_constraints.scene_files import SceneError, shorten
 from curriculum.common.files import check_writable, results_folder
-from curriculum.common.scenes import SceneError, shorten
 
 
 class Parser(argparse.ArgumentParser):
@@ -25,9 +25,14 @@ class Parser(argparse.ArgumentParser):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
         if wrong := re.search(
-            r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)", message
+            r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)",
+            message,
         ):
-            known = re.findall(r"[\w-]+", wrong[2]) if wrong[2] else re.findall(r"--[\w-]+", self.format_help())
+            known = (
+                re.findall(r"[\w-]+", wrong[2])
+                if wrong[2]
+                else re.findall(r"--[\w-]+", self.format_help())
+            )
             near = get_close_matches((wrong[1] or wrong[3] or "").lower(), known, 1)
             message += f"; did you mean {near[0]}?" if near else ""
         message = re.sub(r"\S{100,}", lambda long: long[0][:97] + "...", message)
@@ -67,12 +72,15 @@ def writable(text):
             raise ValueError("the name is empty")
         check_writable(text)
     except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"cannot write {text!r}: {getattr(error, 'strerror', error)}") from None
+        raise argparse.ArgumentTypeError(
+            f"cannot write {text!r}: {getattr(error, 'strerror', error)}"
+        ) from None
     return Path(text)
 
 
 def chapter_parser(prog, folder, out, examples):
-    """A Parser with the flags of every chapter, and the groups for what is simulated and how: (parser, what, how)."""
+    """A Parser with the flags of every chapter, and the groups for what is simulated and how:
+    (parser, what, how)."""
     scenes, studies = (
         ", ".join(sorted(path.stem for path in folder.glob(pattern)))
         for pattern in ("scenes/*.json", "studies/[!_]*.py")
@@ -91,16 +99,42 @@ def chapter_parser(prog, folder, out, examples):
     )
     titles = "what is simulated", "how", "where results go"
     what, how, where = (parser.add_argument_group(title).add_argument for title in titles)
-    what("--seed", type=number(int, 0), default=0, help="draws the start: a hair apart may end metres apart (0)")
-    how("--smoke", action="store_true", help="few steps whatever --steps says: quick, for a byte-diff in CI")
-    how("--device", choices=["cpu"], default="cpu", help="the same in every chapter; here nothing needs another")
-    where("--out", type=results_folder, default=out, metavar="FOLDER", help=f"one a run, to compare them ({out})")
-    where("--rerun", action=argparse.BooleanOptionalAction, default=True, help="the recording; or only numbers (on)")
+    what(
+        "--seed",
+        type=number(int, 0),
+        default=0,
+        help="draws the start: a hair apart may end metres apart (0)",
+    )
+    how(
+        "--smoke",
+        action="store_true",
+        help="few steps whatever --steps says: quick, for a byte-diff in CI",
+    )
+    how(
+        "--device",
+        choices=["cpu"],
+        default="cpu",
+        help="the same in every chapter; here nothing needs another",
+    )
+    where(
+        "--out",
+        type=results_folder,
+        default=out,
+        metavar="FOLDER",
+        help=f"one a run, to compare them ({out})",
+    )
+    where(
+        "--rerun",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="the recording; or only numbers (on)",
+    )
     return parser, what, how
 
 
 def run_script(main):
-    """Exit with main's status; what stops it from outside is one line, and a reader that has seen enough is none."""
+    """Exit with main's status; what stops it from outside is one line, and a reader that has seen
+    enough is none."""
     # a standard stream that is closed is opened again, lest a file take its place
     while (spare := os.open(os.devnull, os.O_RDWR)) < 3:
         pass
@@ -108,7 +142,9 @@ def run_script(main):
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
         number = getattr(signal, name)
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
-            signal.signal(number, lambda number, _: sys.exit(128 + number))  # leave no temporary file
+            signal.signal(
+                number, lambda number, _: sys.exit(128 + number)
+            )  # leave no temporary file
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
     streams = [stream for stream in (sys.stdout, sys.stderr) if stream]
     for stream in streams:
@@ -127,7 +163,9 @@ def run_script(main):
         status = f"{name}: error: not enough memory; ask for fewer rods, members or steps"
     except OSError as error:
         if sys.stdout:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the exit would fail to flush, too
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+            )  # or the exit would fail to flush, too
         status = 1
         if not isinstance(error, BrokenPipeError):
             status = f"{name}: error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}"

@@ -10,14 +10,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from curriculum.common.scenes import shorten
+from curriculum.ch3_4_constraints.scene_files import shorten
 
 
 def write_whole(path, write):
     """Let `write(temporary)` fill a file beside `path`, then rename it into place.
 
-    If `write` fails or is interrupted, `path` is as it was and nothing is left beside it. Raises what `write` raises,
-    an OSError in the name of `path`.
+    If `write` fails or is interrupted, `path` is as it was and nothing is left beside it. Raises
+    what `write` raises, an OSError in the name of `path`.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -60,18 +60,23 @@ def write_json(path, content):
 def check_writable(path):
     """Raise OSError now if `write_whole(path, ...)` could not work later; leaves nothing behind."""
     path = Path(path)
-    if path.exists() and not path.is_file():  # a device, a pipe: renaming would put a file in its place
+    if (
+        path.exists() and not path.is_file()
+    ):  # a device, a pipe: renaming would put a file in its place
         what = "a folder" if path.is_dir() else "no plain file"
         raise OSError(errno.EINVAL, f"{path.name} is {what} there", str(path))
     with tempfile.TemporaryFile(dir=path.parent):
         pass
-    sticky = os.name == "posix" and stands(path) and path.parent.stat().st_mode & stat.S_ISVTX  # a folder like /tmp
+    sticky = (
+        os.name == "posix" and stands(path) and path.parent.stat().st_mode & stat.S_ISVTX
+    )  # a folder like /tmp
     if sticky and os.geteuid() not in (0, path.parent.stat().st_uid, path.lstat().st_uid):
         raise PermissionError(errno.EPERM, f"{path.name} there is another user's", str(path))
 
 
 def stands(path):
-    """Whether there is something of that name, be it a link to nothing. Raises OSError where one cannot tell."""
+    """Whether there is something of that name, be it a link to nothing. Raises OSError where one
+    cannot tell."""
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):
@@ -83,7 +88,8 @@ METRICS, RECORDING = "metrics.json", "constraints.rrd"
 
 
 def results_folder(text):
-    """An argparse type: the path of a folder for results, which may have to be made, by `publish`."""
+    """An argparse type: the path of a folder for results, which may have to be made, by
+    `publish`."""
     folder = Path(text)
     try:
         if not text:
@@ -91,22 +97,27 @@ def results_folder(text):
         above = [folder, *folder.absolute().parents]
         there = next(path for path in above if stands(path))
         if not there.exists():
-            raise FileNotFoundError(errno.ENOENT, f"{'it' if there == folder else there.name} is a link to nothing")
+            raise FileNotFoundError(
+                errno.ENOENT, f"{'it' if there == folder else there.name} is a link to nothing"
+            )
         if not there.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, f"{there.name} is no folder")
         for name in (METRICS, RECORDING) if there == folder else ("results",):
             check_writable(there / name)
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise argparse.ArgumentTypeError(f"cannot write into {text!r}: {why}; name a folder for the results") from None
+        raise argparse.ArgumentTypeError(
+            f"cannot write into {text!r}: {why}; name a folder for the results"
+        ) from None
     return folder
 
 
 def publish(args, settings, results, record):
-    """Write metrics.json, then the recording by record(path), if args.rerun, to args.out; in words, what was written.
+    """Write metrics.json, then the recording by record(path), if args.rerun, to args.out; in words,
+    what was written.
 
-    The metrics are `results`, `settings` and those flags that decide them: equal runs are equal bytes. The old
-    recording goes first: it must never lie beside another run's numbers.
+    The metrics are `results`, `settings` and those flags that decide them: equal runs are equal
+    bytes. The old recording goes first: it must never lie beside another run's numbers.
     """
     names = ("integrator", "seed", "baumgarte", "time_constant", "impedance", "tol")
     flags = {name: getattr(args, name) for name in names} | {"system": Path(args.system).name}
@@ -122,5 +133,9 @@ def publish(args, settings, results, record):
     except Exception as error:  # of a library; the numbers are safe
         why = getattr(error, "strerror", None) or str(error) or type(error).__name__
         return f"wrote {metrics}, but no recording: {shorten(why)}"
-    display = "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ or sys.platform in ("win32", "darwin")
+    display = (
+        "DISPLAY" in os.environ
+        or "WAYLAND_DISPLAY" in os.environ
+        or sys.platform in ("win32", "darwin")
+    )
     return f"wrote {metrics} and {recording}\nlook: python -m rerun {'' if display else '--serve-web '}{recording}"

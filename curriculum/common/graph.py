@@ -1,14 +1,16 @@
-"""Which rods feel each other: the order in which to eliminate them, and whether they close a loop."""
+"""Which rods feel each other: the order in which to eliminate them, and whether they close a
+loop."""
 
 from functools import lru_cache
 
 
 @lru_cache(64)
 def elimination_order(pairs):
-    """[(k, rest)] for rods `pairs` (i, j), j < 0 an anchor: always the one with the fewest neighbours left is next.
+    """[(k, rest)] for rods `pairs` (i, j), j < 0 an anchor: always the one with the fewest
+    neighbours left is next.
 
-    `rest`: the rods not yet eliminated that share a particle with rod k, or have come to through those before it.
-    Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
+    `rest`: the rods not yet eliminated that share a particle with rod k, or have come to through
+    those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
     at = {}
     for k, pair in enumerate(pairs):
@@ -28,7 +30,8 @@ def elimination_order(pairs):
 
 @lru_cache(64)
 def has_loop(pairs):
-    """Whether rods close a loop, maybe through the ground: then one may be too many, or J lose rank in some pose."""
+    """Whether rods close a loop, maybe through the ground: then one may be too many, or J lose rank
+    in some pose."""
     leader = {}
 
     def find(i):

@@ -1,7 +1,8 @@
-"""Advance a state (q, v) step by step: in one compiled loop if the step can be unrolled, else by its pieces.
+"""Advance a state (q, v) step by step: in one compiled loop if the step can be unrolled, else by
+its pieces.
 
-q and v are arrays (..., N, 3). Leading axes are members that go in step, so many at a time that the arrays they make
-stay in the processor's cache.
+q and v are arrays (..., N, 3). Leading axes are members that go in step, so many at a time that the
+arrays they make stay in the processor's cache.
 """
 
 import math
@@ -10,9 +11,9 @@ from itertools import chain
 from typing import NamedTuple
 
 from curriculum.common.arrays import ArrayFunction, leading_first
-from curriculum.common.device import progress
-from curriculum.common.source import again, number_function, once
-from curriculum.common.unroll import Program, Untraceable
+from curriculum.common.banner import progress
+from curriculum.common.python import again, number_function, once
+from curriculum.common.trace import Program, Untraceable
 
 import numpy as np
 
@@ -22,11 +23,15 @@ PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress 
 
 
 def unroll_map(function, *start):
-    """The Program of a map that is iterated from `start`, and a mask an array of what is zero and stays zero there.
+    """The Program of a map that is iterated from `start`, and a mask an array of what is zero and
+    stays zero there.
 
-    Raises Untraceable, also if the function does not do the same thing each time, say draws random numbers.
+    Raises Untraceable, also if the function does not do the same thing each time, say draws random
+    numbers.
     """
-    still = [np.logical_and.reduce([np.all(a == 0.0, axis=tuple(range(a.ndim - 2))) for a in start])] * len(start)
+    still = [
+        np.logical_and.reduce([np.all(a == 0.0, axis=tuple(range(a.ndim - 2))) for a in start])
+    ] * len(start)
     while True:
         program = Program(function, *still)
         zero = [np.vectorize(lambda s: s.x == 0.0, otypes=[bool])(a) for a in program.results]
@@ -40,7 +45,8 @@ def unroll_map(function, *start):
 
 
 class Unrolled:
-    """function(*arrays (..., *shape)) -> tuple of arrays (..., *shape), compiled: all leading axes at once."""
+    """function(*arrays (..., *shape)) -> tuple of arrays (..., *shape), compiled: all leading axes
+    at once."""
 
     def __init__(self, function, *still):
         self.program = Program(function, *still)
@@ -50,7 +56,9 @@ class Unrolled:
     def __call__(self, *arrays):
         lead = arrays[0].shape[:-2]
         if lead:
-            rows = self.rows([arrays[k][(..., *place)].ravel() for k, place in self.live], math.prod(lead))
+            rows = self.rows(
+                [arrays[k][(..., *place)].ravel() for k, place in self.live], math.prod(lead)
+            )
         else:
             self.of_numbers = self.of_numbers or number_function(self.program, once)[0]
             rows = np.array(self.of_numbers(*[arrays[k].item(place) for k, place in self.live]))
@@ -71,7 +79,8 @@ class Unrolled:
 
 
 def each(function, q, v):
-    """function(q, v) of one state (N, 3), for all of q, v (F, N, 3): traced once, or else one after the other."""
+    """function(q, v) of one state (N, 3), for all of q, v (F, N, 3): traced once, or else one after
+    the other."""
     free = np.zeros(q.shape[1:], dtype=bool)
     try:
         return Unrolled(lambda q, v: (function(q, v),), free, free)(q, v)[0]
@@ -80,10 +89,11 @@ def each(function, q, v):
 
 
 class Pieces:
-    """The force of a run whose step is not unrolled as a whole: compiled, and with a memory that ends with the run.
+    """The force of a run whose step is not unrolled as a whole: compiled, and with a memory that
+    ends with the run.
 
-    `still`: mask of the coordinates that stay zero; `places`: the others, as indices into a flat (N, 3); `rows` takes
-    these of q and then of v, an array each, and arrays to write force / m to.
+    `still`: mask of the coordinates that stay zero; `places`: the others, as indices into a flat
+    (N, 3); `rows` takes these of q and then of v, an array each, and arrays to write force / m to.
     """
 
     def __init__(self, force, m, still):
@@ -96,14 +106,21 @@ class Pieces:
 
 
 def by_rows(force, m, shape):
-    """(places, rows) of any force(q, v) on arrays (..., N, 3), as a Pieces has them; `shape`: that of q."""
+    """(places, rows) of any force(q, v) on arrays (..., N, 3), as a Pieces has them; `shape`: that
+    of q."""
     if isinstance(force, Pieces):
         return force.places, force.rows
     size = shape[-2] * shape[-1]
 
     def rows(inputs, results):
-        q, v = (np.stack(x, axis=-1).reshape(-1, *shape[-2:]) for x in (inputs[:size], inputs[size:]))
-        f = force(q, v) if hasattr(force, "way") else np.stack([force(*state) for state in zip(q, v, strict=True)])
+        q, v = (
+            np.stack(x, axis=-1).reshape(-1, *shape[-2:]) for x in (inputs[:size], inputs[size:])
+        )
+        f = (
+            force(q, v)
+            if hasattr(force, "way")
+            else np.stack([force(*state) for state in zip(q, v, strict=True)])
+        )
         for result, row in zip(results, (f / m).reshape(-1, size).T, strict=True):
             result[...] = row.reshape(result.shape)
 
@@ -111,7 +128,8 @@ def by_rows(force, m, shape):
 
 
 def followed(rule, after, system):
-    """The step `rule` and then after(system, q_start, q, v, dt) -> (q, v), if there is one: a step like any other."""
+    """The step `rule` and then after(system, q_start, q, v, dt) -> (q, v), if there is one: a step
+    like any other."""
     if after is None:
         return rule
 
@@ -132,7 +150,8 @@ def followed(rule, after, system):
 
 
 class Run(NamedTuple):
-    """A measured run: series from the start on, and the states that were to be kept, the last one always."""
+    """A measured run: series from the start on, and the states that were to be kept, the last one
+    always."""
 
     tip: np.ndarray  # (steps + 1, ..., 3) m, the last particle
     violations: np.ndarray  # (steps + 1, ...) m
@@ -162,7 +181,8 @@ class Run(NamedTuple):
         return self.q[there[0]] if len(there) else None
 
     def summary(self, scale, truth):
-        """What a run of one member came to, rounded: m; its worst energy error as a share of `scale` J.
+        """What a run of one member came to, rounded: m; its worst energy error as a share of
+        `scale` J.
 
         `error`: how far a particle is from the Truth, if that is known.
         """
@@ -171,7 +191,9 @@ class Run(NamedTuple):
         return {
             "max_violation": round(float(np.max(self.violations)), 12),
             "final_violation": round(float(self.violations[-1]), 12),
-            "energy_rel_max": round(float(np.max(np.abs(self.energies - self.energies[0])) / scale), 12),
+            "energy_rel_max": round(
+                float(np.max(np.abs(self.energies - self.energies[0])) / scale), 12
+            ),
             "tip_final": [round(x, 6) for x in self.tip[-1].tolist()],
             "error": round(distance(there, truth.q), 12) if known else None,
             "halved": self.halved,
@@ -182,7 +204,11 @@ class Run(NamedTuple):
 def source(step_fn, system, force, dt):
     """The code that steps of a system become, or at least their force; in a comment, why not."""
     motion = Motion(step_fn, system["m"], force, dt, system["q0"], system["v0"])
-    force = number_function(motion.force.force.program, once)[1] if isinstance(motion.force, Pieces) else ""
+    force = (
+        number_function(motion.force.force.program, once)[1]
+        if isinstance(motion.force, Pieces)
+        else ""
+    )
     return motion.source or f"# a step is not one function: {motion.way}\n{force}"
 
 
@@ -192,17 +218,26 @@ def distance(a, b):
 
 
 class Motion:
-    """A run of step_fn(q, v, m, force, dt) -> (q, v) from q, v (..., N, 3) on, in whole blocks of steps.
+    """A run of step_fn(q, v, m, force, dt) -> (q, v) from q, v (..., N, 3) on, in whole blocks of
+    steps.
 
-    `keep`: steps whose states are kept. `way`: how it is computed, in words; `source`: the code, if it is one function;
-    `done`: steps so far. A force with an attribute `way` is taken as it is: it knows a better one.
+    `keep`: steps whose states are kept. `way`: how it is computed, in words; `source`: the code, if
+    it is one function; `done`: steps so far. A force with an attribute `way` is taken as it is: it
+    knows a better one.
     """
 
     def __init__(self, step_fn, m, force, dt, q, v, keep=()):
         self.step_fn, self.m, self.force, self.dt = step_fn, m, force, dt
         self.state = tuple(np.array(x, dtype=float, order="F") for x in (q, v))
         self.still, self.advance = [np.zeros(q.shape[-2:], dtype=bool)] * 2, self.by_steps
-        self.seconds, self.stopped, self.halved, self.source, self.done, self.taken = 0.0, None, 0, "", -1, 0
+        self.seconds, self.stopped, self.halved, self.source, self.done, self.taken = (
+            0.0,
+            None,
+            0,
+            "",
+            -1,
+            0,
+        )
         self.series, self.kept, self.keep, self.last = [], [], keep, None
         self.size = max(1, min(1024, BLOCK // (2 * q.size)))
         if hasattr(force, "way"):
@@ -210,11 +245,14 @@ class Motion:
             return
         try:
             self.unroll(*unroll_map(lambda q, v: step_fn(q, v, m, force, dt), q, v))
-        except Exception as why:  # whatever is wrong with the step itself shows again as soon as it is taken
+        except (
+            Exception
+        ) as why:  # whatever is wrong with the step itself shows again as soon as it is taken
             self.take_apart(why)
 
     def unroll(self, program, still):
-        """The whole step, and for a single member the loop around it, as a function of what does not stay zero."""
+        """The whole step, and for a single member the loop around it, as a function of what does
+        not stay zero."""
         q, v = self.state
         program.results = [np.array([program.results[k][place] for k, place in program.live])]
         function, self.source = number_function(program, again)
@@ -251,12 +289,15 @@ class Motion:
             self.columns = states[-1]
         flat = np.fromiter(chain.from_iterable(states), float, len(states) * len(self.live))
         whole = np.zeros((2, *shape, len(states)))
-        for (k, place), column in zip(self.live, flat.reshape(len(states), len(self.live)).T, strict=True):
+        for (k, place), column in zip(
+            self.live, flat.reshape(len(states), len(self.live)).T, strict=True
+        ):
             whole[(k, *place)] = column
         return tuple(leading_first(a, 2) for a in whole)
 
     def by_members(self, count):
-        """`count` steps of all members, or as many as all can take: states q, v (count, ..., N, 3)."""
+        """`count` steps of all members, or as many as all can take: states q, v (count, ..., N,
+        3)."""
         shape, size = self.state[0].shape, self.function.members()
         whole = np.zeros((2, *shape[-2:], count, *shape[:-2]))
         columns = [whole[(k, *place)].reshape(count, -1) for k, place in self.live]
@@ -277,7 +318,10 @@ class Motion:
 
     def by_steps(self, count):
         """`count` steps, or as many as can be taken: states (count, ..., N, 3)."""
-        q, v = (np.empty((count, *x.shape[::-1])).transpose(0, *range(x.ndim, 0, -1)) for x in self.state)
+        q, v = (
+            np.empty((count, *x.shape[::-1])).transpose(0, *range(x.ndim, 0, -1))
+            for x in self.state
+        )
         begin = time.perf_counter()
         for done in range(count):
             if done and time.perf_counter() - begin > PATIENCE:
@@ -308,7 +352,8 @@ class Motion:
             return function
 
     def blocks(self, steps):
-        """States q, v (count, ..., N, 3): the start alone, then blocks, until `steps` are done or the run stops."""
+        """States q, v (count, ..., N, 3): the start alone, then blocks, until `steps` are done or
+        the run stops."""
         self.steps = steps
         yield tuple(x[None] for x in self.state)
         tick = progress("simulating", steps)
@@ -325,7 +370,8 @@ class Motion:
                 tick(steps if self.stopped else self.done)
 
     def note(self, sane, q, v, violations, energies):
-        """Take a block of states and what was measured of it, up to the first state that is not `sane` (count, ...)."""
+        """Take a block of states and what was measured of it, up to the first state that is not
+        `sane` (count, ...)."""
         sane = np.logical_and.accumulate(sane.reshape(len(q), -1).all(axis=1))
         count, first = int(np.sum(sane)), self.done + 1
         if first + count == 0:

@@ -1,24 +1,29 @@
-"""The truth to measure against: gauss at two steps, whose difference is its own error. And the step for an error."""
+"""The truth to measure against: gauss at two steps, whose difference is its own error. And the step
+for an error."""
 
 import math
 import sys
 from functools import partial
 from typing import NamedTuple
 
-from curriculum.common import large
+from curriculum.ch3_4_constraints import large
 from curriculum.common.gauss import make_gauss
 from curriculum.common.motion import distance
 
 import numpy as np
 
 SECONDS = 2.0  # when the truth is taken, before chaos decides
-BUDGET, EACH = 5000, 5  # steps of gauss it may cost, times rods, and how many rods a step costs anyway: a second or so
+BUDGET, EACH = (
+    5000,
+    5,
+)  # steps of gauss it may cost, times rods, and how many rods a step costs anyway: a second or so
 KNOWN = 1e-9  # m: it is known that well or not at all
 LADDER = (0.05, 0.025, 0.0125, 0.00625)  # s
 
 
 class Truth(NamedTuple):
-    """Where the particles are at a step: q (N, 3), known to so many m; (None, inf) if they are not known."""
+    """Where the particles are at a step: q (N, 3), known to so many m; (None, inf) if they are not
+    known."""
 
     step: int
     q: np.ndarray | None = None
@@ -41,7 +46,8 @@ class Metered:
 def true_position(run, seconds, most=math.inf):
     """q (N, 3) after `seconds`, and by how many m two steps of gauss differ.
 
-    (None, inf) if that is over KNOWN, or not found within `most` steps. run(rule, dt, steps) -> Run.
+    (None, inf) if that is over KNOWN, or not found within `most` steps. run(rule, dt, steps) ->
+    Run.
     """
     rule, before = Metered(make_gauss(), most), None
     for longest in LADDER:
@@ -57,9 +63,11 @@ def true_position(run, seconds, most=math.inf):
 
 
 def step_for(tol, seconds, q, runs):
-    """A rule of gauss and a step with which the best of `runs` is within `tol` m of q (N, 3) after `seconds`.
+    """A rule of gauss and a step with which the best of `runs` is within `tol` m of q (N, 3) after
+    `seconds`.
 
-    Or as near as it gets. A stage a digit, and the largest step that will do: stages cost an array little, steps a lot.
+    Or as near as it gets. A stage a digit, and the largest step that will do: stages cost an array
+    little, steps a lot.
     """
     rule = make_gauss(max(4, round(-math.log10(tol))), 4, min(0.1 * tol, 1e-3))
     steps, before = math.ceil(seconds / 0.16), math.inf
@@ -76,10 +84,11 @@ def step_for(tol, seconds, q, runs):
 
 
 def settle(simulate, case, modes, rule, dt, steps, tol):
-    """The rule, step and number of steps to run with, and the Truth; with `tol` m, gauss finds rule and step.
+    """The rule, step and number of steps to run with, and the Truth; with `tol` m, gauss finds rule
+    and step.
 
-    simulate(*case(mode, rule, dt), steps) -> Run, where a case is a step, a system, a force, dt. Exits with a line if
-    the truth is wanted and not to be had.
+    simulate(*case(mode, rule, dt), steps) -> Run, where a case is a step, a system, a force, dt.
+    Exits with a line if the truth is wanted and not to be had.
     """
 
     def run(mode, rule, dt, steps):

@@ -1,9 +1,10 @@
-"""Five scripts with blanks. A blank says what belongs there, its check in test_answers.py whether it does."""
+"""Five scripts with blanks. A blank says what belongs there, its check in test_answers.py whether
+it does."""
 
 import sys
 from pathlib import Path
 
-from curriculum.common.scenes import SceneError
+from curriculum.ch3_4_constraints.scene_files import SceneError
 
 
 class Blank(Exception):

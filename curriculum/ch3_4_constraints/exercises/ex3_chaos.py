@@ -17,12 +17,17 @@ DT, STEPS = 0.005, 8000  # s; 40 s in all
 
 def same(a, b):
     """Whether arrays a and b are equal to the last bit."""
-    return blank("True only if not one bit differs: a tolerance would hide what this exercise is about")
+    return blank(
+        "True only if not one bit differs: a tolerance would hide what this exercise is about"
+    )
 
 
 def parted(gap, dt):
-    """The time in s when a gap (steps + 1,), in m, first passes a metre; math.inf if it never does."""
-    return blank("the first time at which the gap is over a metre; what should it say if there is none?")
+    """The time in s when a gap (steps + 1,), in m, first passes a metre; math.inf if it never
+    does."""
+    return blank(
+        "the first time at which the gap is over a metre; what should it say if there is none?"
+    )
 
 
 def turned(system, angle):
@@ -42,9 +47,14 @@ def found():
     """What the table says."""
     return {
         # Seconds until a launch angle 1e-12 rad off has become a metre:
-        "1e-12": blank("seconds, from the table, until a launch angle 1e-12 rad off has become a metre"),
-        # Nobody can run the next one: doubles have 16 digits. Seconds that an angle known to 1e-24 would be good for:
-        "1e-24": blank("seconds, about: how many does each further digit buy? From there on to 24 digits"),
+        "1e-12": blank(
+            "seconds, from the table, until a launch angle 1e-12 rad off has become a metre"
+        ),
+        # Nobody can run the next one: doubles have 16 digits. Seconds that an angle known to 1e-24
+        # would be good for:
+        "1e-24": blank(
+            "seconds, about: how many does each further digit buy? From there on to 24 digits"
+        ),
     }
 
 

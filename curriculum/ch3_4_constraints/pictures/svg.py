@@ -1,4 +1,5 @@
-"""A little SVG: lines, arrows, words and charts, on a white sheet that can be read on any background."""
+"""A little SVG: lines, arrows, words and charts, on a white sheet that can be read on any
+background."""
 
 import math
 from itertools import pairwise
@@ -9,7 +10,8 @@ FONT, LINE = "Helvetica, Arial, sans-serif", 16  # pixels from a line of words t
 
 
 class Drawing:
-    """A sheet of `width` times `height` pixels, y down, with a title; points are pairs of pixels."""
+    """A sheet of `width` times `height` pixels, y down, with a title; points are pairs of
+    pixels."""
 
     def __init__(self, width, height, title):
         self.parts = [
@@ -28,7 +30,9 @@ class Drawing:
 
     def dot(self, at, radius, color=INK):
         """A filled circle."""
-        self.parts.append(f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="{radius}" fill="{color}"/>')
+        self.parts.append(
+            f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="{radius}" fill="{color}"/>'
+        )
 
     def words(self, x, y, text, color=INK, anchor="start", size=13, weight="normal"):
         """A line of words that starts, has its middle or ends at x, on the base line y."""
@@ -43,8 +47,13 @@ class Drawing:
         along, across = ((end[k] - start[k]) * head / length for k in (0, 1))
         neck = x - along, y - across
         self.line([start, neck], color, width)
-        corners = [end, *((neck[0] + s * 0.45 * across, neck[1] - s * 0.45 * along) for s in (1, -1))]
-        self.parts.append(f'<polygon points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in corners)}" fill="{color}"/>')
+        corners = [
+            end,
+            *((neck[0] + s * 0.45 * across, neck[1] - s * 0.45 * along) for s in (1, -1)),
+        ]
+        self.parts.append(
+            f'<polygon points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in corners)}" fill="{color}"/>'
+        )
 
     def text(self):
         """The file."""
@@ -52,11 +61,14 @@ class Drawing:
 
 
 class Axis:
-    """A scale from values to pixels, logarithmic if `log`; `ticks`: {value: what stands beside it}."""
+    """A scale from values to pixels, logarithmic if `log`; `ticks`: {value: what stands beside
+    it}."""
 
     def __init__(self, title, values, pixels, ticks, log=False):
         self.title, self.pixels = title, pixels
-        self.ticks = {value: name for value, name in ticks.items() if values[0] <= value <= values[1]}
+        self.ticks = {
+            value: name for value, name in ticks.items() if values[0] <= value <= values[1]
+        }
         self.scale = math.log10 if log else float
         self.low, self.high = map(self.scale, values)
 

@@ -1,6 +1,8 @@
-"""The systems of constraints.py in other engines, each at its fastest: for the study real_thing and its test.
+"""The systems of constraints.py in other engines, each at its fastest: for the study real_thing and
+its test.
 
-An engine is imported where it is used, so that this module needs none. Models are built before the clock starts.
+An engine is imported where it is used, so that this module needs none. Models are built before the
+clock starts.
 """
 
 import math
@@ -35,8 +37,12 @@ def inertial(m, x, inertia):
 
 
 def hinges(system, dt, integrator="RK4"):
-    """MuJoCo's model of a planar chain in joint angles: rods cannot stretch, no constraint anywhere."""
-    body, beyond = "", list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True))
+    """MuJoCo's model of a planar chain in joint angles: rods cannot stretch, no constraint
+    anywhere."""
+    body, beyond = (
+        "",
+        list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True)),
+    )
     for k, (m, length) in reversed(list(enumerate(beyond))):
         at = beyond[k - 1][1] if k else 0.0
         mass = inertial(m, length, POINT)
@@ -45,46 +51,70 @@ def hinges(system, dt, integrator="RK4"):
 
 
 def tendons(system, dt, soft=(0.02, 0.95), axes=3, off="", **option):
-    """MuJoCo's model of a chain in particles: each slides along `axes` axes, each rod a tendon made equal to L."""
-    joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")[:axes])
+    """MuJoCo's model of a chain in particles: each slides along `axes` axes, each rod a tendon made
+    equal to L."""
+    joints = "".join(
+        f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")[:axes]
+    )
     bodies, ropes, equal = '<site name="s-1"/>', "", ""
-    for k, (m, length) in enumerate(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True)):
+    for k, (m, length) in enumerate(
+        zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True)
+    ):
         bodies += f'<body>{joints}{inertial(m, 0.0, 1.0)}<site name="s{k}"/></body>'
         ropes += f'<spatial name="t{k}"><site site="s{k - 1}"/><site site="s{k}"/></spatial>'
         equal += f'<tendon tendon1="t{k}" polycoef="{length!r} 0 0 0 0" '
         equal += f'solref="{soft[0]!r} 1" solimp="{soft[1]} {soft[1]} 0.001 0.5 2"/>'
     rest = f"<tendon>{ropes}</tendon><equality>{equal}</equality>"
     # the rods ask for a linear system, of which one Newton iteration is the exact solution
-    settings = {"solver": "Newton", "jacobian": "auto", "iterations": 1, "tolerance": 0, "timestep": dt} | option
+    settings = {
+        "solver": "Newton",
+        "jacobian": "auto",
+        "iterations": 1,
+        "tolerance": 0,
+        "timestep": dt,
+    } | option
     return mjcf(bodies, rest, off, **settings)
 
 
 def random_chain(rng, rods):
     """A chain of `rods` rods, its particles a few per cent off the rods and moving anyhow."""
     unit, lengths = rng.normal(size=(rods, 3)), rng.uniform(0.5, 2.0, rods)
-    d = unit / np.linalg.norm(unit, axis=1, keepdims=True) * (lengths * (1.0 + 0.03 * rng.normal(size=rods)))[:, None]
+    d = (
+        unit
+        / np.linalg.norm(unit, axis=1, keepdims=True)
+        * (lengths * (1.0 + 0.03 * rng.normal(size=rods)))[:, None]
+    )
     pairs = [(k, k - 1) for k in range(rods)]
-    return make_system(d.cumsum(0), rng.normal(size=(rods, 3)), rng.uniform(0.3, 3.0, rods), pairs, lengths)
+    return make_system(
+        d.cumsum(0), rng.normal(size=(rods, 3)), rng.uniform(0.3, 3.0, rods), pairs, lengths
+    )
 
 
 def named(system, dt, shapes):
-    """{field: value} of MuJoCo at the same state; efc_AR is made for its dual solver PGS only, hence a second model."""
+    """{field: value} of MuJoCo at the same state; efc_AR is made for its dual solver PGS only,
+    hence a second model."""
     import mujoco
 
     fields = {}
-    for solver in ("PGS", "Newton"):  # the force of the primal solver is the exact one and comes last
+    for solver in (
+        "PGS",
+        "Newton",
+    ):  # the force of the primal solver is the exact one and comes last
         model = tendons(system, dt, solver=solver, iterations=100, jacobian="dense")
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = system["q0"].ravel(), system["v0"].ravel()
         mujoco.mj_forward(model, data)
-        fields |= {name: np.array(getattr(data, name)) for name in shapes if getattr(data, name).size}
+        fields |= {
+            name: np.array(getattr(data, name)) for name in shapes if getattr(data, name).size
+        }
     k, b, imp = fields["efc_KBIP"][:, :3].T
     fields["efc_KBIP"] = np.stack([k * imp, b], axis=1)
     return {name: fields[name].reshape(shape) for name, shape in shapes.items()}
 
 
 class Task(NamedTuple):
-    """A system from its start to time samples * every (s), and how far positions (samples, N, 2) are off."""
+    """A system from its start to time samples * every (s), and how far positions (samples, N, 2)
+    are off."""
 
     system: dict
     samples: int
@@ -139,7 +169,10 @@ def run_hinges(task, per):
     """MuJoCo in joint angles, `per` steps a sample in one C call."""
     import mujoco
 
-    (model, data), lengths = start_hinges(task.system, task.every / per), task.system["lengths"][:, None]
+    (model, data), lengths = (
+        start_hinges(task.system, task.every / per),
+        task.system["lengths"][:, None],
+    )
 
     def positions():
         angle = np.cumsum(data.qpos)
@@ -156,31 +189,50 @@ def run_tendons(task, per, integrator, impedance, constant):
     model = tendons(task.system, dt, (constant(dt), impedance), 2, "refsafe", integrator=integrator)
     data = mujoco.MjData(model)
     data.qpos[:] = task.system["q0"][:, :2].ravel()
-    return clocked(task, partial(mujoco.mj_step, model, data, per), lambda: data.qpos.reshape(n, 2).copy())
+    return clocked(
+        task, partial(mujoco.mj_step, model, data, per), lambda: data.qpos.reshape(n, 2).copy()
+    )
 
 
 def run_exudyn(task, per, tol):
-    """Exudyn's point masses and distance constraints, trapezoidal rule of index 2 (it keeps gdot = 0), full Newton."""
+    """Exudyn's point masses and distance constraints, trapezoidal rule of index 2 (it keeps gdot =
+    0), full Newton."""
     import exudyn
     from exudyn import itemInterface as item
 
-    system, sensors, settings = exudyn.SystemContainer().AddSystem(), [], exudyn.SimulationSettings()
+    system, sensors, settings = (
+        exudyn.SystemContainer().AddSystem(),
+        [],
+        exudyn.SimulationSettings(),
+    )
     ground = system.AddObject(item.ObjectGround())
-    tied = system.AddMarker(item.MarkerBodyPosition(bodyNumber=ground, localPosition=[0.0, 0.0, 0.0]))
+    tied = system.AddMarker(
+        item.MarkerBodyPosition(bodyNumber=ground, localPosition=[0.0, 0.0, 0.0])
+    )
     for x, m, length in zip(*(task.system[key] for key in ("q0", "m", "lengths")), strict=True):
         node = system.AddNode(item.NodePoint2D(referenceCoordinates=x[:2].tolist()))
         system.AddObject(item.MassPoint2D(mass=float(m[0]), nodeNumber=node))
         before, tied = tied, system.AddMarker(item.MarkerNodePosition(nodeNumber=node))
         system.AddLoad(item.LoadForceVector(markerNumber=tied, loadVector=(m * c.GRAVITY).tolist()))
-        system.AddObject(item.DistanceConstraint(markerNumbers=[before, tied], distance=float(length)))
+        system.AddObject(
+            item.DistanceConstraint(markerNumbers=[before, tied], distance=float(length))
+        )
         kind = exudyn.OutputVariableType.Position
-        sensors.append(system.AddSensor(item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kind)))
+        sensors.append(
+            system.AddSensor(
+                item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kind)
+            )
+        )
     system.Assemble()
     settings.solution.file.write = False
     settings.solution.sensors.writePeriod = task.every
     settings.linearSolver.solverType = exudyn.LinearSolverType.EXUdense
     rule = settings.timeIntegration
-    rule.numberOfSteps, rule.endTime, rule.verboseMode = per * task.samples, task.samples * task.every, 0
+    rule.numberOfSteps, rule.endTime, rule.verboseMode = (
+        per * task.samples,
+        task.samples * task.every,
+        0,
+    )
     rule.newton.relativeTolerance, rule.newton.absoluteTolerance = tol, 0.01 * tol
     clock = time.perf_counter()
     system.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
@@ -208,14 +260,17 @@ def run_pymunk(task, per):
 
 
 def dop853():
-    """A rule (q, v, m, force, dt) -> (q, v): the twelve stages of DOP853, scipy's coefficients, order 8, explicit."""
+    """A rule (q, v, m, force, dt) -> (q, v): the twelve stages of DOP853, scipy's coefficients,
+    order 8, explicit."""
     from scipy.integrate import DOP853
 
     def step(q, v, m, force, dt):
         x, rates = np.stack([q, v]), []
         for weights in [*DOP853.A[1:].tolist(), DOP853.B.tolist()]:
             rates.append(np.stack([x[1], force(*x) / m]))
-            x = np.stack([q, v]) + dt * sum(w * rate for w, rate in zip(weights, rates, strict=False) if w)
+            x = np.stack([q, v]) + dt * sum(
+                w * rate for w, rate in zip(weights, rates, strict=False) if w
+            )
         return tuple(x)
 
     return step

@@ -1,4 +1,5 @@
-"""What studies and tests do again and again: a system from arrays, and a run of it by the names of rule and mode."""
+"""What studies and tests do again and again: a system from arrays, and a run of it by the names of
+rule and mode."""
 
 import constraints as c
 from curriculum.common.motion import followed
@@ -11,9 +12,17 @@ SCENES = c.HERE / c.CHAPTER / "scenes"
 def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     """A system dict; masses m (N,) kg, lengths (C,) m by default as in q0."""
     q0, v0, anchors = (np.asarray(x, dtype=float) for x in (q0, v0, anchors))
-    system = {"q0": q0, "v0": v0, "m": np.reshape(m, (-1, 1)).astype(float), "pairs": list(pairs), "anchors": anchors}
+    system = {
+        "q0": q0,
+        "v0": v0,
+        "m": np.reshape(m, (-1, 1)).astype(float),
+        "pairs": list(pairs),
+        "anchors": anchors,
+    }
     ends = [anchors[-1 - j] if j < 0 else q0[j] for _, j in pairs]
-    found = np.array([np.sqrt(c.dot(q0[i] - end, q0[i] - end)) for (i, _), end in zip(pairs, ends, strict=True)])
+    found = np.array(
+        [np.sqrt(c.dot(q0[i] - end, q0[i] - end)) for (i, _), end in zip(pairs, ends, strict=True)]
+    )
     return system | {"lengths": found if lengths is None else np.asarray(lengths, dtype=float)}
 
 
@@ -26,7 +35,9 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     """The Run of a rule (or its name) with a Hold, the name of one, or a Baumgarte frequency."""
     hold = c.as_hold(c.hold_table(dt)[hold] if isinstance(hold, str) else hold)
     rule = c.INTEGRATORS[rule] if isinstance(rule, str) else rule
-    return c.simulate(followed(rule, hold.after, system), system, c.make_force(system, hold), dt, steps, keep)
+    return c.simulate(
+        followed(rule, hold.after, system), system, c.make_force(system, hold), dt, steps, keep
+    )
 
 
 def energy_scale(system):

@@ -1,8 +1,10 @@
-"""Do the texts still say what the programs print?  Runs every command named in them and rewrites the block below it.
+"""Do the texts still say what the programs print?  Runs every command named in them and rewrites
+the block below it.
 
-A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with `$ COMMAND`, for the
-reader. `--only WORD` takes the commands that contain WORD: the studies of speed take minutes, and want a machine that
-does nothing else. The quick commands, whose digits are the same everywhere, are run by tests/test_texts.py, too.
+A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with
+`$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD: the studies of
+speed take minutes, and want a machine that does nothing else. The quick commands, whose digits are
+the same everywhere, are run by tests/test_texts.py, too.
 """
 
 import re
@@ -19,7 +21,9 @@ ROOT = Path(__file__).resolve().parents[3]
 CHAPTER = ROOT / "curriculum/ch3_4_constraints"
 PAGES = ("README.md", "studies/README.md", "exercises/README.md", "exercises/solutions/README.md")
 TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
-BLOCK = re.compile(r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?(?P<body>.*?)(```\n)", re.S)
+BLOCK = re.compile(
+    r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?(?P<body>.*?)(```\n)", re.S
+)
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
@@ -34,7 +38,8 @@ def printed(command):
 
 
 def machine_free(text):
-    """Its lines, a list of cells each, without what belongs to the machine: the banner, times, where files went."""
+    """Its lines, a list of cells each, without what belongs to the machine: the banner, times,
+    where files went."""
     lines, header = [], []
     for line in text.splitlines():
         cells = re.split(r" {2,}", line.strip())
@@ -48,8 +53,12 @@ def machine_free(text):
 
 def main(argv=None):
     """Rewrite the blocks."""
-    parser = Parser(prog="figures", description="Make the figures in the texts what their commands print.")
-    parser.add_argument("--only", default="", metavar="WORD", help="only the commands that contain this")
+    parser = Parser(
+        prog="figures", description="Make the figures in the texts what their commands print."
+    )
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="only the commands that contain this"
+    )
     args = parser.parse_args(argv)
     for path in TEXTS:
 
@@ -58,14 +67,19 @@ def main(argv=None):
                 return match[0]
             output = printed(match["command"])
             changed = machine_free(output) != machine_free(match["body"])
-            print(f"{path.relative_to(ROOT)}: {match['command']}{': changed' if changed else ''}", flush=True)
+            print(
+                f"{path.relative_to(ROOT)}: {match['command']}{': changed' if changed else ''}",
+                flush=True,
+            )
             asked = f"$ {match['command']}\n" if match[3] else ""
             return match[1] + asked + output + match[5]
 
         before = path.read_text(encoding="utf-8")
         text = BLOCK.sub(renewed, before)
         if text != before:
-            write_whole(path, lambda temporary, text=text: temporary.write_text(text, encoding="utf-8"))
+            write_whole(
+                path, lambda temporary, text=text: temporary.write_text(text, encoding="utf-8")
+            )
     return 0
 
 

@@ -1,18 +1,21 @@
-"""Where are the particles, really?  Writes reference.json, the truth for the simulator, from angles alone.
+"""Where are the particles, really?  Writes reference.json, the truth for the simulator, from angles
+alone.
 
-No rod is a constraint here, and nothing has a multiplier: the unknowns are angles, so that no length can drift.
+No rod is a constraint here, and nothing has a multiplier: the unknowns are angles, so that no
+length can drift.
 
-Chains of N unit rods and masses have an angle th_i a rod, counted from +x. With mu_ij = N - max(i, j), the mass that
-hangs on both rod i and rod j (rods from 0), Lagrange's equations are
+Chains of N unit rods and masses have an angle th_i a rod, counted from +x. With mu_ij = N - max(i,
+j), the mass that hangs on both rod i and rod j (rods from 0), Lagrange's equations are
     sum_j mu_ij [cos(th_i - th_j) th_j'' + sin(th_i - th_j) th_j'^2] = -g mu_ii cos(th_i)
-Linkages of one degree of freedom have one angle, th of rod 0. Each particle z after the first is the third corner of a
-triangle on two points known before it; dz/dth and its derivative follow from theirs, as both rods keep their lengths.
-With M(th) = sum m |dz/dth|^2,
+Linkages of one degree of freedom have one angle, th of rod 0. Each particle z after the first is
+the third corner of a triangle on two points known before it; dz/dth and its derivative follow from
+theirs, as both rods keep their lengths. With M(th) = sum m |dz/dth|^2,
     M th'' + M'/2 th'^2 + sum m g dy/dth = 0
 
-mpmath integrates them by Taylor series, to the digits it is asked for. "error" in the file is the largest difference in
-any coordinate, in m, from a second computation with fewer digits. A wrong term would spoil both alike; the energy shows
-it, and is kept. Storing as double adds at most half a unit in the last place.
+mpmath integrates them by Taylor series, to the digits it is asked for. "error" in the file is the
+largest difference in any coordinate, in m, from a second computation with fewer digits. A wrong
+term would spoil both alike; the energy shows it, and is kept. Storing as double adds at most half a
+unit in the last place.
 """
 
 import json
@@ -63,15 +66,22 @@ def chain(system):
 
 
 def linkage(system):
-    """The same for a system whose particle 0 hangs on one rod, each further one on two, to points before it."""
+    """The same for a system whose particle 0 hangs on one rod, each further one on two, to points
+    before it."""
     start = points(system["q0"]) + points(system["anchors"])[::-1]  # index -1: the first anchor
     n, m = len(system["q0"]), [mp.mpf(x) for x in system["m"][:, 0].tolist()]
     (_, pivot), *pairs = system["pairs"]
     length, *lengths = map(mp.mpf, system["lengths"].tolist())
-    rods = [[(j, size) for (i, j), size in zip(pairs, lengths, strict=True) if i == k] for k in range(n)]
+    rods = [
+        [(j, size) for (i, j), size in zip(pairs, lengths, strict=True) if i == k] for k in range(n)
+    ]
 
     def motion(angle, rate):
-        z, first, second = start[:], [mp.zero] * len(start), [mp.zero] * len(start)  # derivatives by th
+        z, first, second = (
+            start[:],
+            [mp.zero] * len(start),
+            [mp.zero] * len(start),
+        )  # derivatives by th
         arm = length * mp.expj(angle[0])
         z[0], first[0], second[0] = z[pivot] + arm, 1j * arm, -arm
         for k in range(1, n):
@@ -91,7 +101,11 @@ def linkage(system):
             second[k] = corner(dot(p, second[a]) - spin[0], dot(q, second[b]) - spin[1])
         terms = list(zip(m, first, second, strict=False))  # of the particles, not the anchors
         pull = sum(w * (rate[0] ** 2 * dot(x, y) + GRAVITY * x.imag) for w, x, y in terms)
-        return z[:n], [rate[0] * x for _, x, _ in terms], [-pull / sum(w * dot(x, x) for w, x, _ in terms)]
+        return (
+            z[:n],
+            [rate[0] * x for _, x, _ in terms],
+            [-pull / sum(w * dot(x, x) for w, x, _ in terms)],
+        )
 
     return [mp.arg(start[0] - start[pivot])], motion
 
@@ -101,12 +115,17 @@ def integrate(model, system, digits):
     with mp.workdps(digits):
         (start, motion), m = model(system), system["m"][:, 0].tolist()
         n = len(start)
-        flow = mp.odefun(lambda t, y: [*y[n:], *motion(y[:n], y[n:])[2]], 0, [*start, *[mp.zero] * n])
+        flow = mp.odefun(
+            lambda t, y: [*y[n:], *motion(y[:n], y[n:])[2]], 0, [*start, *[mp.zero] * n]
+        )
         states = [motion(y[:n], y[n:])[:2] for y in map(flow, [0, *TIMES])]
         energy = [
-            sum(w * (abs(v) ** 2 / 2 + GRAVITY * x.imag) for w, x, v in zip(m, *state, strict=True)) for state in states
+            sum(w * (abs(v) ** 2 / 2 + GRAVITY * x.imag) for w, x, v in zip(m, *state, strict=True))
+            for state in states
         ]
-        return np.array([[(x.real, x.imag) for x in z] for z, _ in states[1:]]), max(abs(x - energy[0]) for x in energy)
+        return np.array([[(x.real, x.imag) for x in z] for z, _ in states[1:]]), max(
+            abs(x - energy[0]) for x in energy
+        )
 
 
 def compute():
@@ -120,17 +139,19 @@ def compute():
         error = float(np.max(np.abs(fine - coarse)))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
         print(f"{name:15} error {error:.1e} m, energy error {mp.nstr(drift, 2)} J")
-    what = (
-        "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems and of two of its scenes."
-    )
+    what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems and of two of its scenes."
     made_by = "python -m curriculum.ch3_4_constraints.studies.reference"
     return {"what": what, "made_by": made_by, "times": TIMES, "cases": cases}
 
 
 def main(argv=None):
     """Write the file, or compare with it; returns 1 if they differ."""
-    parser = Parser(prog="reference", description="Where are the particles, really?  Writes reference.json.")
-    parser.add_argument("--check", action="store_true", help="write nothing; compare, exit 1 beyond 1e-14 m")
+    parser = Parser(
+        prog="reference", description="Where are the particles, really?  Writes reference.json."
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="write nothing; compare, exit 1 beyond 1e-14 m"
+    )
     args = parser.parse_args(argv)
     document = compute()
     if args.check:
@@ -142,7 +163,11 @@ def main(argv=None):
         print(f"{FILE.name}: largest difference {max(gaps):.1e} m, {TOLERANCE:g} is allowed")
         return int(max(gaps) > TOLERANCE)
     # "]], [[" stands between two samples and nowhere else: one line a sample
-    text = json.dumps(document).replace("]], [[", "]],\n[[").replace('"positions": [', '"positions": [\n')
+    text = (
+        json.dumps(document)
+        .replace("]], [[", "]],\n[[")
+        .replace('"positions": [', '"positions": [\n')
+    )
     write_whole(FILE, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))
     return 0
 

@@ -1,6 +1,8 @@
-"""What the chapter says on its way, shown: one small table a name.  All of them, or those that are named.
+"""What the chapter says on its way, shown: one small table a name.  All of them, or those that are
+named.
 
-No table holds a time, and none is rounded finer than processors agree: a reader sees the digits of the text.
+No table holds a time, and none is rounded finer than processors agree: a reader sees the digits of
+the text.
 """
 
 import math
@@ -8,11 +10,11 @@ import math
 import constraints as c
 from curriculum.ch3_4_constraints.studies import chaos, speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run, scene
+from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.graph import elimination_order
 from curriculum.common.loops import repeat
 from curriculum.common.motion import distance, source
-from curriculum.common.tables import show
 
 import numpy as np
 
@@ -21,8 +23,12 @@ G = float(-c.GRAVITY[1])  # m/s^2
 
 
 def bobs(*at, v=None, lengths=None):
-    """Bobs of 1 kg, one below the other on rods (`lengths`: as they hang), at `at` (x, y) with speeds `v` (x, y)."""
-    q0, v0 = (np.pad(np.array(x, dtype=float), [(0, 0), (0, 1)]) for x in (at, v or np.zeros((len(at), 2))))
+    """Bobs of 1 kg, one below the other on rods (`lengths`: as they hang), at `at` (x, y) with
+    speeds `v` (x, y)."""
+    q0, v0 = (
+        np.pad(np.array(x, dtype=float), [(0, 0), (0, 1)])
+        for x in (at, v or np.zeros((len(at), 2)))
+    )
     return make_system(q0, v0, np.ones(len(at)), [(k, k - 1) for k in range(len(at))], lengths)
 
 
@@ -31,10 +37,17 @@ def matrices():
     system, rows = bobs((0.0, -1.0), (0.0, -2.0)), []
     q, v = system["q0"], system["v0"]
     jac, _, _, jdotv = c.constraint_terms(system, q, v)
-    a, b = c.mobility(system, jac, jac), -(jac @ (c.external_force(system, q) / system["m"]).ravel() + jdotv)
+    a, b = (
+        c.mobility(system, jac, jac),
+        -(jac @ (c.external_force(system, q) / system["m"]).ravel() + jdotv),
+    )
     lam, pulls = c.solve(system, a, b), c.tensions(system, q, v, c.as_hold(0.0))
     for k in range(2):
-        row = {f"J: {axis}{i}": f"{jac[k, 3 * i + n] + 0.0:g}" for i in range(2) for n, axis in enumerate("xy")}
+        row = {
+            f"J: {axis}{i}": f"{jac[k, 3 * i + n] + 0.0:g}"
+            for i in range(2)
+            for n, axis in enumerate("xy")
+        }
         row |= {f"A: {i}": f"{a[k, i]:g}" for i in range(2)} | {"right": f"{b[k] + 0.0:g}"}
         rows.append({"rod": k} | row | {"lambda": f"{lam[k]:.2f}", "pull, N": f"{pulls[k]:.2f}"})
     show("two bobs of 1 kg at rest, one below the other", rows)
@@ -54,7 +67,11 @@ def level():
         system = swinging(degrees)
         force = c.constraint_force(system, system["q0"], system["v0"])[0]
         speed, by_hand = np.linalg.norm(system["v0"]), 3.0 * G * math.cos(math.radians(degrees))
-        row = {"angle": f"{degrees} deg", "speed, m/s": f"{speed:.3f}", "3 m g cos, N": f"{by_hand:.2f}"}
+        row = {
+            "angle": f"{degrees} deg",
+            "speed, m/s": f"{speed:.3f}",
+            "3 m g cos, N": f"{by_hand:.2f}",
+        }
         row |= {"pull found, N": f"{np.linalg.norm(force):.2f}"}
         rows.append(row | {"its power, W": f"{abs(c.dot(force, system['v0'][0])):.2f}"})
     show("a bob of 1 kg on a rod of 1 m, let go level", rows)
@@ -68,7 +85,10 @@ def tangent():
     for steps in (1, 200, 4000):
         sums = (0.5 * DT**2 * np.sum(squares[first : first + steps]) for first in (1, 0))
         row = {"after": f"{DT * steps:g} s", "g found, m^2": f"{g[steps] - g[0]:.8f}"}
-        row |= {what: f"{x:.8f}" for what, x in zip(("the sum, m^2", "with speeds before"), sums, strict=True)}
+        row |= {
+            what: f"{x:.8f}"
+            for what, x in zip(("the sum, m^2", "with speeds before"), sums, strict=True)
+        }
         rows.append(row | {"rod error, m": f"{found.violations[steps]:.6f}"})
     show("the pendulum, semi_implicit, none: g, and dt^2/2 times the sum of |v|^2", rows)
 
@@ -79,7 +99,10 @@ def jdotv():
     for name in ("pendulum", "double"):
         for what, hold in (("with Jdot v", "none"), ("without", without)):
             off = run(c.build_system(name), hold=hold).violations
-            rows.append({"system": name, "solve": what} | {f"{t} s": f"{off[round(t / DT)]:.2f} m" for t in (1, 5, 20)})
+            rows.append(
+                {"system": name, "solve": what}
+                | {f"{t} s": f"{off[round(t / DT)]:.2f} m" for t in (1, 5, 20)}
+            )
     show("rod error after", rows)
 
 
@@ -90,7 +113,11 @@ def order():
         found = run(system, "rk4", "none", dt, round(20.0 / dt))
         now = np.array([found.violations.max(), drift(system, found)])
         times = "- -" if before is None else "{:.1f} {:.1f}".format(*before / now)
-        row = {"dt, s": f"{dt:g}", "rod error, m": f"{now[0]:.2e}", "energy, of m g L": f"{now[1]:.2e}"}
+        row = {
+            "dt, s": f"{dt:g}",
+            "rod error, m": f"{now[0]:.2e}",
+            "energy, of m g L": f"{now[1]:.2e}",
+        }
         rows.append(row | {"times less": times})
         before = now
     show("the pendulum over 20 s, rk4, none", rows)
@@ -100,10 +127,16 @@ def halving():
     """The order of every mode: worst rod error at ever shorter steps."""
     rows, system, ladder = [], c.build_system("double"), (0.01, 0.005, 0.0025, 0.00125)
     for mode, seconds in [*((mode, 2) for mode in c.hold_table()), ("none", 20)]:
-        off = [run(system, hold=mode, dt=dt, steps=round(seconds / dt)).violations.max() for dt in ladder]
+        off = [
+            run(system, hold=mode, dt=dt, steps=round(seconds / dt)).violations.max()
+            for dt in ladder
+        ]
         row = {"mode": mode, "over": f"{seconds} s"}
         row |= {f"dt {dt}": f"{x:.1e}" for dt, x in zip(ladder, off, strict=True)}
-        rows.append(row | {"times less": " ".join(f"{a / b:.1f}" for a, b in zip(off, off[1:], strict=False))})
+        rows.append(
+            row
+            | {"times less": " ".join(f"{a / b:.1f}" for a, b in zip(off, off[1:], strict=False))}
+        )
     show("the double pendulum, semi_implicit: worst rod error, m", rows)
 
 
@@ -112,8 +145,15 @@ def knob():
     rows, system = [], c.build_system("double")
     for w in (0.0, 5.0, 20.0, 80.0, 165.0, 170.0):
         found = run(system, hold=w)
-        row = {"w, rad/s": f"{w:g}", "dt w": f"{DT * w:g}", "rod error, m": f"{found.violations.max():.2e}"}
-        rows.append(row | {"energy, of m g L": f"{drift(system, found):.2g}", "end": found.stopped or "reached"})
+        row = {
+            "w, rad/s": f"{w:g}",
+            "dt w": f"{DT * w:g}",
+            "rod error, m": f"{found.violations.max():.2e}",
+        }
+        rows.append(
+            row
+            | {"energy, of m g L": f"{drift(system, found):.2g}", "end": found.stopped or "reached"}
+        )
     show("the double pendulum over 20 s, semi_implicit, dt 0.005", rows)
 
 
@@ -127,7 +167,9 @@ def seeds():
         }
         ratios = np.divide(off["none"], off["baumgarte"])
         row = {f"{mode}, m": "  ".join(f"{x:.4f}" for x in found) for mode, found in off.items()}
-        rows.append({"system": name} | row | {"none / baumgarte": "  ".join(f"{x:4.1f}" for x in ratios)})
+        rows.append(
+            {"system": name} | row | {"none / baumgarte": "  ".join(f"{x:4.1f}" for x in ratios)}
+        )
     show("worst rod error over 20 s, seeds 0, 1, 2", rows)
 
 
@@ -141,7 +183,14 @@ def lag():
     ):
         found = run(system, hold=mode, steps=400, keep=range(401))
         g = np.abs(c.constraint_terms(system, found.q, found.v)[1]).max()
-        rows.append({"mode": mode, "by hand": text, "is, m^2": f"{by_hand:.2e}", "worst g found, m^2": f"{g:.2e}"})
+        rows.append(
+            {
+                "mode": mode,
+                "by hand": text,
+                "is, m^2": f"{by_hand:.2e}",
+                "worst g found, m^2": f"{g:.2e}",
+            }
+        )
     show("the pendulum let go level, semi_implicit, dt 0.005, over 2 s", rows)
 
 
@@ -152,7 +201,10 @@ def nudge():
         off = 1e3 * run(system, rule, "impulse", steps=2000).violations
         row = {"impulse under": rule} | {f"{k}": f"{off[k]:.3f}" for k in range(8)}
         rows.append(row | {"worst of 1995 to 2000": f"{off[1995:].max():.3f}"})
-    show("a bob hangs at rest, its rod 1 mm too long: rod error without its sign, mm, after so many steps", rows)
+    show(
+        "a bob hangs at rest, its rod 1 mm too long: rod error without its sign, mm, after so many steps",
+        rows,
+    )
 
 
 def soft():
@@ -163,7 +215,12 @@ def soft():
     rows = []
     for what, system, rule, by_hand in (
         ("one bob hangs", bobs((0.0, -1.0)), "semi_implicit", stands),
-        ("two bobs hang, the worse rod", bobs((0.0, -1.0), (0.0, -2.0)), "semi_implicit", 2.0 * stands),
+        (
+            "two bobs hang, the worse rod",
+            bobs((0.0, -1.0), (0.0, -2.0)),
+            "semi_implicit",
+            2.0 * stands,
+        ),
         ("a bob swings, let go level", swinging(90.0), "rk4", swings),
     ):
         found = 1e3 * run(system, rule, "soft", steps=400).violations.max()
@@ -172,7 +229,8 @@ def soft():
 
 
 def nearest(system, q_start, q, v, dt):
-    """The obvious way back onto the rods, and a wrong one: along J(q), the shortest way, and v is not told."""
+    """The obvious way back onto the rods, and a wrong one: along J(q), the shortest way, and v is
+    not told."""
 
     def newton(q):
         jac, g, _, _ = c.constraint_terms(system, q, v)
@@ -209,12 +267,19 @@ def price():
 
 
 def elimination():
-    """How many entries of A the elimination changes, and how many it would if every rod felt every other."""
+    """How many entries of A the elimination changes, and how many it would if every rod felt every
+    other."""
     systems = {f"chain of {n}": c.build_system("chain", links=n) for n in (10, 100)}
     rows = []
-    for name, system in (systems | {name: scene(name) for name in ("jansen_leg", "windows")}).items():
+    for name, system in (
+        systems | {name: scene(name) for name in ("jansen_leg", "windows")}
+    ).items():
         n, order = len(system["pairs"]), elimination_order(tuple(system["pairs"]))
-        row = {"scene": name, "rods": n, "entries changed": sum(len(rest) ** 2 for _, rest in order)}
+        row = {
+            "scene": name,
+            "rods": n,
+            "entries changed": sum(len(rest) ** 2 for _, rest in order),
+        }
         rows.append(row | {"if A were full": sum(k * k for k in range(n))})
     show("one elimination", rows)
 
@@ -223,21 +288,41 @@ def rules():
     """The same number of linear systems, spent by rules of different order."""
     system, rows, seconds = c.build_system("double"), [], 2.0
     truth = run(system, "gauss", "project", 0.02, 100).q[-1]
-    spent = ("semi_implicit", 0.005), ("rk4", 0.02), ("semi_implicit", 0.00125), ("rk4", 0.005), ("gauss", 0.1)
+    spent = (
+        ("semi_implicit", 0.005),
+        ("rk4", 0.02),
+        ("semi_implicit", 0.00125),
+        ("rk4", 0.005),
+        ("gauss", 0.1),
+    )
     for rule, dt in spent:
         steps = round(seconds / dt)
-        solves = round(steps * speed_vs_error.solves(system, c.INTEGRATORS[rule], "none", dt, steps))
+        solves = round(
+            steps * speed_vs_error.solves(system, c.INTEGRATORS[rule], "none", dt, steps)
+        )
         off = distance(run(system, rule, "none", dt, steps).q[-1], truth)
-        rows.append({"rule": rule, "dt, s": f"{dt:g}", "systems solved": solves, "error at 2 s, m": f"{off:.0e}"})
+        rows.append(
+            {
+                "rule": rule,
+                "dt, s": f"{dt:g}",
+                "systems solved": solves,
+                "error at 2 s, m": f"{off:.0e}",
+            }
+        )
     show("the double pendulum, none, 2 s", rows)
 
 
 def parting():
     """Seeds 0 and 1, and seed 0 once more."""
-    once, again, other = (run(c.build_system("double", seed), hold="baumgarte") for seed in (0, 0, 1))
+    once, again, other = (
+        run(c.build_system("double", seed), hold="baumgarte") for seed in (0, 0, 1)
+    )
     apart = np.linalg.norm(once.tip - other.tip, axis=-1)
     row = {f"{t} s": f"{apart[round(t / DT)]:.2f}" for t in (0, 2, 5, 10, 20)}
-    show("the double pendulum, baumgarte: how far apart the tips of seeds 0 and 1 are, m, after", [row])
+    show(
+        "the double pendulum, baumgarte: how far apart the tips of seeds 0 and 1 are, m, after",
+        [row],
+    )
     same = all(np.array_equal(a, b) for a, b in zip(once[:3], again[:3], strict=True))
     print(f"seed 0, twice: the same to the last bit: {same}")
 
@@ -249,7 +334,21 @@ def crowd():
     show("after 20 s: medians, and worst; energies as shares of m g L", chaos.fates(found))
 
 
-TABLES = [matrices, level, tangent, jdotv, order, halving, knob, seeds, lag, nudge, soft, way_back, price]
+TABLES = [
+    matrices,
+    level,
+    tangent,
+    jdotv,
+    order,
+    halving,
+    knob,
+    seeds,
+    lag,
+    nudge,
+    soft,
+    way_back,
+    price,
+]
 SHOWN = {table.__name__: table for table in [*TABLES, elimination, rules, parting, crowd]}
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 
 def rod_force(system, q, v, f, w):
-    """The rods' force (N, 3) in N at q, v (N, 3), beside all other forces f (N, 3); w: Baumgarte's, in rad/s."""
+    """The rods' force (N, 3) in N at q, v (N, 3), beside all other forces f (N, 3); w: Baumgarte's,
+    in rad/s."""
     anchors = system.get("anchors", [c.PIVOT])
     rods, n = len(system["pairs"]), len(q)
     jac = np.zeros((rods, n, 3))
@@ -36,14 +37,16 @@ def rod_force(system, q, v, f, w):
     return (jac.T @ lam).reshape(n, 3)
 
 
-# Nothing below is blank. Once the force is yours, guess before you look: with drag, do the rods still hold? The energy?
+# Nothing below is blank. Once the force is yours, guess before you look: with drag, do the rods
+# still hold? The energy?
 def weight_and_drag(system, q, v):
     """N (N, 3): the weight, and a drag of 0.2 N s/m."""
     return system["m"] * c.GRAVITY - 0.2 * v
 
 
 def main():
-    """Your force beside the engine's at one state, then in the integrators that the engine's goes into."""
+    """Your force beside the engine's at one state, then in the integrators that the engine's goes
+    into."""
     system = c.build_system("double")
     q, v = system["q0"], np.array([[0.0, 1.0, 0.0], [0.0, -2.0, 0.0]])
     mine = rod_force(system, q, v, c.external_force(system, q, v), 20.0)
@@ -58,7 +61,9 @@ def main():
 
         ran = c.simulate(c.rk4_step, system, force, 0.005, 1000)
         lost = ran.energies[-1] - ran.energies[0]
-        print(f"5 s with {name:<16} worst rod error {ran.violations.max():.0e} m, energy {lost:+.3f} J")
+        print(
+            f"5 s with {name:<16} worst rod error {ran.violations.max():.0e} m, energy {lost:+.3f} J"
+        )
 
 
 if __name__ == "__main__":

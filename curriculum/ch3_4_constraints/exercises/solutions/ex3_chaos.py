@@ -21,7 +21,8 @@ def same(a, b):
 
 
 def parted(gap, dt):
-    """The time in s when a gap (steps + 1,), in m, first passes a metre; math.inf if it never does."""
+    """The time in s when a gap (steps + 1,), in m, first passes a metre; math.inf if it never
+    does."""
     wide = np.flatnonzero(gap > 1.0)
     return dt * float(wide[0]) if len(wide) else math.inf
 
@@ -44,7 +45,8 @@ def found():
     return {
         # Seconds until a launch angle 1e-12 rad off has become a metre:
         "1e-12": 34.4,
-        # Nobody can run the next one: doubles have 16 digits. Seconds that an angle known to 1e-24 would be good for:
+        # Nobody can run the next one: doubles have 16 digits. Seconds that an angle known to 1e-24
+        # would be good for:
         "1e-24": 60.0,
     }
 

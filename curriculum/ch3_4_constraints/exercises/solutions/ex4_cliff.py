@@ -2,7 +2,8 @@
 
     python -m curriculum.ch3_4_constraints.exercises.solutions.ex4_cliff
 
-For each rule, the largest w of Baumgarte's spring: by experiment, and by theory, both with your bisection.
+For each rule, the largest w of Baumgarte's spring: by experiment, and by theory, both with your
+bisection.
 """
 
 import constraints as c
@@ -14,7 +15,8 @@ DT, STEPS, OFF = 0.005, 4000, 1e-9  # s; OFF, in m: how much too long the rod is
 
 
 def bisect(holds, low, high, width):
-    """x of the cliff, to within `width`: holds(low) is True, holds(high) is not, and it changes once in between."""
+    """x of the cliff, to within `width`: holds(low) is True, holds(high) is not, and it changes
+    once in between."""
     while high - low > width:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
@@ -35,7 +37,8 @@ def step_matrix(rule, z):
 
 
 def mends(rule, w):
-    """Experiment: a bob hangs still on a rod that is OFF too long. Is the error smaller after STEPS steps?"""
+    """Experiment: a bob hangs still on a rod that is OFF too long. Is the error smaller after STEPS
+    steps?"""
     system = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.0 - OFF, 0.0]])}
     ran = c.simulate(c.INTEGRATORS[rule], system, c.make_force(system, w), DT, STEPS)
     return not ran.stopped and bool(ran.violations[-1] < OFF)

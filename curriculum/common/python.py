@@ -1,17 +1,23 @@
-"""A program as Python: a function of floats, an operation a line, what is used once where it is used."""
+"""A program as Python: a function of floats, an operation a line, what is used once where it is
+used."""
 
 import math
 from collections import Counter
 
-from curriculum.common.unroll import FUNCTIONS
+from curriculum.common.trace import FUNCTIONS
 
-NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow"]} | {"abs": abs, "inf": math.inf, "nan": math.nan}
+NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow"]} | {
+    "abs": abs,
+    "inf": math.inf,
+    "nan": math.nan,
+}
 BINDS = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names, numbers and calls: 4
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
 
 def write(tape, *groups):
-    """For each group of symbols, the lines that compute what no group before it has, and an expression each."""
+    """For each group of symbols, the lines that compute what no group before it has, and an
+    expression each."""
     used = Counter(s.x for group in groups for s in group)
     used.update(x for operands in tape.ancestry(sum(groups, [])).values() for x in operands)
     texts, done = {}, set()

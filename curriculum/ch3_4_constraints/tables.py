@@ -1,4 +1,5 @@
-"""What studies measure and print: jobs timed in turns, and tables with the bars they are held to."""
+"""What studies measure and print: jobs timed in turns, and tables with the bars they are held
+to."""
 
 import textwrap
 
@@ -6,7 +7,8 @@ import numpy as np
 
 
 def in_turns(jobs, repeats):
-    """{name: [results]}: what jobs called A B A B return, the first round, which warms up, not counted."""
+    """{name: [results]}: what jobs called A B A B return, the first round, which warms up, not
+    counted."""
     found = {name: [] for name in jobs}
     for turn in range(repeats + 1):
         for name, job in jobs.items():
@@ -17,7 +19,13 @@ def in_turns(jobs, repeats):
 
 def spread(samples, unit):
     """Median and quartiles of `samples` as columns of a table."""
-    return dict(zip((unit, f"{unit} q1", f"{unit} q3"), np.percentile(samples, [50, 25, 75]).tolist(), strict=True))
+    return dict(
+        zip(
+            (unit, f"{unit} q1", f"{unit} q3"),
+            np.percentile(samples, [50, 25, 75]).tolist(),
+            strict=True,
+        )
+    )
 
 
 def say(text):
@@ -32,7 +40,12 @@ def show(title, rows, bars=()):
     print(f"\n{title}")
     for row in (rows[0], *cells):
         print("  ".join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
-    bars = [{"bar": text, "value": x, "at most": limit, "met": bool(x <= limit)} for text, x, limit in bars]
+    bars = [
+        {"bar": text, "value": x, "at most": limit, "met": bool(x <= limit)}
+        for text, x, limit in bars
+    ]
     for bar in bars:
-        print(f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {'met' if bar['met'] else 'MISSED'}")
+        print(
+            f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {'met' if bar['met'] else 'MISSED'}"
+        )
     return {"table": title, "rows": rows, "bars": bars}

@@ -1,9 +1,11 @@
-"""Scenes of many rods, by whole arrays: the chapter's formulas again, A stored as what of it is not zero.
+"""Scenes of many rods, by whole arrays: the chapter's formulas again, A stored as what of it is not
+zero.
 
-Straight-line code takes its time to be made, and more the larger the scene. 4000 steps of more than CHAIN rods in a
-row, or of more than LINKAGE otherwise, are done sooner like this, and so are those of few rods that all feel each
-other. A chain's A has three diagonals, which are halved by cyclic reduction; that of any other linkage goes to a dense
-solve up to LINKAGE rods, beyond that to scipy's sparse LU or, without scipy, up to DENSE rods to the dense one.
+Straight-line code takes its time to be made, and more the larger the scene. 4000 steps of more than
+CHAIN rods in a row, or of more than LINKAGE otherwise, are done sooner like this, and so are those
+of few rods that all feel each other. A chain's A has three diagonals, which are halved by cyclic
+reduction; that of any other linkage goes to a dense solve up to LINKAGE rods, beyond that to
+scipy's sparse LU or, without scipy, up to DENSE rods to the dense one.
 """
 
 from functools import lru_cache
@@ -21,7 +23,8 @@ SHORT = 80  # unknowns: below, walking through costs less than halving
 
 
 class Structure(NamedTuple):
-    """What the pairs of a scene say of A: entries (rows, columns) with the particle they are due to, and its sign."""
+    """What the pairs of a scene say of A: entries (rows, columns) with the particle they are due
+    to, and its sign."""
 
     chain: bool
     loop: bool
@@ -50,7 +53,8 @@ def structure(pairs, n):
 
 
 def of(system, last=[None, None, None]):  # noqa: B006
-    """The Structure of a system. Whether it is still the last one's costs a comparison, which sees every edit."""
+    """The Structure of a system. Whether it is still the last one's costs a comparison, which sees
+    every edit."""
     if system["pairs"] != last[0] or len(system["m"]) != last[1]:
         pairs, n = [tuple(pair) for pair in system["pairs"]], len(system["m"])
         last[:] = pairs, n, structure(tuple(pairs), n)
@@ -64,7 +68,8 @@ def fill(pairs):
 
 
 def takes(system):
-    """Whether a system is for this module: many rods, or many that feel each other, or many particles on few rods."""
+    """Whether a system is for this module: many rods, or many that feel each other, or many
+    particles on few rods."""
     rods, n = len(system["pairs"]), len(system["m"])
     if rods > LINKAGE or n > 2 * LINKAGE:
         return True
@@ -77,7 +82,8 @@ def dense(rods):
 
 
 def way(system):
-    """In words, how the forces of this scene are found; None if that takes scipy, which is not installed."""
+    """In words, how the forces of this scene are found; None if that takes scipy, which is not
+    installed."""
     rods = len(system["pairs"])
     if of(system).chain:
         return "by arrays: cyclic reduction"
@@ -88,7 +94,8 @@ def way(system):
     return "by arrays: dense LU, as scipy is not installed" if rods <= DENSE else None
 
 
-# Here x, y and z come first: rod vectors are (3, ..., C), particles (3, ..., N), so that every array is contiguous.
+# Here x, y and z come first: rod vectors are (3, ..., C), particles (3, ..., N), so that every
+# array is contiguous.
 
 
 def components_first(x, shape=None):
@@ -102,11 +109,14 @@ def components_first(x, shape=None):
 
 
 def rod_vectors(rods, x, anchors=None):
-    """x_i - x_j of every rod, of x (3, ..., N), which at the anchors is `anchors` (K, 3), or zero."""
+    """x_i - x_j of every rod, of x (3, ..., N), which at the anchors is `anchors` (K, 3), or
+    zero."""
     if rods.chain:
         d = np.empty_like(x)
         np.subtract(x[..., 1:], x[..., :-1], out=d[..., 1:])
-        d[..., 0] = x[..., 0] - (0.0 if anchors is None else np.reshape(anchors[0], (3, *[1] * (x.ndim - 2))))
+        d[..., 0] = x[..., 0] - (
+            0.0 if anchors is None else np.reshape(anchors[0], (3, *[1] * (x.ndim - 2)))
+        )
         return d
     fixed = np.zeros((-min(-1, rods.j.min()), 3)) if anchors is None else np.asarray(anchors)
     fixed = fixed[::-1].T.reshape(3, *[1] * (x.ndim - 2), -1)
@@ -121,7 +131,8 @@ def dot(a, b):
 
 
 def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
-    """lambda (..., C), where (A + softness diag A) lambda = b, A = J M^-1 J_along^T, J made of d."""
+    """lambda (..., C), where (A + softness diag A) lambda = b, A = J M^-1 J_along^T, J made of
+    d."""
     if rods.chain:
         w = 1.0 / m
         diagonal = dot(d, along)
@@ -132,8 +143,12 @@ def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
         lower = upper if d is along else w[:-1] * dot(d[..., 1:], along[..., :-1])
         return halve(diagonal, upper, lower, b)
     if d.ndim > 2:  # a sparse matrix has no leading axes
-        members = zip(*(np.moveaxis(x, axis, 0) for x, axis in ((d, 1), (along, 1), (b, 0))), strict=True)
-        return np.stack([multipliers(rods, m, *member, softness, slack, rounds) for member in members])
+        members = zip(
+            *(np.moveaxis(x, axis, 0) for x, axis in ((d, 1), (along, 1), (b, 0))), strict=True
+        )
+        return np.stack(
+            [multipliers(rods, m, *member, softness, slack, rounds) for member in members]
+        )
     values = rods.signs / m[rods.particles] * dot(d[:, rods.rows], along[:, rods.columns])
     return loaded(rods, values, b, softness, *((slack, rounds) if rods.loop else (0.0, 1)))
 
@@ -142,16 +157,24 @@ def pull(rods, along, lam, n):
     """J_along^T lambda (3, ..., N)."""
     felt = lam * along
     if rods.chain:
-        felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle back and the one before it forward
+        felt[..., :-1] -= felt[
+            ..., 1:
+        ]  # a rod pulls its particle back and the one before it forward
         return felt
     if felt.ndim > 2:
-        return np.stack([pull(rods, a, x, n) for a, x in zip(np.moveaxis(along, 1, 0), lam, strict=True)], axis=1)
+        return np.stack(
+            [pull(rods, a, x, n) for a, x in zip(np.moveaxis(along, 1, 0), lam, strict=True)],
+            axis=1,
+        )
     tied = rods.j >= 0
-    return np.stack([np.bincount(rods.i, x, n) - np.bincount(rods.j[tied], x[tied], n) for x in felt])
+    return np.stack(
+        [np.bincount(rods.i, x, n) - np.bincount(rods.j[tied], x[tied], n) for x in felt]
+    )
 
 
 def loaded(rods, values, b, softness, slack, rounds):
-    """lambda (C,) for the entries `values` of A, the slack of the first round taken back by the others."""
+    """lambda (C,) for the entries `values` of A, the slack of the first round taken back by the
+    others."""
     own = np.bincount(rods.rows, np.where(rods.rows == rods.columns, values, 0.0), len(b))
     spare = slack * (1.0 + softness) * own
     if dense(len(b)):
@@ -164,7 +187,9 @@ def loaded(rods, values, b, softness, slack, rounds):
 
         a = csc_array((values, (rods.rows, rods.columns)), shape=(len(b), len(b)))
         try:
-            solve = splu(csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A").solve
+            solve = splu(
+                csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A"
+            ).solve
         except RuntimeError as singular:
             raise FloatingPointError(f"no finite tensions: {singular}") from None
     lam = 0.0 * b
@@ -174,15 +199,18 @@ def loaded(rods, values, b, softness, slack, rounds):
 
 
 def halve(diagonal, upper, lower, b):
-    """x (..., n) with diagonal_k x_k - upper_k x_k+1 - lower_k-1 x_k-1 = b_k: eliminate every other x, and again.
+    """x (..., n) with diagonal_k x_k - upper_k x_k+1 - lower_k-1 x_k-1 = b_k: eliminate every other
+    x, and again.
 
-    Cyclic reduction (R. W. Hockney, J. ACM 12 (1965) 95): elementwise + - * / alone, the same on every processor;
-    stable where elimination without pivots is, as for J M^-1 J^T.
+    Cyclic reduction (R. W. Hockney, J. ACM 12 (1965) 95): elementwise + - * / alone, the same on
+    every processor; stable where elimination without pivots is, as for J M^-1 J^T.
     """
     n, halvings = diagonal.shape[-1], 0
     while n >> halvings > SHORT:
         halvings += 1
-    if more := -(n + 1) % 2**halvings:  # unknowns tied to nothing, so that each odd one always has two even neighbours
+    if (
+        more := -(n + 1) % 2**halvings
+    ):  # unknowns tied to nothing, so that each odd one always has two even neighbours
         padded = np.zeros((4, *b.shape[:-1], n + more))
         padded[0, ..., n:] = 1.0
         for whole, x in zip(padded, (diagonal, upper, lower, b), strict=True):
@@ -194,14 +222,21 @@ def halve(diagonal, upper, lower, b):
 def halved(diagonal, upper, lower, b, times):
     """As `halve`, so many times; n + 1 is divisible by 2 to that power."""
     if times == 0:
-        return sweep(*(x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in (diagonal, upper, lower, b)))
+        return sweep(
+            *(
+                x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0))
+                for x in (diagonal, upper, lower, b)
+            )
+        )
     even, y, down, up = diagonal[..., ::2], b[..., ::2], upper[..., ::2], lower[..., 1::2]
     left, right = lower[..., ::2] / even[..., :-1], upper[..., 1::2] / even[..., 1:]
     half = diagonal[..., 1::2] - left * down
     half -= right * up
     known = b[..., 1::2] + left * y[..., :-1]
     known += right * y[..., 1:]
-    odd = halved(half, right[..., :-1] * down[..., 1:], left[..., 1:] * up[..., :-1], known, times - 1)
+    odd = halved(
+        half, right[..., :-1] * down[..., 1:], left[..., 1:] * up[..., :-1], known, times - 1
+    )
     x = np.empty_like(b)
     x[..., 1::2], x[..., ::2] = odd, y
     x[..., 2::2] += up * odd
@@ -226,9 +261,13 @@ def sweep(diagonal, upper, lower, b):
 
 
 def rods_answer(system, hold, f, q, v):
-    """Rods, their vectors d (3, ..., C) and lambda (..., C) that answer to forces f (3, ..., N) at q, v (..., N, 3)."""
+    """Rods, their vectors d (3, ..., C) and lambda (..., C) that answer to forces f (3, ..., N) at
+    q, v (..., N, 3)."""
     rods, m, lengths = of(system), system["m"][:, 0], np.asarray(system["lengths"])
-    d, rate = rod_vectors(rods, components_first(q), system.get("anchors")), rod_vectors(rods, components_first(v))
+    d, rate = (
+        rod_vectors(rods, components_first(q), system.get("anchors")),
+        rod_vectors(rods, components_first(v)),
+    )
     b = -dot(d, rod_vectors(rods, f / m)) - hold.use_jdotv * dot(rate, rate)
     if hold.damping or hold.stiffness:
         dd = dot(d, d)
@@ -257,7 +296,12 @@ def tensions(system, q, v, hold, f):
 
 def project(system, q_start, q, v, dt):
     """As the chapter's: back to g = 0 and J v = 0."""
-    rods, m, lengths, anchors = of(system), system["m"][:, 0], np.asarray(system["lengths"]), system.get("anchors")
+    rods, m, lengths, anchors = (
+        of(system),
+        system["m"][:, 0],
+        np.asarray(system["lengths"]),
+        system.get("anchors"),
+    )
     start, free, v = (components_first(x) for x in (q_start, q, v))
     along, x = rod_vectors(rods, start, anchors), free
     far = np.mean(np.sum(np.abs(start), axis=0), axis=-1, keepdims=True)
@@ -271,7 +315,9 @@ def project(system, q_start, q, v, dt):
         g = 0.5 * (dot(d, d) - lengths * lengths)
         if np.all(np.abs(g) <= near):
             v = v + (x - free) / dt
-            return leading_first(x, 1), leading_first(v - impulse(d, d, dot(d, rod_vectors(rods, v))), 1)
+            return leading_first(x, 1), leading_first(
+                v - impulse(d, d, dot(d, rod_vectors(rods, v))), 1
+            )
         x = x - impulse(d, along, g)
     raise FloatingPointError("no way back onto the rods")
 

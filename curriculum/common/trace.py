@@ -1,17 +1,31 @@
-"""Run a function of small arrays once, on symbols, and write down what it did as straight-line code.
+"""Run a function of small arrays once, on symbols, and write down what it did as straight-line
+code.
 
-A `Symbol` is a number that is not known yet. numpy carries symbols in object arrays, so lines written for arrays of
-floats run on them as they stand, and every operator notes an operation instead of doing it. What is multiplied by zero
-vanishes, what stands there twice is done once, what nobody asks for is left out. Exact: what is left has the operands
-and the order that the function gave it, so it computes what the same lines compute of Python's floats, to the last bit
-(but for the sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function is about.
+A `Symbol` is a number that is not known yet. numpy carries symbols in object arrays, so lines
+written for arrays of floats run on them as they stand, and every operator notes an operation
+instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, what
+nobody asks for is left out. Exact: what is left has the operands and the order that the function
+gave it, so it computes what the same lines compute of Python's floats, to the last bit (but for the
+sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function is about.
 """
 
 from itertools import count
 
 import numpy as np
 
-FUNCTIONS = "sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"  # numpy's and math's
+FUNCTIONS = (
+    "sqrt",
+    "sin",
+    "cos",
+    "tan",
+    "exp",
+    "log",
+    "expm1",
+    "log1p",
+    "sinh",
+    "cosh",
+    "tanh",
+)  # numpy's and math's
 
 
 class Untraceable(Exception):
@@ -19,7 +33,8 @@ class Untraceable(Exception):
 
 
 class Tape:
-    """Operations: nodes {name: (sign, *operands)}, an operand being a name or a float; and the loops among them."""
+    """Operations: nodes {name: (sign, *operands)}, an operand being a name or a float; and the
+    loops among them."""
 
     def __init__(self, outer=None):
         self.nodes, self.names, self.loops = {}, {}, {}
@@ -37,9 +52,11 @@ class Tape:
 
 
 def operators(rule, zero=False):
-    """A Symbol's operator, what `rule` makes of it and a number, and the reflected one; whole arrays are numpy's.
+    """A Symbol's operator, what `rule` makes of it and a number, and the reflected one; whole
+    arrays are numpy's.
 
-    `zero`: a plain 0 makes a plain 0, which costs numpy's long sums of nothing less than a symbol would.
+    `zero`: a plain 0 makes a plain 0, which costs numpy's long sums of nothing less than a symbol
+    would.
     """
 
     def operator(a, b, swapped=False):
@@ -55,7 +72,8 @@ def operators(rule, zero=False):
 
 
 class Symbol:
-    """A number on a tape: x is a float >= 0, or the name of an input or of an operation; or it is minus that."""
+    """A number on a tape: x is a float >= 0, or the name of an input or of an operation; or it is
+    minus that."""
 
     __slots__ = ("tape", "x", "minus")
 
@@ -67,7 +85,11 @@ class Symbol:
 
     def lift(self, number):
         number = number.item() if isinstance(number, np.ndarray) else number
-        return number if type(number) is Symbol else Symbol(self.tape, abs(float(number)), bool(number < 0))
+        return (
+            number
+            if type(number) is Symbol
+            else Symbol(self.tape, abs(float(number)), bool(number < 0))
+        )
 
     def note(self, sign, other=None, minus=False):
         """The symbol of an operation on x, or on x and another's; asked for again, the same one."""
@@ -99,7 +121,11 @@ class Symbol:
 
     def divide(self, b):
         minus = self.minus != b.minus
-        return Symbol(self.tape, self.x, minus) if self.x == 0.0 or b.x == 1.0 else self.note("/", b, minus)
+        return (
+            Symbol(self.tape, self.x, minus)
+            if self.x == 0.0 or b.x == 1.0
+            else self.note("/", b, minus)
+        )
 
     def refuse(self, *_):
         raise Untraceable("it branches on a value, or wants one as a plain number")
@@ -124,15 +150,21 @@ for name in FUNCTIONS:  # np.sin asks each entry of an object array for its meth
 
 
 class Program:
-    """function(*arrays) -> tuple of arrays, traced; entries marked in `still`, a mask an array, are zero.
+    """function(*arrays) -> tuple of arrays, traced; entries marked in `still`, a mask an array, are
+    zero.
 
-    `live`: (argument, place) of the others, in the order of `inputs`, their names; `results`: arrays of symbols.
+    `live`: (argument, place) of the others, in the order of `inputs`, their names; `results`:
+    arrays of symbols.
     """
 
     def __init__(self, function, *still):
         self.tape, names = Tape(), function.__code__.co_varnames
         arrays = [np.full(mask.shape, Symbol(self.tape, 0.0)) for mask in still]
-        self.live = [(k, tuple(place)) for k, mask in enumerate(still) for place in np.argwhere(~mask).tolist()]
+        self.live = [
+            (k, tuple(place))
+            for k, mask in enumerate(still)
+            for place in np.argwhere(~mask).tolist()
+        ]
         self.inputs = ["_".join(map(str, (names[k], *place))) for k, place in self.live]
         for (k, place), name in zip(self.live, self.inputs, strict=True):
             arrays[k][place] = Symbol(self.tape, name)
