@@ -123,21 +123,14 @@ def drag(q, v, k=(0.1, [0.2]), n=c.math.pi):
 
 
 @pytest.mark.parametrize("mode", c.hold_table())
-def test_pure_functions_are_not_accused(mode):
-    """And it costs less than a millisecond for the double pendulum."""
+def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
+    """Some tens of dicts, arrays and cells, for the chapter's own functions and drag."""
     system, hold = c.build_system("double"), c.hold_table()[mode]
-    functions = c.rk4_step, c.make_force(system, hold), hold.after or drag, drag
-    took = []
-    for _ in range(20):
-        begin = time.perf_counter()
-        memory = Memory(*functions)
-        found = memory.changed()
-        took.append(time.perf_counter() - begin)
-    q, v = c.rk4_step(system["q0"], system["v0"], system["m"], functions[1], 0.005)
-    functions[2](*(system, system["q0"], q, v, 0.005) if hold.after else (q, v))
-    drag(q, v)
-    assert found is memory.changed() is None
-    assert min(took) < 2e-3
+    force = c.make_force(system, hold)
+    memory = Memory(c.rk4_step, force, hold.after, drag)
+    q, v = c.rk4_step(system["q0"], system["v0"], system["m"], force, 0.005)
+    drag(*(hold.after(system, system["q0"], q, v, 0.005) if hold.after else (q, v)))
+    assert memory.changed() is None and len(memory.parts) < 80
 
 
 def test_a_function_that_leads_to_itself_or_to_nothing_ends():
