@@ -13,15 +13,17 @@ from collections import namedtuple
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
-from curriculum.ch3_4_constraints.recording import frames, pulls, record
+from curriculum.ch3_4_constraints.recording import frames, record
 from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
 from curriculum.common.banner import banner
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.files import publish
 from curriculum.common.graph import elimination_order, has_loop
-from curriculum.common.loops import repeat
-from curriculum.common.motion import Motion, followed, source
-from curriculum.common.ruler import make_gauss, settle
+from curriculum.common.gauss import make_gauss
+from curriculum.common.ruler import settle
+from curriculum.common.runs import Log
+from curriculum.common.steps import Compiled, Plain, followed
+from curriculum.common.trace import repeat
 
 import numpy as np
 
@@ -100,11 +102,14 @@ def constraint_terms(system, q, v):
     return jac.reshape(*shape, -1), g, gdot, jdotv
 
 
-def mobility(system, jac, along):
-    """A = J M^-1 J^T (..., C, C): how each rod's gddot answers to each lambda; J^T from `along`."""
-    rows, columns = (x.reshape(*x.shape[:-1], -1, 3) for x in (jac, along))  # (..., C, N, 3)
-    products = dot(rows[..., :, None, :, :], columns[..., None, :, :, :])
-    return np.sum(products / system["m"][:, 0], axis=-1)
+def mobility(system, jac, along=None):
+    """A = J M^-1 J^T (..., C, C): how each rod's gddot answers to each lambda.
+
+    Particle by particle: J has three columns for each. `along`: another J^T, for `project` alone.
+    """
+    own, other = (np.split(x, len(system["m"]), axis=-1) for x in (jac, jac if along is None else along))
+    terms = zip(own, other, system["m"], strict=True)
+    return sum(j @ np.swapaxes(o, -1, -2) / m for j, o, m in terms)
 
 
 def solve(system, a, b, slack=1e-5, rounds=6):
@@ -176,6 +181,8 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 def as_hold(hold):
     """A row of the table is itself; a number is Baumgarte's frequency, 0.0 the naive solve."""
+    if isinstance(hold, str):
+        return hold_table()[hold]
     return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
@@ -189,7 +196,7 @@ def multipliers(system, q, v, hold=0.0, f=None):
         g = length * (length - system["lengths"])
     free = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = -(dot(jac, free) + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
-    a = mobility(system, jac, jac)
+    a = mobility(system, jac)
     return jac, solve(system, a * (1.0 + hold.softness * np.eye(len(system["pairs"]))), b)
 
 
@@ -203,26 +210,30 @@ def constraint_force(system, q, v, hold=0.0, f=None):
     return pull(*multipliers(system, q, v, hold, f))
 
 
-def tensions(system, q, v, hold):
+def tensions(system, q, v, hold=0.0, f=None):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    if large.takes(system):
-        return large.tensions(system, q, v, as_hold(hold), external_force(system, q, v))
-    _, lam = multipliers(system, q, v, hold)
+    _, lam = multipliers(system, q, v, hold, f)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
-def make_force(system, hold):
-    """The seam of the chapter: force(q, v) -> (..., N, 3) in N, rods and all, for an integrator."""
+class Force(namedtuple("Force", "system hold")):
+    """The seam of the chapter: force(q, v) -> (N, 3) in N, rods and all, for an integrator."""
+
+    def __call__(self, q, v):
+        f = external_force(self.system, q, v)
+        return f + constraint_force(self.system, q, v, self.hold, f)
+
+    def after(self, q_start, q, v, dt):
+        """What the hold wants done to a finished step."""
+        return self.hold.after(self.system, q_start, q, v, dt)
+
+
+def make_force(system, hold, plain=False):
+    """A Force; `hold` is a Hold, a mode's name, or Baumgarte's w in rad/s. Many rods need another."""
     hold = as_hold(hold)
-    if large.takes(system):
-        return large.make_force(system, hold, external_force)
-
-    def force(q, v):
-        f = external_force(system, q, v)
-        return f + constraint_force(system, q, v, hold, f)
-
-    force.dt = hold.dt
-    return force
+    if large.takes(system) and not plain:
+        return large.LargeForce(system, hold, external_force)
+    return Force(system, hold)
 
 
 def project(system, q_start, q, v, dt):
@@ -233,8 +244,6 @@ def project(system, q_start, q, v, dt):
     Andersen, ibid. 52 (1983) 24). RK4 keeps order 4, semi-implicit Euler 1; this one is symplectic,
     and blows up along J(q), or if v is not told. FloatingPointError where Newton's method fails.
     """
-    if large.takes(system):
-        return large.project(system, q_start, q, v, dt)
     along = constraint_terms(system, q_start, v)[0]
     far = np.mean(np.sum(np.abs(q_start), axis=-1), axis=-1, keepdims=True)  # (..., 1)
     near = 1e-12 * np.square(system["lengths"]) + 1e-15 * far * system["lengths"]  # as g is rounded
@@ -247,7 +256,7 @@ def project(system, q_start, q, v, dt):
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    lam = solve(system, mobility(system, jac, jac), gdot, 1e-9, 2)
+    lam = solve(system, mobility(system, jac), gdot, 1e-9, 2)
     return end, v - pull(jac, lam) / system["m"]
 
 
@@ -301,12 +310,18 @@ def energy(system, q, v):
     return np.sum(0.5 * m * dot(v, v) - m * dot(q, GRAVITY), axis=-1)
 
 
+def rod_vectors(system, x, fixed):
+    """x_i - x_j (..., C, 3) of every rod, of x (..., N, 3), which is `fixed` (K, 3) at anchors."""
+    i, j = np.transpose(system["pairs"])
+    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *np.shape(fixed)))
+    x = np.concatenate([x, fixed], axis=-2)  # a negative j counts from the end: -1, the first
+    return x[..., i, :] - x[..., j, :]
+
+
 def rod_errors(system, q):
     """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
-    if large.takes(system):
-        return large.rod_errors(system, q)
-    _, g, _, _ = constraint_terms(system, q, 0.0 * q)
-    return np.sqrt(2.0 * g + np.square(system["lengths"])) - system["lengths"]
+    d = rod_vectors(system, q, system.get("anchors", [PIVOT]))
+    return np.sqrt(dot(d, d)) - system["lengths"]
 
 
 def constraint_violation(system, q):
@@ -314,23 +329,25 @@ def constraint_violation(system, q):
     return np.max(np.abs(rod_errors(system, q)), axis=-1)
 
 
-def simulate(step_fn, system, force, dt, steps, keep=()):
+def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     """`steps` steps of `dt` s by step_fn(q, v, m, force, dt), measured at every one: a Run.
 
     Its first three are series from the start on: tip (steps + 1, ..., 3), the last particle, in m;
     violations (steps + 1, ...) in m; energies in J. `keep`: steps whose states it has as well.
-    Members of leading axes in q0, v0 go in step.
+    Members of leading axes in q0, v0 go in step. `way`: Compiled, or Plain, the lines as they stand.
     """
-    if getattr(force, "dt", None) not in (None, dt):
-        raise ValueError(f"this force is for steps of {force.dt:g} s, not of {dt:g} s")
-    motion = Motion(step_fn, system["m"], force, dt, system["q0"], system["v0"], keep)
-    measure = motion.fast(lambda q, v: (rod_errors(system, q), energy(system, q, v)))
-    for q, v in motion.blocks(steps):
-        errors, energies = measure(q, v)
-        violations = np.max(np.abs(errors), axis=-1)
-        sane = (violations < 100.0 * np.sum(system["lengths"])) & np.isfinite(energies)
-        motion.note(sane, q, v, violations, energies)
-    return motion.run()
+    if force.hold.dt not in (None, dt):
+        raise ValueError(f"this force is for steps of {force.hold.dt:g} s, not of {dt:g} s")
+    q, v, m = system["q0"], system["v0"], system["m"]
+    step_fn = way(followed(step_fn, force.after if force.hold.after else None), steps)
+    log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
+    log.note(q, v, constraint_violation(system, q), energy(system, q, v))
+    with log:
+        for _ in log.turns():
+            q, v = step_fn(q, v, m, force, dt)  # compiled, many steps: (steps, ..., N, 3)
+            violations, energies = constraint_violation(system, q), energy(system, q, v)
+            log.note(q, v, violations, energies)
+    return log.run(step_fn)
 
 
 # --- endregion ---
@@ -393,24 +410,31 @@ def main(argv=None):
 
     def case(mode, rule, dt):
         hold = hold_table(dt, *knobs)[mode]
-        return followed(rule, hold.after, system), system, make_force(system, hold), dt
+        return rule, system, make_force(system, hold), dt
 
     if args.show_step:
-        print(source(*case(modes[0], rule, args.dt)))
+        first = Compiled(followed(rule, make_force(system, modes[0]).after), check=False)
+        first.trace(system["q0"], system["v0"], system["m"], case(modes[0], rule, args.dt)[2], args.dt)
+        print(first.source)
         return 0
     print(banner("ch3.4", "constraints", args.device))
     if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
         print(f"impulse left out: {args.integrator} does not take q to q + dt (v + dt a)")
-    rule, dt, steps, truth = settle(simulate, case, modes, rule, args.dt, steps, args.tol)
+
+    def run(mode, rule, dt, steps, keep=(), way=Compiled):
+        return simulate(*case(mode, rule, dt), steps, keep, way)
+
+    most = 0 if large.takes(system) else 5000 // (len(system["pairs"]) + 5)
+    rule, dt, steps, truth = settle(run, modes, rule, args.dt, steps, args.tol, most)
     keep = [truth.step, *(frames(steps, dt, len(system["q0"])) if args.rerun else ())]
-    runs = {mode: simulate(*case(mode, rule, dt), steps, keep) for mode in modes}
+    runs = {mode: run(mode, rule, dt, steps, keep) for mode in modes}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
     report(args, system, rows, runs, dt, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     holds = hold_table(dt, *knobs)
-    scene = args, used, system, runs, rows, fall, lambda: pulls(tensions, system, runs, holds)
+    scene = args, used, system, runs, rows, fall, lambda: {mode: tensions(system, runs[mode].q, runs[mode].v, holds[mode]) for mode in runs}
     print(publish(args, used, rows, lambda path: record(path, *scene)))
     return 0
 

@@ -73,7 +73,7 @@ CHANGED = {  # what a trace does, and what is said of it
     "the array RATE": lambda q, v: RATE.__setitem__(0, 2.0),
     "the global CALLS": count,
     "the list noise": held,
-    "the variable calls": counter(),
+    "the variable calls": functools.singledispatch(counter()),  # a closure of the library
     "the attribute last of attribute": attribute,
     "the attribute last of Controller.differ": Controller().differ,
     "the attribute gain of CONTROLLER": lambda q, v: CONTROLLER(q, v),

@@ -12,7 +12,6 @@ from functools import lru_cache
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from curriculum.common.arrays import leading_first
 from curriculum.common.graph import elimination_order, has_loop
 
 import numpy as np
@@ -34,6 +33,11 @@ class Structure(NamedTuple):
     columns: np.ndarray
     particles: np.ndarray
     signs: np.ndarray
+
+
+def leading_first(a, axes):
+    """The array with its first `axes` axes last: a view."""
+    return a.transpose(*range(axes, a.ndim), *range(axes))
 
 
 @lru_cache(8)

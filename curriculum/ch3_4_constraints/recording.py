@@ -4,7 +4,6 @@ and the energy."""
 import zlib
 from pathlib import Path
 
-from curriculum.common.motion import each
 
 import numpy as np
 

@@ -108,16 +108,17 @@ class Memory:
             module = x.__module__ if isinstance(x, type) else space.get("__name__", "")
             if module in ASKED:
                 self.asks.append(f"it asks for {ASKED[module]}")
-            if not ours(module):
-                return
-            self.spaces[id(space)] = space
-            self.note(x if isinstance(x, type) else space, "", "the global {}")
+            if known := ours(module):
+                self.spaces[id(space)] = space
+                self.note(x if isinstance(x, type) else space, "", "the global {}")
         else:
             yield from ((y, name) for y in self.note(x, name))
-        if isinstance(x, FunctionType):
-            self.names |= named(x.__code__)
+        if isinstance(x, FunctionType):  # of what is not ours, what it closes over
             for n, cell in zip(x.__code__.co_freevars, x.__closure__ or (), strict=True):
                 yield from ((y, n) for y in self.note(cell, n))
+            if not known:
+                return
+            self.names |= named(x.__code__)
             arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
             yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
             yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
