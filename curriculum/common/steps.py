@@ -255,6 +255,35 @@ def in_threads(machine, state, count, knobs, rows=None):
         list(pool.map(some, range(0, state.shape[1], cut)))
 
 
+class Crowd:
+    """Many members (R, N, 3) of one system, which nobody watches: `advance` them, look at `states`.
+
+    Each is, to the last bit, where it would be alone; one that cannot go on is NaN.
+    """
+
+    def __init__(self, step_fn, m, force, dt, q, v):
+        self.traced, self.dt = Traced(step_fn, m, force, dt, q, v), dt
+        self.columns, self.function, self.machine = self.traced.columns(q, v), None, None
+        if native.available():
+            self.machine = native.Native(self.traced.program, native.LANES, 2)
+
+    def advance(self, count):
+        """Take `count` steps."""
+        knobs = self.traced.knobs(self.dt)
+        if self.machine:
+            return in_threads(self.machine, self.columns, count, knobs)
+        many = Many(SimpleNamespace(traced=self.traced))
+        for _ in range(count):
+            rows = np.empty((1, *self.columns.shape))
+            many.by_arrays(self.columns, rows, knobs)
+            self.columns = rows[0]
+        return None
+
+    def states(self):
+        """q, v (R, N, 3)."""
+        return tuple(x[0] for x in self.traced.states(self.columns[None], self.columns.shape[1:]))
+
+
 class Compiled:
     """step_fn for many steps a call: q, v (..., N, 3), or a block of them -> the next block.
 
