@@ -14,7 +14,8 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
 from curriculum.ch3_4_constraints.recording import frames, pulls, record
-from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
+from curriculum.ch3_4_constraints.scene_files import check_system, direction, load_scene
+from curriculum.ch3_4_constraints.statics import in_line
 from curriculum.common.banner import banner
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.files import publish
@@ -26,7 +27,7 @@ from curriculum.common.ruler import make_gauss, settle
 import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
-PIVOT = np.zeros(3)  # m: the anchor of a system that names none
+PIVOT = np.zeros(3)  # m: the anchor of the chapter's own scenes
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
@@ -39,7 +40,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #     pairs            (i, j) a rod: it ties particle i to particle j or, where j is negative,
 #                      to an anchor, which stands still: -1 is the first, -2 the second
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  in m; without this key there is one, PIVOT
+#     anchors  (K, 3)  where they stand, in m
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes, and how many rods
 
 
@@ -50,13 +51,13 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return load_scene(name, HERE / CHAPTER / "scenes")
+        return load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
     q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
-    rest = {"m": np.ones((count, 1)), "pairs": pairs, "lengths": np.ones(count)}
-    return {"q0": q0, "v0": np.zeros_like(q0), **rest}
+    rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
+    return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
 
 
 def external_force(system, q, v=None):
@@ -92,7 +93,7 @@ def constraint_terms(system, q, v):
             d, rate = d - q[..., j, :], rate - v[..., j, :]
             jac[..., k, j, :] = -d
         else:
-            d = d - system.get("anchors", [PIVOT])[-1 - j]
+            d = d - system["anchors"][-1 - j]
         jac[..., k, i, :] = d
         g[..., k] = 0.5 * (dot(d, d) - system["lengths"][k] * system["lengths"][k])
         gdot[..., k] = dot(d, rate)
@@ -323,6 +324,7 @@ def simulate(step_fn, system, force, dt, steps, keep=()):
     """
     if getattr(force, "dt", None) not in (None, dt):
         raise ValueError(f"this force is for steps of {force.dt:g} s, not of {dt:g} s")
+    system = check_system(system)
     motion = Motion(step_fn, system["m"], force, dt, system["q0"], system["v0"], keep)
     measure = motion.fast(lambda q, v: (rod_errors(system, q), energy(system, q, v)))
     for q, v in motion.blocks(steps):
