@@ -45,7 +45,8 @@ def refusal(system, gravity):
     stretch, fast = np.sum(unit * rate, axis=1), np.abs(rate).max()
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > FIT * (1.0 + fast):
-        return f"rods[{k}] is stretched at {stretch[k]:.3g} m/s; must be 0: velocities keep lengths"
+        found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
+        return f"{found}; must be 0: velocities keep every length"
     if len(i) > MOST or not has_loop(tuple(pairs)):
         return None
     tied = np.unique(np.append(i, j[j >= 0]))  # others fall freely
@@ -60,10 +61,8 @@ def refusal(system, gravity):
         return None
     curl = np.sum(rate**2, axis=1) / lengths
     floor = 1e-12 * (np.abs(gravity).max() + curl.max()) ** 2 / lengths.min()  # of rounding errors
-    k, rest = (
-        worked_on(stresses, curl, 1e-12 * curl.max()),
-        np.abs(rate).max(axis=1) < FIT * (1.0 + fast),
-    )
+    k = worked_on(stresses, curl, 1e-12 * curl.max())
+    rest = np.abs(rate).max(axis=1) < FIT * (1.0 + fast)
     if k is None and rest.any():
         stresses = stresses if rest.all() else self_stresses(rows[rest])
         root = np.sqrt(np.repeat(system["m"][tied, 0], 3))
@@ -88,10 +87,18 @@ def refusal(system, gravity):
 
 
 def self_stresses(rows):
-    """The projection (C, C) onto tensions u with rows^T u = 0; None if there are none but zero."""
-    left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
-    held = left[:, sizes > LOST * sizes[0]]
-    return None if held.shape[1] == len(rows) else np.eye(len(rows)) - held @ held.T
+    """The projection (C, C) onto tensions u with rows^T u = 0; None if there are none but zero.
+
+    Eigenvalues are squares, and exact to 1e-16 of the largest: those that are small pick few
+    vectors, and singular values of these, exact to 1e-16 themselves, decide.
+    """
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    weak = vectors[:, values < 1e-8 * values[-1]]
+    left, sizes, _ = np.linalg.svd(weak.T @ rows, full_matrices=False)
+    held = left[:, sizes > LOST * np.sqrt(values[-1])]
+    if held.shape[1] == weak.shape[1]:
+        return None
+    return weak @ (np.eye(weak.shape[1]) - held @ held.T) @ weak.T
 
 
 def worked_on(stresses, curl, floor):
