@@ -222,7 +222,9 @@ def column(raw, key, of_file, refuse):
     def fits(x):
         x = x if row else [x]
         good = isinstance(x, (list, tuple)) and len(x) == (*row, 1)[0]
-        return good and all(isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in x)
+        return good and all(
+            isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in x
+        )
 
     need(isinstance(raw, (list, tuple, np.ndarray)), key, raw, f"a list or an array {shape}")
     try:
