@@ -3,8 +3,6 @@
 import json
 import os
 import re
-import subprocess
-import sys
 import time
 
 import constraints as c
@@ -35,14 +33,14 @@ MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
     ("particles/0/velocity", ["[0, -Infinity, 0]", "[0, true, 0]"], POINT),
     ("particles/0/mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"],
         "a finite number of kilograms > 0"),
-    ("anchors", ["{}", "7"], "a list of points [x, y, z]"),
+    ("anchors", ["{}", "7"], "a list of 0 to "),
     ("anchors/0", ["[0, 0]"], POINT),
     ("rods", ["[]", "null", '{"pair": [0, -1]}'], LIST),
     ("rods/1/pair", ["[1]", "[1, 0.0]", "[true, 0]", "null"], "two whole numbers [i, j]"),
     ("rods/1/pair", ["[2, 0]", "[1, 2]", "[1, -2]", "[-1, 1]", "[1, 1]"], END),
     ("rods/1/pair", ["[0, -1]"], TWICE),
     ("rods/1/length", ["0", "-1", "null"], "a finite number of metres > 0"),
-    ("rods/1/length", ["1.01"], "the distance of its ends in the positions, 1 m"),
+    ("rods/1/length", ["1.01"], "1 m, as its ends are apart, to 0.0001 %"),
     ("about", ["7"], "text"),
 ]
 ANSWERED = [(place, value, "", to) for place, values, to in MISTAKES for value in values] + [
@@ -54,26 +52,26 @@ ANSWERED = [(place, value, "", to) for place, values, to in MISTAKES for value i
     ("particles/0/position/0", "0", "rods[0].pair is [0, -1]", "two points apart"),
     ("particles/0/velocity/0", "0.5", "rods[0] is stretched at 0.5 m/s", "0: velocities keep"),
     ("particles/0/velocity/0", "-0.5", "rods[0] is stretched at -0.5 m/s", "0: velocities keep"),
-    ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"{MOST} at most"),
+    ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
     ("particles", json.dumps([BOB] * (MOST + 1)), "particles is [{", f"1 to {MOST} entries"),
-    ("particles/1/mass", "1e13", "particles[1].mass is ", "1e+12 times the lightest, 1 kg"),
+    ("particles/1/mass", "1e13", "particles[1].mass is ", "1e+12 times 1 kg"),
 ]
 TYPED = {  # keys of a double pendulum that was typed in, and the sentence
-    "m is an array of shape (2,) and must be": {"m": np.ones(2)},
-    "m[1] is -1.0; must be a finite number of kilograms > 0": {"m": np.array([[1.0], [-1.0]])},
-    "lengths has the shape (3,); must have (2,)": {"lengths": np.ones(3)},
-    "lengths[1] is 2.0; must be within 10% of the distance of its ends in q0, 1 m":
+    "the shape of m is [2]; must be (N, 1)": {"m": np.ones(2)},
+    "m[1] is [-1.0]; must be a finite number of kilograms > 0": {"m": np.array([[1.0], [-1.0]])},
+    "the shape of lengths is [3]; must be (2,)": {"lengths": np.ones(3)},
+    "lengths[1] is 2.0; must be 1 m, as its ends are apart, to 10 %":
         {"lengths": [1.0, 2.0]},
     "pairs[1] is [2, 0]; must be a particle 0..1": {"pairs": [(0, -1), (2, 0)]},
     "pairs[1] is [1, 1]; must be a particle 0..1": {"pairs": [(0, -1), (1, 1)]},
     "pairs[0] is [0.0, -1]; must be two whole numbers": {"pairs": [(0.0, -1), (1, 0)]},
-    "pairs has the shape (0, 2)": {"pairs": []},
-    "anchors is an array of shape (3,) and must be (K, 3)": {"anchors": np.zeros(3)},
-    "q0 is an array of shape (2, 2) and must be (N, 3)": {"q0": np.ones((2, 2))},
+    "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
+    "the shape of anchors is [3]; must be (K, 3)": {"anchors": np.zeros(3)},
+    "the shape of q0 is [2, 2]; must be (N, 3)": {"q0": np.ones((2, 2))},
     "q0[1] is [2.0, NaN, 0.0]; must be three finite numbers":
         {"q0": np.array([[1.0, 0.0, 0.0], [2.0, np.nan, 0.0]])},
     "v0[1] is [0, 0]; must be three finite numbers": {"v0": [[0, 0, 0], [0, 0]]},
-    "v0 has the shape (1, 3); must have (2, 3)": {"v0": np.zeros((1, 3))},
+    "the shape of v0 is [1, 3]; must be (2, 3)": {"v0": np.zeros((1, 3))},
     "q0 is null; must be a list or an array (N, 3)": {"q0": None},
 }
 # fmt: on
@@ -81,7 +79,7 @@ TYPED = {  # keys of a double pendulum that was typed in, and the sentence
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
-    """Scenes and results stand in a folder of their own, where a short name is enough."""
+    """A folder of its own for scenes and results, where a short name is enough."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -100,15 +98,15 @@ def answer(capsys, name):
 @pytest.mark.parametrize(("place", "value", "found", "allowed"), ANSWERED)
 def test_a_mistake_in_a_file_is_named(place, value, found, allowed, here, capsys):
     at = document = {"": json.loads(json.dumps(GOOD))}
-    keys = [int(key) if key.isdigit() else key for key in f"/{place}".rstrip("/").split("/")]
-    for key in keys[:-1]:
+    *keys, last = [int(x) if x.isdigit() else x for x in f"/{place}".rstrip("/").split("/")]
+    for key in keys:
         at = at[key]
-    at[keys[-1]] = "@"
+    at[last] = "@"
     (here / "scene.json").write_text(json.dumps(document[""]).replace('"@"', value))
     field = re.sub("/([0-9])", r"[\1]", place).replace("/", ".")
-    line = answer(capsys, "scene.json")
-    assert (found or f": {field} is {json.dumps(json.loads(value))[:50]}") in line
-    assert "; must be " in line and allowed in line.split("; must be ")[1]
+    said, right = answer(capsys, "scene.json").split("; must be ")
+    assert (found or f": {field} is {json.dumps(json.loads(value))[:50]}") in said
+    assert allowed in right
 
 
 @pytest.mark.parametrize("sentence", TYPED)
@@ -117,9 +115,6 @@ def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
     assert run(system, steps=2).stopped is None
     with pytest.raises(SceneError, match=re.escape(sentence)):
         run(system | TYPED[sentence], steps=2)
-    for key in system:
-        with pytest.raises(SceneError, match=f"the system has no {key}; must have q0, v0, m,"):
-            check_system({name: x for name, x in system.items() if name != key})
 
 
 def test_a_clean_system_is_float64_keeps_other_keys_and_may_hold_many_starts():
@@ -133,8 +128,12 @@ def test_a_clean_system_is_float64_keeps_other_keys_and_may_hold_many_starts():
     many = double | {"q0": starts, "v0": 0.0 * starts}
     assert check_system(many)["q0"].shape == (3, 2, 3)
     starts[2, 1] *= 1.5
-    with pytest.raises(SceneError, match=r"lengths\[1\] is 1.0; must be within 10% of"):
+    with pytest.raises(SceneError, match=r"lengths\[1\] is 1.0; must be 2 m"):
         check_system(many)
+    with pytest.raises(
+        SceneError, match="; must be a dict with q0, v0, m, anchors, pairs, lengths"
+    ):
+        check_system({"q0": starts})
     slack = double | {"lengths": [1.0, 0.999]}  # a start that is wrong on purpose
     assert check_system(slack)["lengths"][1] == 0.999
 
@@ -150,13 +149,9 @@ def test_the_check_of_a_typed_system_costs_next_to_nothing(links, most):
 
 
 def test_rods_that_all_meet_in_a_particle_are_too_many():
-    points = [[k + 1, k % 7, k % 5] for k in range(700)]
-    with pytest.raises(
-        SceneError, match="pairs of rods meet in a particle; must be 400000 at most"
-    ):
-        check_system(
-            make_system(points, np.zeros((700, 3)), np.ones(700), [(k, 0) for k in range(1, 700)])
-        )
+    points, pairs = [[k + 1, k % 7, k % 5] for k in range(700)], [(k, 0) for k in range(1, 700)]
+    with pytest.raises(SceneError, match="of rods that meet is 489300; must be 400000 at most"):
+        check_system(make_system(points, np.zeros((700, 3)), np.ones(700), pairs))
 
 
 def test_a_file_that_is_no_scene(here, capsys):
@@ -164,10 +159,6 @@ def test_a_file_that_is_no_scene(here, capsys):
     for content in (b"{", b"\xff", b"[" * 100000):
         path.write_bytes(content)
         assert "is not JSON: " in answer(capsys, "scene.json")
-    command = [sys.executable, c.__file__, "--system", str(path), "--out", str(here / "out")]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert not (here / "out").exists()
     with open(path, "wb") as file:
         file.truncate(10**12)  # a hole
     assert f"plain file of at most {LARGEST / 1e6:g} MB" in answer(capsys, "scene.json")
@@ -203,20 +194,19 @@ def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first(here):
 def test_stored_scenes_are_those_that_make_scenes_makes():
     stored = {path.stem: path.read_text() for path in SCENES.glob("*.json")}
     assert stored == {name: again(SCENES / f"{name}.json") for name in MADE}
-    assert all(json.loads(text)["about"] for text in stored.values())
 
 
 @pytest.mark.parametrize("name", sorted(MADE))
 def test_a_hard_scene_runs_or_is_refused(name, capsys, monkeypatch):
     if name == "taut_cable":
         assert "are taut: in this pose no finite tension" in answer(capsys, name)
-        monkeypatch.setattr(c, "GRAVITY", np.zeros(3))
+        monkeypatch.setattr(c, "GRAVITY", np.zeros(3))  # is known in one place
+        assert len(c.build_system(name)["m"]) == 9
+        return
     system = c.build_system(name)
     assert has_loop(tuple(system["pairs"])) == (name not in CHAINS)
     assert c.constraint_violation(system, system["q0"]) < 1e-15
     dt, energy = (0.01, 1e-6) if name in ("jansen_leg", "fourbar_coupler") else (0.001, 1e-3)
-    if name == "taut_cable":
-        return
     found = run(system, "rk4", "project", dt, 1000, range(1001))
     assert not found.stopped and found.violations.max() < 1e-10 and drift(system, found) < energy
     if name == "fourbar_coupler":  # Roberts' point goes from pivot to pivot, 0.4 m, level to 0.5 mm

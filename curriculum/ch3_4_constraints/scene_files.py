@@ -1,13 +1,11 @@
 """Scenes, from a file or typed in, checked so that a mistake is answered by a sentence.
 
     {"about": "what it shows",
-     "anchors":   [[0, 0, 0]],                            m (default: none)
-     "particles": [{"position": [1, 0, 0],                m
-                    "velocity": [0, 0, 0],                m/s (default: at rest)
-                    "mass": 1}],                          kg (default: 1)
-     "rods":      [{"pair": [0, -1],
-                    "length": 1}]}                        m (default: as the positions say)
+     "anchors": [[0, 0, 0]],                                                            m
+     "particles": [{"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 1}],          m, m/s, kg
+     "rods": [{"pair": [0, -1], "length": 1}]}                                          m
 
+By default there are no anchors, velocities are 0, masses 1, and lengths as the positions say.
 A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -2 the second.
 """
 
@@ -51,30 +49,28 @@ def direction(angle):
     """(cos, sin, 0) of an angle in rad, a few turns at most: libm's depend on the processor."""
     with localcontext() as context:
         context.prec = 50
-        term, sums, k = Decimal(1), [Decimal(0), Decimal(0)], 0
-        while abs(term) > Decimal("1e-40"):  # the series of exp(i angle): 1, i, -1, -i in turn
-            sums[k % 2] += term * (1, 1, -1, -1)[k % 4]
-            k += 1
-            term *= Decimal(angle) / k
-        return np.array([float(sums[0]), float(sums[1]), 0.0])
+        term, sums = Decimal(1), [Decimal(0)] * 4
+        for k in range(100):  # the series of exp(i angle): 1, i, -1, -i in turn
+            sums[k % 4] += term
+            term *= Decimal(angle) / (k + 1)
+        return np.array([float(sums[0] - sums[2]), float(sums[1] - sums[3]), 0.0])
 
 
 def load_scene(name, folder, others, gravity):
-    """The system in the file `name`, or in the scene of that name in `folder`.
+    """The system in the file `name`, or in the scene of that name in `folder`; or a SceneError.
 
-    `others`: names that are no files but would have been right here; gravity (3,) in m/s^2. Raises
-    SceneError for a file that is missing or wrong, and for a start that must break a rod.
+    `others`: names that are no files but would have been right here; gravity (3,) in m/s^2. A start
+    that must break a rod is refused, too.
     """
     shipped = {path.stem: path for path in folder.glob("*.json")}
-    path, shown = Path(name), repr(name if len(name) < 100 else "..." + name[-97:])
-    if name in shipped and not path.exists():
-        path = shipped[name]
+    shown = repr(name if len(name) < 100 else "..." + name[-97:])
+    path = shipped[name] if name in shipped and not Path(name).exists() else Path(name)
     try:
         if not name or not path.exists():
             near = get_close_matches(name.lower(), [*others, *shipped], 1)
-            hint = f"scenes are {', '.join([*others, *sorted(shipped)])}"
-            hint = f"did you mean {near[0]!r}?" if near else hint
-            raise SceneError(f"{shown} is no scene and no file; {hint}")
+            known = f"scenes are {', '.join([*others, *sorted(shipped)])}"
+            known = f"did you mean {near[0]!r}?" if near else known
+            raise SceneError(f"{shown} is no scene and no file; {known}")
         if not path.is_file() or path.stat().st_size > LARGEST:
             raise SceneError(f"{shown} must be a plain file of at most {LARGEST / 1e6:g} MB")
         content = path.read_bytes()
@@ -82,12 +78,9 @@ def load_scene(name, folder, others, gravity):
         raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
     try:
         system = parse_scene(json.loads(content, object_pairs_hook=no_key_twice))
-        why = refusal(system, gravity)
         if large.takes(system) and not large.way(system):
-            why = (
-                f"{len(system['pairs'])} rods, and no chain, need scipy: pip install -e '.[large]'"
-            )
-        if why:
+            raise SceneError("so many rods that are no chain need scipy: pip install -e '.[large]'")
+        if why := refusal(system, gravity):
             raise SceneError(why)
     except SceneError as error:
         raise SceneError(f"{shown}: {error}") from None
@@ -101,19 +94,17 @@ def no_key_twice(items):
     found = dict(items)
     if len(found) < len(items):
         ((twice, _),) = Counter(key for key, _ in items).most_common(1)
-        raise SceneError(f"the key {show(twice)} stands twice in one object; must stand once")
+        raise SceneError(
+            f"the key {json.dumps(shorten(twice))} stands twice in one object; must stand once"
+        )
     return found
-
-
-def show(x):
-    """The beginning of x, as JSON where it has such a form."""
-    return shorten(json.dumps(x, default=lambda x: getattr(x, "tolist", x.__repr__)()))
 
 
 def need(test, field, found, allowed):
     """Raise SceneError unless `test`."""
     if not test:
-        raise SceneError(f"{field} is {show(found)}; must be {allowed}")
+        found = json.dumps(found, default=lambda x: getattr(x, "tolist", x.__repr__)())
+        raise SceneError(f"{field} is {shorten(found)}; must be {allowed}")
 
 
 def only(x, field, keys):
@@ -123,12 +114,12 @@ def only(x, field, keys):
     need(good, field, found, f"an object with no keys but {', '.join(keys)}")
 
 
-def entries(data, field, keys):
-    """The list data[field], not empty, of objects that have no keys but `keys`."""
-    rows = data.get(field)
-    few = isinstance(rows, list) and 0 < len(rows) <= MOST
-    need(few, field, rows, f"a list of 1 to {MOST} entries")
-    for k, row in enumerate(rows):
+def entries(data, field, keys=()):
+    """The list data[field], of objects with no keys but `keys`; without any it may be empty."""
+    rows, least = data.get(field, None if keys else []), int(bool(keys))
+    fits = isinstance(rows, list) and least <= len(rows) <= MOST
+    need(fits, field, rows, f"a list of {least} to {MOST} entries")
+    for k, row in enumerate(rows if keys else ()):
         only(row, f"{field}[{k}]", keys)
     return rows
 
@@ -139,14 +130,11 @@ def parse_scene(data):
     need(isinstance(data.get("about", ""), str), "about", data.get("about"), "text")
     particles = entries(data, "particles", ("position", "velocity", "mass"))
     rods = entries(data, "rods", ("pair", "length"))
-    anchors = data.get("anchors", [])
-    few = isinstance(anchors, list) and len(anchors) <= MOST
-    need(few, "anchors", anchors, f"a list of points [x, y, z], {MOST} at most")
     system = {
         "q0": [particle.get("position") for particle in particles],
         "v0": [particle.get("velocity", [0, 0, 0]) for particle in particles],
         "m": [[particle.get("mass", 1)] for particle in particles],
-        "anchors": anchors,
+        "anchors": entries(data, "anchors"),
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
     }
@@ -156,12 +144,10 @@ def parse_scene(data):
 def check_system(system):
     """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
 
-    q0 and v0 (..., N, 3) may have leading axes, one start for each member. A length may be a tenth
-    off the distance of the rod's ends. Raises SceneError.
+    q0 and v0 (..., N, 3) may be many starts. A length may be a tenth off. Raises SceneError.
     """
-    missing = [key for key in COLUMNS if key not in system]
-    if missing:
-        raise SceneError(f"the system has no {missing[0]}; must have {', '.join(COLUMNS)}")
+    keys = ", ".join(COLUMNS)
+    need(set(COLUMNS) <= set(system), "the system", list(system), f"a dict with {keys}")
     return system | checked(system, False)
 
 
@@ -172,22 +158,18 @@ def checked(raw, of_file, bare=()):
         """Raise SceneError for the first bad row of raw[key]; allowed(its index): words."""
         if bad.any():
             at, found = np.argwhere(bad)[0].tolist(), raw[key]
-            for k in at:
+            for k in [*at, 0] if of_file and key == "m" else at:
                 found = found[k]
             field = COLUMNS[key][2] if of_file else key + "[{}]"
-            found = found[0] if key == "m" and len(found) == 1 else found
             need(False, field.format(", ".join(map(str, at))), found, allowed(at[-1]))
 
     clean = {key: column(raw[key], key, of_file, refuse) for key in COLUMNS}
     q0, _, m, anchors, pairs, lengths = clean.values()
     n, fixed, rods = q0.shape[-2], len(anchors), len(pairs)
+    need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
     for key, shape in ("v0", q0.shape), ("m", (n, 1)), ("lengths", (rods,)):
-        if clean[key].shape != shape or not clean[key].size:
-            raise SceneError(
-                f"{key} has the shape {clean[key].shape}; must have {shape}, and a row"
-            )
-    most = UNLIKE * m.min()
-    refuse("m", m[:, 0] > most, lambda _: f"at most {UNLIKE:g} times the lightest, {m.min():g} kg")
+        need(clean[key].shape == shape, f"the shape of {key}", clean[key].shape, shape)
+    refuse("m", m[:, 0] > UNLIKE * m.min(), lambda _: f"at most {UNLIKE:g} times {m.min():g} kg")
     i, j = pairs.T
     wrong = (i < 0) | (i >= n) | (j < -fixed) | (j >= n) | (i == j)
     ends = f" or to an anchor -1..-{fixed}" if fixed else "; there are no anchors"
@@ -196,20 +178,17 @@ def checked(raw, of_file, bare=()):
     again = np.array([seen.setdefault(tie, k) < k for k, tie in enumerate(ties)])
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
     shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
-    if shared > CROWD:
-        raise SceneError(f"{shared} pairs of rods meet in a particle; must be {CROWD} at most")
+    need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
     starts = q0.reshape(-1, n, 3)
     still = np.repeat(anchors[None, ::-1], len(starts), axis=0)
     d = starts[:, i] - np.concatenate([starts, still], axis=1)[:, j]  # -1 is the last of these
     found = np.sqrt((d * d).sum(axis=-1))
-    apart = "two points apart: a rod of length zero has no direction"
-    refuse("pairs", (found <= 1 / HUGE).any(axis=0), lambda _: apart)
+    refuse("pairs", (found <= 1 / HUGE).any(axis=0), lambda _: "two points apart, or it is no rod")
     if bare:
         lengths[bare] = found[0, bare]
-    off = abs(lengths - found) > (FIT if of_file else ROUGH) * found
-    near = "the" if of_file else f"within {ROUGH:.0%} of the"
-    near += f" distance of its ends in {'the positions' if of_file else 'q0'},"
-    refuse("lengths", off.any(axis=0), lambda k: f"{near} {found[off[:, k], k][0]:.9g} m")
+    fit = FIT if of_file else ROUGH
+    off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
+    refuse("lengths", off.any(axis=0), lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
     return clean | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}
 
 
@@ -221,10 +200,9 @@ def column(raw, key, of_file, refuse):
 
     def fits(x):
         x = x if row else [x]
-        good = isinstance(x, (list, tuple)) and len(x) == (*row, 1)[0]
-        return good and all(
-            isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in x
-        )
+        if not isinstance(x, (list, tuple)) or len(x) != (*row, 1)[0]:
+            return False
+        return all(isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in x)
 
     need(isinstance(raw, (list, tuple, np.ndarray)), key, raw, f"a list or an array {shape}")
     try:
@@ -235,13 +213,10 @@ def column(raw, key, of_file, refuse):
         bad = np.array([not fits(x) for x in raw], dtype=bool)
     else:
         axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-        if array.shape[axes:] != row or not (axes == 1 or (axes > 1 and key in ("q0", "v0"))):
-            raise SceneError(
-                f"{key} has the shape {array.shape}; must have {shape}: {allowed} each"
-            )
+        fits = axes == 1 or (axes > 1 and key in ("q0", "v0"))
+        need(fits and array.shape[axes:] == row, f"the shape of {key}", array.shape, shape)
         bad = ~((array > low) & (array < HUGE))
         bad = bad.any(axis=-1) if row else bad
     refuse(key, bad, lambda _: allowed)
-    return np.array(raw, dtype=int if key == "pairs" else float).reshape(
-        np.shape(raw) if len(raw) else (0, *row)
-    )
+    values = np.array(raw, dtype=int if key == "pairs" else float)
+    return values.reshape(-1, *row) if of_file else values
