@@ -21,18 +21,15 @@ GOOD = {
     "particles": [BOB | {"velocity": [0, 0, 0], "mass": 1}, {"position": [2, 0, 0]}],
     "rods": [{"pair": [0, -1]}, {"pair": [1, 0], "length": 1}],
 }
-POINT = "three finite numbers [x, y, z]"
-END = "a particle 0..1, tied to another or to an anchor -1..-1"
+POINT, END = "three finite numbers [x, y, z]", "a particle 0..1, tied to another or to an anchor"
 LIST, ONLY, TWICE = "a list of 1 to ", "an object with no keys but ", "once; rods[0] ties the same"
 # fmt: off
 MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
     ("particles", ["[]", "null"], LIST),
     ("particles/0", ["7"], ONLY + "position, velocity, mass"),
-    ("particles/1/position", ["[2, 0]", "[NaN, 0, 0]", "[1e999, 0, 0]", f"[1{'0' * 400}, 0, 0]",
-        "null", '["1", 0, 0]'], POINT),
-    ("particles/0/velocity", ["[0, -Infinity, 0]", "[0, true, 0]"], POINT),
-    ("particles/0/mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"],
-        "a finite number of kilograms > 0"),
+    ("particles/1/position", ["[2, 0]", "[NaN, 0, 0]", "[1e999, 0, 0]", "null"], POINT),
+    ("particles/0/velocity", ["[0, -Infinity, 0]", "[0, true, 0]", f"[1{'0' * 400}, 0, 0]"], POINT),
+    ("particles/0/mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"], "a finite number of kilo"),
     ("anchors", ["{}", "7"], "a list of 0 to "),
     ("anchors/0", ["[0, 0]"], POINT),
     ("rods", ["[]", "null", '{"pair": [0, -1]}'], LIST),
@@ -60,16 +57,14 @@ TYPED = {  # keys of a double pendulum that was typed in, and the sentence
     "the shape of m is [2]; must be (N, 1)": {"m": np.ones(2)},
     "m[1] is [-1.0]; must be a finite number of kilograms > 0": {"m": np.array([[1.0], [-1.0]])},
     "the shape of lengths is [3]; must be (2,)": {"lengths": np.ones(3)},
-    "lengths[1] is 2.0; must be 1 m, as its ends are apart, to 10 %":
-        {"lengths": [1.0, 2.0]},
+    "lengths[1] is 2.0; must be 1 m, as its ends are apart, to 10 %": {"lengths": [1.0, 2.0]},
     "pairs[1] is [2, 0]; must be a particle 0..1": {"pairs": [(0, -1), (2, 0)]},
     "pairs[1] is [1, 1]; must be a particle 0..1": {"pairs": [(0, -1), (1, 1)]},
     "pairs[0] is [0.0, -1]; must be two whole numbers": {"pairs": [(0.0, -1), (1, 0)]},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "the shape of anchors is [3]; must be (K, 3)": {"anchors": np.zeros(3)},
     "the shape of q0 is [2, 2]; must be (N, 3)": {"q0": np.ones((2, 2))},
-    "q0[1] is [2.0, NaN, 0.0]; must be three finite numbers":
-        {"q0": np.array([[1.0, 0.0, 0.0], [2.0, np.nan, 0.0]])},
+    "q0[1] is [2.0, NaN, 0.0]; must be three": {"q0": np.array([[1.0, 0, 0], [2, np.nan, 0]])},
     "v0[1] is [0, 0]; must be three finite numbers": {"v0": [[0, 0, 0], [0, 0]]},
     "the shape of v0 is [1, 3]; must be (2, 3)": {"v0": np.zeros((1, 3))},
     "q0 is null; must be a list or an array (N, 3)": {"q0": None},
@@ -78,8 +73,7 @@ TYPED = {  # keys of a double pendulum that was typed in, and the sentence
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    """A folder of its own for scenes and results, where a short name is enough."""
+def here(tmp_path, monkeypatch):  # a folder where a short name is enough
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -123,16 +117,14 @@ def test_a_clean_system_is_float64_keeps_other_keys_and_may_hold_many_starts():
     clean = check_system(double | short | {"pairs": np.array(double["pairs"]), "wind": 3.0})
     assert {clean[key].dtype for key in clean if key not in ("pairs", "wind")} == {np.dtype(float)}
     assert clean["pairs"] == [(0, -1), (1, 0)] and clean["wind"] == 3.0
-    assert np.array_equal(clean["q0"], short["q0"]) and clean["q0"] is not double["q0"]
+    assert np.array_equal(clean["q0"], short["q0"])
     starts = np.stack([c.build_system("double", seed)["q0"] for seed in range(3)])
     many = double | {"q0": starts, "v0": 0.0 * starts}
     assert check_system(many)["q0"].shape == (3, 2, 3)
     starts[2, 1] *= 1.5
     with pytest.raises(SceneError, match=r"lengths\[1\] is 1.0; must be 2 m"):
         check_system(many)
-    with pytest.raises(
-        SceneError, match="; must be a dict with q0, v0, m, anchors, pairs, lengths"
-    ):
+    with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
         check_system({"q0": starts})
     slack = double | {"lengths": [1.0, 0.999]}  # a start that is wrong on purpose
     assert check_system(slack)["lengths"][1] == 0.999
@@ -140,16 +132,14 @@ def test_a_clean_system_is_float64_keeps_other_keys_and_may_hold_many_starts():
 
 @pytest.mark.parametrize(("links", "most"), [(2, 1e-3), (20_000, 0.5)])  # 0.1 and 25 ms, if idle
 def test_the_check_of_a_typed_system_costs_next_to_nothing(links, most):
-    system, seconds = c.build_system("chain", links=links), []
+    system, begin = c.build_system("chain", links=links), time.process_time()
     for _ in range(5):
-        begin = time.process_time()
         check_system(system)
-        seconds.append(time.process_time() - begin)
-    assert min(seconds) < most
+    assert time.process_time() - begin < 5 * most
 
 
 def test_rods_that_all_meet_in_a_particle_are_too_many():
-    points, pairs = [[k + 1, k % 7, k % 5] for k in range(700)], [(k, 0) for k in range(1, 700)]
+    points, pairs = [[k + 1, k % 7, 0] for k in range(700)], [(k, 0) for k in range(1, 700)]
     with pytest.raises(SceneError, match="of rods that meet is 489300; must be 400000 at most"):
         check_system(make_system(points, np.zeros((700, 3)), np.ones(700), pairs))
 
@@ -174,8 +164,8 @@ def test_a_key_that_stands_twice_is_refused_by_name_and_at_once(here, capsys):
 
 def test_a_name_that_is_no_scene(here, capsys):
     assert "is no scene and no file; did you mean 'triple'?" in answer(capsys, "tripel")
-    told = "is no scene and no file; scenes are pendulum, double, triple, chain, braced, "
-    assert told in answer(capsys, "") and len(answer(capsys, "x" * 5000)) < 200
+    assert "no file; scenes are pendulum, double, triple, chain, braced, " in answer(capsys, "")
+    assert len(answer(capsys, "x" * 5000)) < 200
     (here / "folder").mkdir()
     assert "must be a plain file" in answer(capsys, "folder")
     if hasattr(os, "mkfifo"):
@@ -184,16 +174,16 @@ def test_a_name_that_is_no_scene(here, capsys):
 
 
 def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first(here):
-    shipped = c.build_system("braced")["q0"]
-    assert np.array_equal(shipped, c.build_system(str(SCENES / "braced.json"))["q0"])
+    shipped = [c.build_system(name)["q0"] for name in ("braced", str(SCENES / "braced.json"))]
+    assert np.array_equal(*shipped)
     for encoding in ("utf-8", "utf-8-sig", "utf-16"):  # editors mark their bytes
         (here / "braced").write_text(json.dumps(GOOD), encoding)
         assert len(c.build_system("braced")["q0"]) == 2
 
 
 def test_stored_scenes_are_those_that_make_scenes_makes():
-    stored = {path.stem: path.read_text() for path in SCENES.glob("*.json")}
-    assert stored == {name: again(SCENES / f"{name}.json") for name in MADE}
+    assert {path.stem for path in SCENES.glob("*.json")} == set(MADE)
+    assert all(path.read_text() == again(path) for path in SCENES.glob("*.json"))
 
 
 @pytest.mark.parametrize("name", sorted(MADE))
@@ -214,8 +204,7 @@ def test_a_hard_scene_runs_or_is_refused(name, capsys, monkeypatch):
     if name == "jansen_leg":  # cm, as the linkage demo of K. M. Moerman's toolbox GIBBON has them
         drawn = [(38, 22.8), (-8.7357, 40.5702), (17.0047, -35.4306), (-39.6678, -5.8717)]
         drawn += [(-19.4476, -39.6874), (30.3109, -82.5894)]
-        from_pivot = 100 * (system["q0"] - system["anchors"][1])[:, :2]
-        assert np.abs(from_pivot - drawn).max() < 1e-4
+        assert np.abs(100 * (system["q0"] - system["anchors"][1])[:, :2] - drawn).max() < 1e-4
     if name == "braced":  # six rods, of which five would do
         jac = c.constraint_terms(system, system["q0"], system["v0"])[0]
-        assert len(jac) == 6 and np.linalg.matrix_rank(jac) == 5
+        assert (len(jac), np.linalg.matrix_rank(jac)) == (6, 5)

@@ -13,34 +13,31 @@ LINE, LOOP = [(1, 0), (2, 0)], [(0, -1), (1, 0), (1, -2)]
 STARTS = {  # points, rods, anchors, speeds upward; whether finite tensions can hold them
     "a taut cable": (LINE, LOOP, [(0, 0), (3, 0)], [0, 0], False),
     "plucked": (LINE, LOOP, [(0, 0), (3, 0)], [1, 0], False),
-    "a taut cable beside a pendulum that swings": (
-        [*LINE, (4, 0)], [*LOOP, (2, -3)], [(0, 0), (3, 0), (5, 0)], [0, 0, 1], False),
+    "by a bob": ([*LINE, (4, 0)], [*LOOP, (2, -3)], [(0, 0), (3, 0), (5, 0)], [0, 0, 1], False),
     "a four-bar folded flat, at rest": (LINE, LOOP, [(0, 0), (1, 0)], [0, 0], True),
     "unfolding": (LINE, LOOP, [(0, 0), (1, 0)], [1, 1], True),
     "torn": (LINE, LOOP, [(0, 0), (1, 0)], [0.5, 1], False),
-    "a tripod with a leg too many": (
-        [(1, 2)], [(0, -1), (0, -2), (0, -3)], [(0, 0), (1, 0.3), (3, -0.1)], [0], True),
-    "particles without rods": ([*LINE, (9, 9)], LOOP[:2], [(0, 0)], [0, 0, 5], True),
+    "3 legs for 2": ([(1, 2)], [(0, -1), (0, -2), (0, -3)], [(0, 0), (1, 0.3), (3, 0)], [0], True),
+    "a loose particle": ([*LINE, (9, 9)], LOOP, [(0, 0), (1, 0)], [0, 0, 5], True),
 }  # fmt: skip
 
 
 def planar(points, rods, anchors, speeds):
     """A system of unit masses in the plane."""
     points, anchors = (np.pad(np.array(x, float), ((0, 0), (0, 1))) for x in (points, anchors))
-    speeds = np.array(speeds, float)[:, None] * [0.0, 1.0, 0.0]
-    return make_system(points, speeds, np.ones(len(points)), rods, anchors=anchors)
+    upward = np.outer(speeds, [0.0, 1.0, 0.0])
+    return make_system(points, upward, np.ones(len(points)), rods, anchors=anchors)
 
 
 @pytest.mark.parametrize("name", STARTS)
 def test_a_start_that_tears_is_refused_and_no_other(name):
     *start, ok = STARTS[name]
-    found = refusal(planar(*start), c.GRAVITY)
-    assert found is None if ok else "are taut: in this pose no finite tension can hold" in found
+    assert (refusal(planar(*start), c.GRAVITY) is None) == ok
 
 
 def test_without_gravity_a_taut_cable_stays_and_tears_only_if_plucked():
-    for name, ok in ("a taut cable", True), ("plucked", False):
-        assert (refusal(planar(*STARTS[name][:-1]), 0.0 * c.GRAVITY) is None) == ok
+    assert not refusal(planar(*STARTS["a taut cable"][:-1]), 0.0 * c.GRAVITY)
+    assert refusal(planar(*STARTS["plucked"][:-1]), 0.0 * c.GRAVITY)
 
 
 @pytest.mark.parametrize("sag", [1e-2, 1e-4, 1e-6, 1e-9, 0.0])
@@ -55,8 +52,7 @@ def test_a_tension_may_be_large_while_it_is_finite(sag):
 
 @pytest.mark.parametrize("wide", [2, 3])
 def test_a_strip_of_plates_sags_and_a_square_of_them_cannot(wide):
-    """Squares with diagonals, hung by the outer corners: a strip of them folds along its hinges, a
-    joint with flat plates all around cannot leave their plane."""
+    """Braced squares hung by outer corners: a joint with flat plates all around cannot leave them."""
     at = {(x, z): wide * x + z for x in range(3) for z in range(wide)}
     steps = (1, 0), (0, 1), (1, 1)
     rods = [(at[x + a, z + b], k) for (x, z), k in at.items() for a, b in steps
@@ -69,7 +65,6 @@ def test_a_strip_of_plates_sags_and_a_square_of_them_cannot(wide):
 
 
 def test_the_tight_cable_hangs_in_its_equilibrium():
-    """The level pull is the same all along, and a joint's weight the difference of two tensions."""
     system = scene("tight_cable")
     unit = np.diff(np.vstack([[0, 0, 0], system["q0"], system["anchors"][1]]), axis=0)
     assert np.sum(system["lengths"]) / system["anchors"][1, 0] == pytest.approx(1.001, rel=1e-15)

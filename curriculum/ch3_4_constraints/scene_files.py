@@ -146,12 +146,11 @@ def check_system(system):
 
     q0 and v0 (..., N, 3) may be many starts. A length may be a tenth off. Raises SceneError.
     """
-    keys = ", ".join(COLUMNS)
-    need(set(COLUMNS) <= set(system), "the system", list(system), f"a dict with {keys}")
-    return system | checked(system, False)
+    need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
+    return system | checked(system, False, [])
 
 
-def checked(raw, of_file, bare=()):
+def checked(raw, of_file, bare):
     """The columns of a system, checked; the lengths of the rods `bare` are measured."""
 
     def refuse(key, bad, allowed):
@@ -184,8 +183,7 @@ def checked(raw, of_file, bare=()):
     d = starts[:, i] - np.concatenate([starts, still], axis=1)[:, j]  # -1 is the last of these
     found = np.sqrt((d * d).sum(axis=-1))
     refuse("pairs", (found <= 1 / HUGE).any(axis=0), lambda _: "two points apart, or it is no rod")
-    if bare:
-        lengths[bare] = found[0, bare]
+    lengths[bare] = found[0, bare]
     fit = FIT if of_file else ROUGH
     off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
     refuse("lengths", off.any(axis=0), lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
@@ -213,8 +211,8 @@ def column(raw, key, of_file, refuse):
         bad = np.array([not fits(x) for x in raw], dtype=bool)
     else:
         axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-        fits = axes == 1 or (axes > 1 and key in ("q0", "v0"))
-        need(fits and array.shape[axes:] == row, f"the shape of {key}", array.shape, shape)
+        right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
+        need(right and array.shape[axes:] == row, f"the shape of {key}", array.shape, shape)
         bad = ~((array > low) & (array < HUGE))
         bad = bad.any(axis=-1) if row else bad
     refuse(key, bad, lambda _: allowed)
