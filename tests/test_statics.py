@@ -52,7 +52,7 @@ def test_a_tension_may_be_large_while_it_is_finite(sag):
 
 @pytest.mark.parametrize("wide", [2, 3])
 def test_a_strip_of_plates_sags_and_a_square_of_them_cannot(wide):
-    """Braced squares hung by outer corners: a joint with flat plates all around cannot leave them."""
+    """Braced squares hung by outer corners: a joint amid flat plates cannot leave them."""
     at = {(x, z): wide * x + z for x in range(3) for z in range(wide)}
     steps = (1, 0), (0, 1), (1, 1)
     rods = [(at[x + a, z + b], k) for (x, z), k in at.items() for a, b in steps

@@ -59,8 +59,7 @@ def direction(angle):
 def load_scene(name, folder, others, gravity):
     """The system in the file `name`, or in the scene of that name in `folder`; or a SceneError.
 
-    `others`: names that are no files but would have been right here; gravity (3,) in m/s^2. A start
-    that must break a rod is refused, too.
+    `others`: right names that are no files. gravity (3,), m/s^2: so that no rod must break at once.
     """
     shipped = {path.stem: path for path in folder.glob("*.json")}
     shown = repr(name if len(name) < 100 else "..." + name[-97:])
@@ -155,8 +154,9 @@ def checked(raw, of_file, bare):
 
     def refuse(key, bad, allowed):
         """Raise SceneError for the first bad row of raw[key]; allowed(its index): words."""
-        if bad.any():
+        if np.count_nonzero(bad):
             at, found = np.argwhere(bad)[0].tolist(), raw[key]
+            at = at[-1:] if key in ("pairs", "lengths") else at  # not which start
             for k in [*at, 0] if of_file and key == "m" else at:
                 found = found[k]
             field = COLUMNS[key][2] if of_file else key + "[{}]"
@@ -180,13 +180,13 @@ def checked(raw, of_file, bare):
     need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
     starts = q0.reshape(-1, n, 3)
     still = np.repeat(anchors[None, ::-1], len(starts), axis=0)
-    d = starts[:, i] - np.concatenate([starts, still], axis=1)[:, j]  # -1 is the last of these
+    d = starts.take(i, axis=1) - np.concatenate([starts, still], axis=1).take(j, axis=1)
     found = np.sqrt((d * d).sum(axis=-1))
-    refuse("pairs", (found <= 1 / HUGE).any(axis=0), lambda _: "two points apart, or it is no rod")
+    refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[0, bare]
     fit = FIT if of_file else ROUGH
     off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
-    refuse("lengths", off.any(axis=0), lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
+    refuse("lengths", off, lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
     return clean | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}
 
 
@@ -214,7 +214,7 @@ def column(raw, key, of_file, refuse):
         right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
         need(right and array.shape[axes:] == row, f"the shape of {key}", array.shape, shape)
         bad = ~((array > low) & (array < HUGE))
-        bad = bad.any(axis=-1) if row else bad
+        bad = bad.any(axis=-1) if row and np.count_nonzero(bad) else bad
     refuse(key, bad, lambda _: allowed)
-    values = np.array(raw, dtype=int if key == "pairs" else float)
+    values = np.array(raw if array is None else array, dtype=int if key == "pairs" else float)
     return values.reshape(-1, *row) if of_file else values
