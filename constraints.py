@@ -14,7 +14,8 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
 from curriculum.ch3_4_constraints.recording import frames, record
-from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
+from curriculum.ch3_4_constraints.scene_files import check_system, direction, load_scene
+from curriculum.ch3_4_constraints.statics import in_line
 from curriculum.common.banner import banner
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.files import publish
@@ -42,7 +43,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #     pairs            (i, j) a rod: it ties particle i to particle j or, where j is negative,
 #                      to an anchor, which stands still: -1 is the first, -2 the second
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  in m; without this key there is one, PIVOT
+#     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes, and how many rods
 
 
@@ -53,13 +54,13 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return load_scene(name, HERE / CHAPTER / "scenes")
+        return load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
     q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
-    rest = {"m": np.ones((count, 1)), "pairs": pairs, "lengths": np.ones(count)}
-    return {"q0": q0, "v0": np.zeros_like(q0), **rest}
+    rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
+    return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
 
 
 def external_force(system, q, v=None):
@@ -95,7 +96,7 @@ def constraint_terms(system, q, v):
             d, rate = d - q[..., j, :], rate - v[..., j, :]
             jac[..., k, j, :] = -d
         else:
-            d = d - system.get("anchors", [PIVOT])[-1 - j]
+            d = d - system.get("anchors", PIVOT[None])[-1 - j]
         jac[..., k, i, :] = d
         g[..., k] = 0.5 * (dot(d, d) - system["lengths"][k] * system["lengths"][k])
         gdot[..., k] = dot(d, rate)
@@ -322,7 +323,7 @@ def rod_vectors(system, x, fixed):
 
 def rod_errors(system, q):
     """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
-    d = rod_vectors(system, q, system.get("anchors", [PIVOT]))
+    d = rod_vectors(system, q, system.get("anchors", PIVOT[None]))
     return np.sqrt(dot(d, d)) - system["lengths"]
 
 
@@ -341,6 +342,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     hold = getattr(force, "hold", as_hold(0.0))  # any function (q, v) -> N will do
     if hold.dt not in (None, dt):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt:g} s")
+    system = check_system({"anchors": PIVOT[None], **system})
     q, v, m = system["q0"], system["v0"], system["m"]
     step_fn = way(followed(step_fn, force.after if hold.after else None), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))

@@ -7,13 +7,10 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints import large
-from curriculum.ch3_4_constraints import scene_files as scenes
-from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.common import banner as device
 from curriculum.common import files, motion, ruler
@@ -285,7 +282,7 @@ def test_the_ruler_does_not_follow_a_step_that_is_too_long_for_it(dt, tmp_path):
 def test_the_rulers_budget_counts_every_step_and_every_half_of_one():
     """At 10 m/s and more the first rung takes nearly all its steps in halves, and there is no
     second."""
-    system, asked = scenes.load_scene("spin", c.HERE / c.CHAPTER / "scenes"), []
+    system, asked = c.build_system("spin"), []
 
     def counted(rule, dt, steps):
         asked.append(steps)
@@ -333,7 +330,7 @@ def test_few_rods_that_all_feel_each_other_are_not_written_out():
     assert found.way == "by arrays: dense LU" and found.violations[-1] < 1e-5
 
 
-def test_particles_without_rods_fall_and_cost_little(tmp_path):
+def test_particles_without_rods_fall_and_cost_little():
     """Many of them are arrays, and a chain with a loose one is no chain."""
     rods = large.CHAIN + 5
     position = [[k + 1.0, 0.0, 0.0] for k in range(2 * large.LINKAGE + 1)]
@@ -343,13 +340,6 @@ def test_particles_without_rods_fall_and_cost_little(tmp_path):
         assert large.takes(system) == (n > rods + 1) and not large.of(system).chain
         found = run(system, "rk4", "project", 0.01, 10)
         assert found.q[-1, -1] == pytest.approx([n, -0.5 * 9.81 * 0.1**2, 0.0], abs=1e-12)
-    document = {
-        "particles": [{"position": p} for p in position],
-        "rods": [{"pair": pair} for pair in pairs],
-    }
-    document["rods"][0] = {"pair": [rods - 1, 0]}  # closes a loop, so that the start is looked at
-    (tmp_path / "loose.json").write_text(json.dumps(document))
-    assert len(c.build_system(str(tmp_path / "loose.json"))["q0"]) == len(position)
 
 
 def test_a_long_chain_finds_its_way_back():
@@ -394,64 +384,6 @@ def test_the_edges_of_blocks_change_nothing(rule, monkeypatch):
     for system, found in zip((alone, both), whole, strict=True):
         pieces = run(system, rule, steps=100)
         assert all(np.array_equal(a, b) for a, b in zip(pieces[:6], found[:6], strict=True))
-
-
-POINT = {"position": [1, 0, 0]}
-SIZES = {
-    "particles": (
-        {"particles": [POINT] * (scenes.MOST + 1), "rods": [{"pair": [0, 1]}]},
-        f"1 to {scenes.MOST} entries",
-    ),
-    "anchors": (
-        {"particles": [POINT], "anchors": [[0, 0, 0]] * (scenes.MOST + 1)},
-        f"{scenes.MOST} at most",
-    ),
-    "masses": (
-        {"particles": [POINT | {"mass": 1e-13}, POINT], "rods": [{"pair": [0, 1]}]},
-        "particles[1].mass is 1.0; must be at most 1e+12 times the lightest, 1e-13 kg",
-    ),
-    "crowd": (
-        {
-            "particles": [{"position": [k + 1, k % 7, k % 5]} for k in range(700)],
-            "rods": [{"pair": pair} for pair in spokes(700)],
-        },
-        "pairs of rods meet in a particle; at most ",
-    ),
-    "about": ({"about": 7}, "about is 7; must be text"),
-}
-
-
-@pytest.mark.parametrize("name", SIZES)
-def test_a_scene_beyond_a_limit_is_told_the_limit(name, tmp_path):
-    document, line = SIZES[name]
-    path = tmp_path / "scene.json"
-    path.write_text(json.dumps(document))
-    with pytest.raises(SceneError, match=re.escape(line)):
-        c.build_system(str(path))
-
-
-def test_a_file_too_large_is_not_read_and_a_late_double_key_is_found_at_once(tmp_path):
-    path = tmp_path / "scene.json"
-    with open(path, "wb") as file:
-        file.truncate(10**12)  # a hole
-    with pytest.raises(SceneError, match=f"plain file of at most {scenes.LARGEST / 1e6:g} MB"):
-        c.build_system(str(path))
-    keys = ",".join(f'"{k}":1' for k in [*range(100_000), 99_999])
-    path.write_text(f"{{{keys}}}")
-    begin = time.process_time()
-    with pytest.raises(SceneError, match='the key "99999" stands twice'):
-        c.build_system(str(path))
-    assert time.process_time() - begin < 20.0  # not minutes: no list is gone through for each key
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_a_scene_may_come_from_an_editor_that_marks_its_bytes(encoding, tmp_path):
-    path = tmp_path / "scene.json"
-    path.write_text(
-        '{"anchors": [[0, 0, 0]], "particles": [{"position": [1, 0, 0]}], "rods": [{"pair": [0, -1]}]}',
-        encoding,
-    )
-    assert c.build_system(str(path))["lengths"] == 1.0
 
 
 # --- words ---

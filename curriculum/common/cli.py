@@ -11,7 +11,6 @@ import warnings
 from difflib import get_close_matches
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.scene_files import SceneError, shorten
 from curriculum.common.files import check_writable, results_folder
 
 
@@ -39,11 +38,16 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message}\n")
 
     def attempt(self, flag, function, *args):
-        """function(*args), whose SceneError becomes the error of the argument `flag`."""
+        """function(*args), whose ValueError becomes the error of the argument `flag`."""
         try:
             return function(*args)
-        except SceneError as error:
+        except ValueError as error:
             self.error(f"argument {flag}: {error}")
+
+
+def shorten(text):
+    """The text, or its beginning."""
+    return text if len(text) < 60 else text[:57] + "..."
 
 
 def number(kind=float, low=1e-12, high=1e12):

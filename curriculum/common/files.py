@@ -10,8 +10,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.scene_files import shorten
-
 
 def write_whole(path, write):
     """Let `write(temporary)` fill a file beside `path`, then rename it into place.
@@ -132,7 +130,7 @@ def publish(args, settings, results, record):
         write_whole(recording, record)
     except Exception as error:  # of a library; the numbers are safe
         why = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        return f"wrote {metrics}, but no recording: {shorten(why)}"
+        return f"wrote {metrics}, but no recording: {why[:60]}"
     display = (
         "DISPLAY" in os.environ
         or "WAYLAND_DISPLAY" in os.environ

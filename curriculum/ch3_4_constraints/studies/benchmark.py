@@ -207,9 +207,9 @@ def linkages(repeats, quick):
     """(d) Loading a linkage, and a force of it."""
     rows, bars = [], []
     cases = {
-        "windows, 131 rods": (windows("", 65), 1.0),
-        "net 20 x 20": (net("", 20), 10.0),
-        "net 50 x 50": (net("", 50), 200.0),
+        "windows, 131 rods": (windows(65), 1.0),
+        "net 20 x 20": (net(20), 10.0),
+        "net 50 x 50": (net(50), 200.0),
     }
     for name, (document, limit) in list(cases.items())[: 2 if quick else 3]:
         with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
