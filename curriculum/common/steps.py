@@ -19,10 +19,11 @@ from curriculum.common.trace import Program, Routine, Stop, Untraceable
 import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
-FIRST = 64  # steps in the first block, after which one knows what a step costs
+FIRST = 16  # steps in the first block, after which one knows what a step costs
 HALVINGS = 8  # of a step that fails, at most
 PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress can be told
-LOADING, COMPILING = 0.06, 30e-6  # s: what llvmlite takes to load, and for each operation
+# s: what llvmlite takes to load, and for each operation; of LARGE it is twice that, and grows
+LOADING, COMPILING, LARGE = 0.06, 30e-6, 8000
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes
 
 
@@ -356,7 +357,8 @@ class Compiled:
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it."""
         size = sum(len(tape.nodes) for tape in self.alone.traced.program.tapes())
-        cost = COMPILING * size + LOADING * ("llvmlite.binding" not in sys.modules)
+        cost = COMPILING * size * (1.0 + (size / LARGE) ** 2)
+        cost += LOADING * ("llvmlite.binding" not in sys.modules)
         if native.available() and self.steps * pace > 1.5 * cost:
             self.to_machine(1 if self.steps * pace > 50.0 * cost else 0)
 
