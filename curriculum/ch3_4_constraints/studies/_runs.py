@@ -1,7 +1,10 @@
 """What studies and tests do again and again: systems, runs, crowds, and a command line."""
 
 import sys
+import time
 from argparse import RawDescriptionHelpFormatter
+from importlib.util import find_spec
+from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._midpoint import make_midpoint
@@ -15,6 +18,8 @@ from curriculum.common.trace import Untraceable
 
 import numpy as np
 
+# Whether steps are compiled to machine code, and not to Python only.
+NATIVE = bool(find_spec("llvmlite") and find_spec("curriculum.common.native"))
 SCENES = c.HERE / c.CHAPTER / "scenes"
 RULES = {name: rule for name, rule in c.INTEGRATORS.items() if name not in ("gauss", "midpoint")}
 RULES |= {f"midpoint{order}": make_midpoint(order) for order in (6, 8, 10, 12)}
@@ -47,6 +52,21 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     """The Run of a case."""
     step, force = case(system, rule, hold, dt)
     return c.simulate(step, system, force, dt, steps, keep)
+
+
+def plain_pace(system, rule, hold, dt, steps):
+    """Microseconds a step of the chapter's lines as numpy itself runs them."""
+    (step, force), q, v = case(system, rule, hold, dt), system["q0"], system["v0"]
+    clock = time.perf_counter()
+    for _ in range(steps):
+        q, v = step(q, v, system["m"], force, dt)
+    return 1e6 * (time.perf_counter() - clock) / steps
+
+
+def python_run(*settings):
+    """The Run of `run`, its step compiled to Python alone."""
+    with patch.dict(sys.modules, dict.fromkeys(("llvmlite", "llvmlite.binding"))):
+        return run(*settings)
 
 
 def crowd_step(system, rule, hold, dt):

@@ -174,13 +174,13 @@ def parting(name, seeds, quick):
     top = math.sqrt((2.0 + math.sqrt(2.0)) * np.abs(c.GRAVITY).max())
     # of single pendulums the periods differ, so neighbours part as t: ln(t)/t, on its way to 0
     shear, rows = math.log((skip + span) / skip) / span, []
-    for what, crowd, known, *settings in (
+    for what, start, known, *settings in (
         (name, ensemble(name, seeds[:pairs]), "?", skip, span, fine),
         (name, ensemble(name, seeds[:pairs]), "?", skip, span, 2 * fine),
         ("upright double", upright, top, 5.0, 5.0, fine),
         ("pendulum", ensemble("pendulum", few), shear, skip, span, fine),
     ):
-        rates, rods, lost = growth(crowd, *settings)
+        rates, rods, lost = growth(start, *settings)
         members, blocks = rates.mean(axis=1), np.array_split(rates, 10, axis=1)  # of time
         row = {"pairs of": what, "pairs": len(members), "dt": settings[-1]}
         row |= {"1/s": float(members.mean()), "+- members": standard_error(members)}

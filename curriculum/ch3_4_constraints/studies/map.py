@@ -40,8 +40,7 @@ def first_turns(angles, mode, seconds, dt):
     """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
     q, turns = starts(angles), np.zeros(len(angles), dtype=int)
     v, left = np.zeros_like(q), np.arange(len(q))  # who has not turned over yet
-    system = c.build_system("double")
-    step, _ = crowd_step(system, "semi_implicit", mode, dt)
+    step, _ = crowd_step(c.build_system("double"), "semi_implicit", mode, dt)
     for look in range(1, round(seconds / (LOOK * dt)) + 1):
         before = q[:, 1, 0] - q[:, 0, 0]
         for _ in range(LOOK):
@@ -51,8 +50,8 @@ def first_turns(angles, mode, seconds, dt):
         if over.any():
             turns[left[over]] = look
             q, v, left = q[~over], v[~over], left[~over]
-            if not len(left):
-                break
+        if not len(left):
+            break
     return turns
 
 
@@ -112,15 +111,11 @@ def main(argv=None):
     leaky = lights(args.size, strip, "none", *settings, lambda k: tick(k + half * args.size))
     # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
     whole = np.concatenate([low, low[args.size // 2 - 1 :: -1, ::-1]])
-    rows = []
+    rows, inside = [], poor(args.size)
     for mode, seen in ((args.mode, whole), (args.mode, whole[:strip]), ("none", leaky)):
-        late = np.count_nonzero((seen > NEVER) & (seen < WHITE // 2))
-        row = {"mode": mode, "rows": len(seen), "turned over": np.count_nonzero(seen) / seen.size}
-        row["in the second half of the time"] = late / seen.size
-        forbidden = np.count_nonzero(seen[poor(args.size)[: len(seen)]])
-        rows.append(row | {"without the energy for it": forbidden})
-    table = show(f"which share of starts at rest turns over within {args.seconds:g} s", rows)
-    inside = poor(args.size)
+        row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER).item()}
+        rows.append(row | {"without the energy": int(np.sum(seen[inside[: len(seen)]] > NEVER))})
+    table = show(f"share of starts at rest that turn over within {args.seconds:g} s", rows)
     edge = inside & ~(np.roll(inside, 1, 0) & np.roll(inside, 1, 1))
     line = np.full((max(1, args.size // 200), args.size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
