@@ -1,7 +1,6 @@
 """What studies and tests do again and again: systems, runs, crowds, and a command line."""
 
 import sys
-import time
 from argparse import RawDescriptionHelpFormatter
 from importlib.util import find_spec
 from unittest.mock import patch
@@ -13,7 +12,7 @@ from curriculum.common.banner import processor
 from curriculum.common.cli import Parser, number, writable
 from curriculum.common.files import write_json
 from curriculum.common.gauss import make_gauss
-from curriculum.common.motion import Unrolled, followed, unroll_map
+from curriculum.common.motion import Unrolled, distance, followed, unroll_map  # noqa: F401
 from curriculum.common.trace import Untraceable
 
 import numpy as np
@@ -54,13 +53,11 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     return c.simulate(step, system, force, dt, steps, keep)
 
 
-def plain_pace(system, rule, hold, dt, steps):
-    """Microseconds a step of the chapter's lines as numpy itself runs them."""
-    (step, force), q, v = case(system, rule, hold, dt), system["q0"], system["v0"]
-    clock = time.perf_counter()
-    for _ in range(steps):
-        q, v = step(q, v, system["m"], force, dt)
-    return 1e6 * (time.perf_counter() - clock) / steps
+def plain_run(system, rule, hold, dt, steps):
+    """The Run of the chapter's lines as numpy itself runs them."""
+    step, force = case(system, rule, hold, dt)
+    force.way, force.memory = "in plain numpy", {}
+    return c.simulate(step, system, force, dt, steps)
 
 
 def python_run(*settings):
