@@ -12,13 +12,15 @@ from curriculum.common.banner import processor
 from curriculum.common.cli import Parser, number, writable
 from curriculum.common.files import write_json
 from curriculum.common.gauss import make_gauss
-from curriculum.common.motion import Unrolled, distance, followed, unroll_map  # noqa: F401
+from curriculum.common.loops import repeat
+from curriculum.common.motion import Unrolled, distance, followed, source, unroll_map
 from curriculum.common.trace import Untraceable
 
 import numpy as np
 
 # Whether steps are compiled to machine code, and not to Python only.
 NATIVE = bool(find_spec("llvmlite") and find_spec("curriculum.common.native"))
+__all__ = ["distance", "repeat"]  # of common, for studies
 SCENES = c.HERE / c.CHAPTER / "scenes"
 RULES = {name: rule for name, rule in c.INTEGRATORS.items() if name not in ("gauss", "midpoint")}
 RULES |= {f"midpoint{order}": make_midpoint(order) for order in (6, 8, 10, 12)}
@@ -51,6 +53,12 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     """The Run of a case."""
     step, force = case(system, rule, hold, dt)
     return c.simulate(step, system, force, dt, steps, keep)
+
+
+def code(system, rule, hold, dt):
+    """The code that a step becomes."""
+    step, force = case(system, rule, hold, dt)
+    return source(step, system, force, dt)
 
 
 def plain_run(system, rule, hold, dt, steps):
