@@ -19,15 +19,8 @@ from importlib.util import find_spec
 import constraints as c
 from curriculum.ch3_4_constraints.scenes.make_scenes import net, text, windows
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._runs import (
-    NATIVE,
-    finish,
-    host,
-    plain_run,
-    python_run,
-    run,
-    study_parser,
-)
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, run
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
 
@@ -72,10 +65,10 @@ def beside(repeats, quick):
             rods.append(float(found.violations.max()))
             return found.pace
 
-        plain = partial(plain_run, system, rule, mode, DT, PLAIN)
+        plain = partial(_runs.plain_run, system, rule, mode, DT, PLAIN)
         jobs = {"ours": ours, "plain": lambda plain=plain: plain().pace}
         if NATIVE:
-            jobs["python"] = partial(ours, python_run)
+            jobs["python"] = partial(ours, _runs.python_run)
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             theirs = {"semi_implicit": "Euler", "rk4": "RK4"}[rule]
             jobs["MuJoCo"] = partial(peers.pace_hinges, system, DT, theirs, steps)
@@ -166,15 +159,15 @@ def linkages(repeats, quick):
 
 def main(argv=None) -> int:
     """Measure, print, maybe write JSON."""
-    parser = study_parser("benchmark", __doc__, 9)
+    parser = _runs.study_parser("benchmark", __doc__, 9)
     parser.add_argument("--quick", action="store_true", help="a look: 3 repeats, shorter runs")
     args = parser.parse_args(argv)
     repeats = min(args.repeats, 3) if args.quick else args.repeats
-    what = host(repeats=repeats)
+    what = _runs.host(repeats=repeats)
     if not find_spec("mujoco"):
         say("MuJoCo is not installed, its columns stay empty; pip install -e '.[compare]'")
     asks = (beside, processes, growth, linkages)
-    return finish(args, what | {"answers": [show(*ask(repeats, args.quick)) for ask in asks]})
+    return _runs.finish(args, what | {"answers": [show(*ask(repeats, args.quick)) for ask in asks]})
 
 
 if __name__ == "__main__":

@@ -13,13 +13,8 @@ from collections import namedtuple
 from functools import partial
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import (
-    crowd,
-    crowd_step,
-    energy_scale,
-    host,
-    study_parser,
-)
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._runs import crowd, crowd_step, energy_scale
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
@@ -191,7 +186,7 @@ def parting(name, seeds, quick):
 
 def main(argv=None):
     """Ask, print, write metrics.json. Returns 0."""
-    parser = study_parser("chaos", __doc__, 5)
+    parser = _runs.study_parser("chaos", __doc__, 5)
     add, whole = parser.add_argument, partial(number, int)
     systems = [*c.SYSTEMS, "chain"]
     add("--system", choices=systems, default="double", help="whose start is drawn (double)")
@@ -207,7 +202,7 @@ def main(argv=None):
     out = args.out or results_folder(f"outputs/ch3.4-chaos{f'-{args.first}' * bool(args.first)}")
     dt, steps = args.dt, max(1, round(args.seconds / args.dt))
     seeds = range(args.first, args.first + args.seeds)
-    host(system=args.system, seeds=args.seeds, first=args.first, steps=steps, dt=dt)
+    _runs.host(system=args.system, seeds=args.seeds, first=args.first, steps=steps, dt=dt)
     timed = show(*speed(args.system, dt, args.repeats))  # of this machine: not among the metrics
     found, after = crowds(args.system, seeds, dt, steps), f"{args.seconds:g} s"
     units = "medians, and worst; energies are shares of m g L"

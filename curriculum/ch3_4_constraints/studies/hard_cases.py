@@ -15,14 +15,8 @@ from signal import SIG_IGN, SIGINT, signal
 
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import SceneError
-from curriculum.ch3_4_constraints.studies._runs import (
-    SCENES,
-    energy_scale,
-    finish,
-    run,
-    scene,
-    study_parser,
-)
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run, scene
 from curriculum.ch3_4_constraints.tables import say, show
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
@@ -116,7 +110,7 @@ def study(names, methods, count, seed, seconds):
 
 def main(argv=None):
     """Print the table; `--json` also writes it."""
-    parser, methods = study_parser("hard_cases", __doc__), {title(*m): m for m in METHODS}
+    parser, methods = _runs.study_parser("hard_cases", __doc__), {title(*m): m for m in METHODS}
     add, whole = parser.add_argument, partial(number, int)
     add("scenes", nargs="*", choices=[*NAMES, []], help="only these; all of them by default")
     add("--starts", type=whole(1, 10**4), default=40, help="of each scene (40)")
@@ -134,7 +128,7 @@ def main(argv=None):
     table = show(text, rows) if rows else {}
     for name, why in refused.items():
         say(f"{name} is refused: {why}")
-    return finish(args, {"answers": [table], "refused": refused, "seed": args.seed})
+    return _runs.finish(args, {"answers": [table], "refused": refused, "seed": args.seed})
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ import struct
 import zlib
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import crowd_step, finish, host, study_parser
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._runs import crowd_step
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script, writable
@@ -95,7 +96,7 @@ def png(pixels):
 
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
-    parser = study_parser("map", __doc__)
+    parser = _runs.study_parser("map", __doc__)
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
@@ -103,7 +104,7 @@ def main(argv=None):
     add("--dt", type=number(float, 1e-4, 0.02), default=0.005, help="s (0.005)")
     add("--out", type=writable, default="outputs/map.png", metavar="PATH", help="of the picture")
     args = parser.parse_args(argv)
-    what = host(size=args.size, seconds=args.seconds, dt=args.dt)
+    what = _runs.host(size=args.size, seconds=args.seconds, dt=args.dt)
     settings = args.seconds, args.dt
     half, strip = (args.size + 1) // 2, max(1, args.size // STRIP)
     tick = progress("turning", (half + strip) * args.size)
@@ -122,7 +123,7 @@ def main(argv=None):
     args.out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(args.out, lambda path: path.write_bytes(png(image)))
     print(f"wrote {args.out}")
-    return finish(args, what | {"answers": [table]})
+    return _runs.finish(args, what | {"answers": [table]})
 
 
 if __name__ == "__main__":

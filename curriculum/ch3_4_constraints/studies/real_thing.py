@@ -22,14 +22,9 @@ from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
+from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._race import ours, race, run_ours, steps_ladder
-from curriculum.ch3_4_constraints.studies._runs import (
-    NATIVE,
-    finish,
-    host,
-    make_system,
-    study_parser,
-)
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, make_system
 from curriculum.ch3_4_constraints.tables import say, show
 from curriculum.common.cli import run_script
 
@@ -185,13 +180,13 @@ def a01(repeats):
 
 def main(argv=None):
     """Measure, print, maybe write JSON."""
-    parser = study_parser("real_thing", __doc__, 9)
+    parser = _runs.study_parser("real_thing", __doc__, 9)
     parser.add_argument("--quick", action="store_true", help="less of (a) and (b), no A01")
     args = parser.parse_args(argv)
     if not has("mujoco"):
         parser.error("MuJoCo is not installed; pip install -e '.[compare]'")
     there = {name: version(name) for name in ENGINES if has(name)}
-    what = host(repeats=args.repeats, **there)
+    what = _runs.host(repeats=args.repeats, **there)
     for name in ENGINES.keys() - there.keys():
         say(f"{name} is not installed, its rows are left out: pip install -e '.[{ENGINES[name]}]'")
     if hasattr(os, "getloadavg") and os.getloadavg()[0] > 0.5 * os.cpu_count():
@@ -200,7 +195,7 @@ def main(argv=None):
     if "scipy" in there and not args.quick:
         answers.append(show(*a01(args.repeats)))
     answers.append(show(*games(args.repeats)))
-    return finish(args, what | {"answers": answers})
+    return _runs.finish(args, what | {"answers": answers})
 
 
 if __name__ == "__main__":

@@ -7,17 +7,8 @@ the text. `hour` takes long, and is shown only if it is named.
 import math
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies import chaos, speed_vs_error
-from curriculum.ch3_4_constraints.studies._runs import (
-    code,
-    distance,
-    drift,
-    energy_scale,
-    make_system,
-    repeat,
-    run,
-    scene,
-)
+from curriculum.ch3_4_constraints.studies import _runs, chaos, speed_vs_error
+from curriculum.ch3_4_constraints.studies._runs import distance, drift, energy_scale, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.graph import elimination_order
@@ -33,7 +24,9 @@ def bobs(*at, v=None, lengths=None):
     speeds `v` (x, y)."""
     states = [np.array(x, dtype=float) for x in (at, v or np.zeros((len(at), 2)))]
     q0, v0 = (np.pad(x, [(0, 0), (0, 1)]) for x in states)
-    return make_system(q0, v0, np.ones(len(at)), [(k, k - 1) for k in range(len(at))], lengths)
+    return _runs.make_system(
+        q0, v0, np.ones(len(at)), [(k, k - 1) for k in range(len(at))], lengths
+    )
 
 
 def swinging(degrees):
@@ -200,7 +193,7 @@ def nearest(system, q_start, q, v, dt):
         mu = c.solve(system, c.mobility(system, jac, jac), g)
         return q - c.pull(jac, mu) / system["m"], c.dot(g / 1e-12, g / 1e-12)
 
-    end = repeat(newton, q, 20, "no way back onto the rods")
+    end = _runs.repeat(newton, q, 20, "no way back onto the rods")
     jac, _, gdot, _ = c.constraint_terms(system, end, v)
     return end, v - c.pull(jac, c.solve(system, c.mobility(system, jac, jac), gdot)) / system["m"]
 
@@ -222,7 +215,7 @@ def price():
     for mode in ("none", "impulse", "baumgarte", "soft"):
         row = {"mode": mode}
         for name in c.SYSTEMS:
-            text = code(c.build_system(name), "semi_implicit", mode, DT)
+            text = _runs.code(c.build_system(name), "semi_implicit", mode, DT)
             row[name] = sum(map(text.count, (" + ", " - ", " * ", " / ", "sqrt(")))
         rows.append(row)
     show("semi_implicit: operations a step", rows)
@@ -232,7 +225,7 @@ def elimination():
     """How many entries of A the elimination changes, and how many it would if every rod felt every
     other."""
     systems = {f"chain of {n}": c.build_system("chain", links=n) for n in (10, 100)}
-    systems |= {name: scene(name) for name in ("jansen_leg", "windows")}
+    systems |= {name: _runs.scene(name) for name in ("jansen_leg", "windows")}
     rows = []
     for name, system in systems.items():
         n, order = len(system["pairs"]), elimination_order(tuple(system["pairs"]))
@@ -277,7 +270,7 @@ def crowd():
 def thrown():
     """Three bodies on three rods that hang on nothing, thrown and turning; the third is heavy."""
     q0, v0 = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.0, 3, 0], [0, 5, 0], [-2, 3, 0]]
-    return make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
+    return _runs.make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
 
 
 def spin(system, q, v):

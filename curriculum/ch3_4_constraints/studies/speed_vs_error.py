@@ -14,15 +14,8 @@ import math
 from unittest.mock import patch
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import (
-    RULES,
-    distance,
-    drift,
-    finish,
-    plain_run,
-    run,
-    study_parser,
-)
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._runs import RULES, distance, drift, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import number, run_script
 from curriculum.common.gauss import make_gauss
@@ -72,7 +65,7 @@ def solves(system, rule, mode, dt, steps):
         return solve(system, a, b, *rest)
 
     with patch.object(c, "solve", counted):
-        found = plain_run(system, rule, mode, dt, min(steps, 40))
+        found = _runs.plain_run(system, rule, mode, dt, min(steps, 40))
     return sum(asked) / (len(found.tip) - 1)
 
 
@@ -110,7 +103,7 @@ def cheapest(rows, target):
 
 def main(argv=None):
     """Print the frontier (or every row), the cheapest method for each target."""
-    parser = study_parser("speed_vs_error", __doc__)
+    parser = _runs.study_parser("speed_vs_error", __doc__)
     add = parser.add_argument
     add("--system", default="double", metavar="NAME", help="a system, or a scene's file (double)")
     add("--links", type=number(int, 1, 30), default=5, help="rods of --system chain (5)")
@@ -126,7 +119,7 @@ def main(argv=None):
     table = rows if args.all else [row for row in ahead(rows, known) if row["error"] < FAR]
     show(f"{args.system}, {seconds:g} s: m, and solves a simulated second", table)
     show("the fewest", [cheapest(rows, target) for target in TARGETS])
-    return finish(args, {"seconds": seconds, "known_to": known, "rows": rows})
+    return _runs.finish(args, {"seconds": seconds, "known_to": known, "rows": rows})
 
 
 if __name__ == "__main__":
