@@ -99,7 +99,7 @@ def test_a_rod_turns_over_when_its_angle_passes_the_upright(tmp_path):
     angles = plane.angle(8)[np.stack(np.meshgrid(range(8), range(8), indexing="ij"), -1)].reshape(
         -1, 2
     )
-    turns = plane.first_turns(angles, "impulse", 5.0, DT)
+    turns = plane.first_turns(angles, "impulse", 5.0)
     for start, turn in zip(angles, turns, strict=True):
         system = c.build_system("double") | {"q0": plane.starts(start[None])[0]}
         q = run(system, hold="impulse", steps=1000, keep=range(0, 1001, plane.LOOK)).q

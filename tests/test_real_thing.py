@@ -93,15 +93,9 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     clock = iter(np.arange(0.0, 1000.0, 0.008))  # s: between two looks, what a job takes in all
     monkeypatch.setattr(_race.time, "perf_counter", lambda: next(clock))
     task = peers.Task(c.build_system("pendulum"), 1, 1.0, lambda q: float(q[0, 0, 0]))
-    job = {
-        who: lambda s=s: (s, np.array([[[1e-4, 0.0]]]))
-        for who, s in zip("abc", (1, 2, 4), strict=True)
-    }
-    ladders = {
-        "ours, quick": {"x": job["a"]},
-        "ours, slow": {"x": job["b"]},
-        "peer": {"x": job["c"]},
-    }
+    spot = np.array([[[1e-4, 0.0]]])
+    seconds = {"ours, quick": 1.0, "ours, slow": 2.0, "peer": 4.0}
+    ladders = {who: {"x": lambda s=s: (s, spot)} for who, s in seconds.items()}
     targets = {"near": (1e-3, {"peer": (0.3, 1.5)}), "far": (1e-5, {})}
     _, rows, bars = _race.race("", task, ladders, targets, 9.0, 2)
     assert [row["ours/it"] for row in rows] == [1.0, 0.5, 0.25] and rows[2]["who"] == "peer"
@@ -111,10 +105,8 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
 def test_tables_say_quartiles_shares_and_who_is_ahead():
     assert list(spread([1.0, 2, 3, 4, 9], "ms").values()) == [3.0, 2.0, 4.0]
     assert benchmark.shares({"us": [1.0, 2.0], "MuJoCo": [4.0, 8.0]}, "us") == {"us/MuJoCo": 0.25}
-    rows = [
-        {"method": "", "error": e, "solves": s}
-        for e, s in ((1, 9), (2, 5), (3, 7), (0.1, 20), (0.2, 20))
-    ]
+    both = ((1, 9), (2, 5), (3, 7), (0.1, 20), (0.2, 20))
+    rows = [{"method": "", "error": error, "solves": solves} for error, solves in both]
     assert speed_vs_error.ahead(rows, 0.0) == [rows[0], rows[1], rows[3]]
     assert speed_vs_error.ahead(rows, 0.5) == [rows[0], rows[1], *rows[3:]]
     assert [speed_vs_error.cheapest(rows, target)["solves"] for target in (3, 1)] == [5, 9]

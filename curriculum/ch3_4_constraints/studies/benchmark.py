@@ -42,12 +42,8 @@ BARS = {
 
 def shares(found, base):
     """{"us/NAME": the median share of `base`'s samples in those taken in the same turn}."""
-    ours = np.array(found[base])
-    return {
-        f"us/{name}": float(np.median(ours / samples))
-        for name, samples in found.items()
-        if name != base
-    }
+    ours, others = np.array(found[base]), {name: x for name, x in found.items() if name != base}
+    return {f"us/{name}": float(np.median(ours / samples)) for name, samples in others.items()}
 
 
 def beside(repeats, quick):

@@ -26,6 +26,7 @@ from curriculum.common.files import write_whole
 
 import numpy as np
 
+DT, MODE = 0.005, "impulse"  # s; what holds the rods but in the strip
 LOOK, BATCH = 4, 8192  # steps; members that go in step: memory is theirs, and a byte a pixel
 NEVER, WHITE = 0, 255  # of the palette; between them are the times
 STRIP = 6  # of so many rows one is shown by `none` as well
@@ -37,12 +38,12 @@ def starts(angles):
     return np.cumsum(np.stack([x, y, 0.0 * x], axis=-1), axis=1)
 
 
-def first_turns(angles, mode, seconds, dt):
+def first_turns(angles, mode, seconds):
     """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
     q, turns = starts(angles), np.zeros(len(angles), dtype=int)
     v, left = np.zeros_like(q), np.arange(len(q))  # who has not turned over yet
-    step, _ = crowd_step(c.build_system("double"), "semi_implicit", mode, dt)
-    for look in range(1, round(seconds / (LOOK * dt)) + 1):
+    step, _ = crowd_step(c.build_system("double"), "semi_implicit", mode, DT)
+    for look in range(1, round(seconds / (LOOK * DT)) + 1):
         before = q[:, 1, 0] - q[:, 0, 0]
         for _ in range(LOOK):
             q, v = step(q, v)
@@ -61,13 +62,13 @@ def angle(size):
     return math.pi * (2.0 * np.arange(size) + 1.0 - size) / size
 
 
-def lights(size, rows, mode, seconds, dt, tick):
+def lights(size, rows, mode, seconds, tick):
     """Palette entries (rows, size) of the lowest rows of a map, the lowest first."""
-    pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * dt))
+    pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * DT))
     for begin in range(0, rows * size, BATCH):
         place = np.arange(begin, min(begin + BATCH, rows * size))
         angles = angle(size)[np.stack([place // size, place % size], axis=1)]
-        turns = first_turns(angles, mode, seconds, dt)
+        turns = first_turns(angles, mode, seconds)
         late = (WHITE - 2) * (turns - 1) // looks
         pixels[place] = np.where(turns > 0, WHITE - 1 - late, NEVER)
         tick(begin + len(place))
@@ -87,11 +88,11 @@ def png(pixels):
     parts = {b"IHDR": struct.pack(">IIBBBBB", *pixels.shape[::-1], 8, 3, 0, 0, 0)}
     parts[b"PLTE"] = (255.0 * palette).round().astype(np.uint8).tobytes()
     parts |= {b"IDAT": zlib.compress(rows, 9), b"IEND": b""}
-    chunks = (
-        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        for name, data in parts.items()
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+    found = b"\x89PNG\r\n\x1a\n"
+    for name, data in parts.items():
+        found += struct.pack(">I", len(data)) + name + data
+        found += struct.pack(">I", zlib.crc32(name + data))
+    return found
 
 
 def main(argv=None):
@@ -100,20 +101,17 @@ def main(argv=None):
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
-    add("--mode", choices=["impulse", "project"], default="impulse", help="what holds the rods")
-    add("--dt", type=number(float, 1e-4, 0.02), default=0.005, help="s (0.005)")
     add("--out", type=writable, default="outputs/map.png", metavar="PATH", help="of the picture")
     args = parser.parse_args(argv)
-    what = _runs.host(size=args.size, seconds=args.seconds, dt=args.dt)
-    settings = args.seconds, args.dt
+    what = _runs.host(size=args.size, seconds=args.seconds, dt=DT)
     half, strip = (args.size + 1) // 2, max(1, args.size // STRIP)
     tick = progress("turning", (half + strip) * args.size)
-    low = lights(args.size, half, args.mode, *settings, tick)
-    leaky = lights(args.size, strip, "none", *settings, lambda k: tick(k + half * args.size))
+    low = lights(args.size, half, MODE, args.seconds, tick)
+    leaky = lights(args.size, strip, "none", args.seconds, lambda k: tick(k + half * args.size))
     # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
     whole = np.concatenate([low, low[args.size // 2 - 1 :: -1, ::-1]])
     rows, inside = [], poor(args.size)
-    for mode, seen in ((args.mode, whole), (args.mode, whole[:strip]), ("none", leaky)):
+    for mode, seen in ((MODE, whole), (MODE, whole[:strip]), ("none", leaky)):
         row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER).item()}
         rows.append(row | {"without the energy": int(np.sum(seen[inside[: len(seen)]] > NEVER))})
     table = show(f"share of starts at rest that turn over within {args.seconds:g} s", rows)

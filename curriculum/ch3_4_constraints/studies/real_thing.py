@@ -30,9 +30,8 @@ from curriculum.common.cli import run_script
 
 import numpy as np
 
-ENGINES = {"mujoco": "compare", "scipy": "compare"} | dict.fromkeys(
-    ("heyoka", "exudyn", "pymunk"), "peers"
-)
+ENGINES = dict.fromkeys(("mujoco", "scipy"), "compare")
+ENGINES |= dict.fromkeys(("heyoka", "exudyn", "pymunk"), "peers")
 DT = 0.005  # s, of (a)
 HINGES, TAYLOR = "MuJoCo hinges", "heyoka"
 # steps as a share of MuJoCo's: with a compiler, and without it

@@ -131,11 +131,9 @@ def compute():
         error = float(np.max(np.abs(fine - coarse)))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
         print(f"{name:15} error {error:.1e} m, energy error {mp.nstr(drift, 2)} J")
-    what = (
-        "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems and "
-    )
+    what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems "
     made_by = "python -m curriculum.ch3_4_constraints.studies.reference"
-    what = {"what": f"{what}of two of its scenes.", "made_by": made_by}
+    what = {"what": f"{what}and of two of its scenes.", "made_by": made_by}
     return what | {"times": TIMES, "cases": cases}
 
 

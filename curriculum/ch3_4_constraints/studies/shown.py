@@ -24,9 +24,8 @@ def bobs(*at, v=None, lengths=None):
     speeds `v` (x, y)."""
     states = [np.array(x, dtype=float) for x in (at, v or np.zeros((len(at), 2)))]
     q0, v0 = (np.pad(x, [(0, 0), (0, 1)]) for x in states)
-    return _runs.make_system(
-        q0, v0, np.ones(len(at)), [(k, k - 1) for k in range(len(at))], lengths
-    )
+    pairs = [(k, k - 1) for k in range(len(at))]
+    return _runs.make_system(q0, v0, np.ones(len(at)), pairs, lengths)
 
 
 def swinging(degrees):
@@ -134,10 +133,8 @@ def seeds():
     for name in c.SYSTEMS:
         starts = [c.build_system(name, seed) for seed in range(3)]
         off = [[run(one, hold=mode).violations.max() for one in starts] for mode in both]
-        row = {
-            f"{mode}, m": "  ".join(f"{x:.4f}" for x in one)
-            for mode, one in zip(both, off, strict=True)
-        }
+        texts = ["  ".join(f"{x:.4f}" for x in one) for one in off]
+        row = {f"{mode}, m": text for mode, text in zip(both, texts, strict=True)}
         times = "  ".join(f"{x:4.1f}" for x in np.divide(*off))
         rows.append({"system": name} | row | {"none / baumgarte": times})
     show("worst rod error over 20 s, seeds 0, 1, 2", rows)
