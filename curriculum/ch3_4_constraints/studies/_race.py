@@ -9,7 +9,7 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import make_midpoint, run
-from curriculum.ch3_4_constraints.tables import in_turns, say, spread
+from curriculum.ch3_4_constraints.tables import in_turns, spread
 from curriculum.common.gauss import make_gauss
 
 import numpy as np
@@ -115,6 +115,4 @@ def race(title, task, ladders, targets, cap, repeats):
                 if peer in took and mine and both[k]:
                     share = float(least[best[k]][k] / least[peer][k])
                     bars.append((f"{name}: {best[k]}, {what}, over {peer}", share, both[k]))
-        if late := [who for who in ladders if who not in took]:
-            say(f"{name}: not reached in {cap:g} s a run by {'; '.join(late)}")
     return title, rows, bars

@@ -1,8 +1,8 @@
-"""How fast, and beside what?  Four questions, each a table of medians with quartiles, and its bars.
+"""How fast, and beside what?  Three tables of medians with quartiles, and bars.
 
 (a) What is a step worth beside the same lines in plain numpy, and beside MuJoCo's C?  (b) How long
-does one wait for a whole run, and for its recording?  (c) How does a step grow with the chain?  (d)
-And with a linkage? A step is the loop of `simulate`, without what measures its states. Whatever is
+does one wait for a whole run, and for its recording?  (c) How does a step grow with the chain?
+A step is the loop of `simulate`, without what measures its states. Whatever is
 compared is timed in turns, A B A B, so that a busy machine slows both. Only ratios and exponents
 carry over to another machine. In (a), `plain` is the chapter's lines as numpy runs them, `python`
 the step compiled to Python alone, MuJoCo its rule of the same order on hinges. In (c) its rods are
@@ -17,7 +17,6 @@ from functools import partial
 from importlib.util import find_spec
 
 import constraints as c
-from curriculum.ch3_4_constraints.scenes.make_scenes import net, text, windows
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, run
@@ -129,30 +128,6 @@ def growth(repeats, quick):
     return "(c) a step of a chain, us", rows, bars
 
 
-def linkages(repeats, quick):
-    """(d) Loading a linkage, and a force of it."""
-    rows, bars = [], []
-    cases = [("windows, 131 rods", windows("", 65), 1.0), ("net 20 x 20", net("", 20), 10.0)]
-    for name, document, limit in [*cases, ("net 50 x 50", net("", 50), 200.0)][: 3 - quick]:
-        with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
-            file.write(text(document))
-            file.flush()
-            clock = time.perf_counter()
-            system = c.build_system(file.name)
-            loading = time.perf_counter() - clock
-        force = c.make_force(system, 0.0)
-
-        def once(force=force, state=(system["q0"], system["v0"])):
-            begin = time.perf_counter()
-            force(*state)
-            return 1e3 * (time.perf_counter() - begin)
-
-        ms = spread(in_turns({"": once}, repeats)[""], "ms")
-        rows.append({"linkage": name, "rods": len(system["pairs"]), "loading s": loading, **ms})
-        bars.append((f"{name}: a force, ms", ms["ms"], limit))
-    return "(d) linkages: loading, and a force by sparse LU", rows, bars
-
-
 def main(argv=None) -> int:
     """Measure, print, maybe write JSON."""
     parser = _runs.study_parser("benchmark", __doc__, 9)
@@ -162,7 +137,7 @@ def main(argv=None) -> int:
     what = _runs.host(repeats=repeats)
     if not find_spec("mujoco"):
         say("MuJoCo is not installed, its columns stay empty; pip install -e '.[compare]'")
-    asks = (beside, processes, growth, linkages)
+    asks = (beside, processes, growth)
     return _runs.finish(args, what | {"answers": [show(*ask(repeats, args.quick)) for ask in asks]})
 
 
