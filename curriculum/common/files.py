@@ -1,141 +1,105 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, alone or several at once."""
 
-import argparse
 import contextlib
 import errno
 import json
 import os
-import stat
-import sys
+import shutil
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.scene_files import shorten
+with contextlib.suppress(ImportError):
+    import fcntl  # not on Windows, where a folder cannot be opened either: see `held`
+
+ASIDE = ".unfinished-"  # how the folders begin in which files are written, beside where they belong
+
+
+@contextlib.contextmanager
+def held(folder, wait=True):
+    """Lock a folder for the block, and say whether that worked. A killed process locks nothing."""
+    with contextlib.ExitStack() as stack:
+        try:
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            mine = True
+        except OSError:  # another process has it, or this file system cannot lock
+            mine = False
+        yield mine
+
+
+def write_together(folder, writers):
+    """Let each write(path) of `writers` {name: write} fill a file aside, then rename all of them.
+
+    What no writer has made, or has None for one, is not there afterwards. If a writer fails or is
+    interrupted, `folder` is as it was; of two processes, one has the last word on all files.
+    Raises what a writer raises, an OSError in the name of the file that it was to fill.
+    """
+
+    def rename():
+        for name in writers:
+            if (aside / name).exists():
+                os.replace(aside / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+
+    folder = Path(folder)
+    with contextlib.ExitStack() as stack:
+        with held(folder):
+            for left in folder.glob(f"{ASIDE}*"):  # by a process that was killed
+                with held(left, wait=False) as dead:
+                    shutil.rmtree(left, ignore_errors=True) if dead else None
+            aside = Path(stack.enter_context(tempfile.TemporaryDirectory("", ASIDE, folder)))
+            stack.enter_context(held(aside))
+        for name, write in writers.items():
+            try:
+                write(aside / name) if write else None
+            except OSError as error:
+                why = error.strerror or str(error)
+                raise OSError(error.errno, why, str(folder / name)) from None
+        with held(folder), ThreadPoolExecutor(1) as thread:  # which Ctrl-C does not interrupt
+            thread.submit(rename).result()
 
 
 def write_whole(path, write):
-    """Let `write(temporary)` fill a file beside `path`, then rename it into place.
-
-    If `write` fails or is interrupted, `path` is as it was and nothing is left beside it. Raises
-    what `write` raises, an OSError in the name of `path`.
-    """
+    """Let write(temporary) fill a file, then rename it to `path`; see write_together."""
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    remove_left(path)
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_together(path.parent, {path.name: write})
 
 
-def remove_left(path):
-    """Remove what a process that was killed in the middle of `write_whole(path, ...)` has left."""
-    for left in path.parent.glob(f".{path.name}.*"):
-        owner = left.name.rpartition(".")[2]
-        if owner.isdecimal() and not alive(int(owner)):
-            with contextlib.suppress(OSError):  # another user's
-                left.unlink()
-
-
-def alive(process):
-    """Whether a process of that number runs, as far as the system tells."""
-    try:
-        os.kill(process, 0) if os.name == "posix" else None
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass  # another user's
-    return True
+def as_json(content):
+    """write(path) of `content` as JSON: strict (no NaN), keys in order."""
+    text = json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
+    return lambda path: path.write_text(text, encoding="utf-8")
 
 
 def write_json(path, content):
-    """`content` as JSON, strict (no NaN), keys in order, whole or not at all."""
-    text = json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
-    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    """`content` as JSON, whole or not at all."""
+    write_whole(path, as_json(content))
 
 
 def check_writable(path):
-    """Raise OSError now if `write_whole(path, ...)` could not work later; leaves nothing behind."""
+    """Raise OSError now if `path` could not be written later; leaves nothing behind."""
     path = Path(path)
-    if (
-        path.exists() and not path.is_file()
-    ):  # a device, a pipe: renaming would put a file in its place
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+        path.lstat()  # whose name may be too long
+    if path.exists() and not path.is_file():  # a device, a pipe: a file would take its place
         what = "a folder" if path.is_dir() else "no plain file"
         raise OSError(errno.EINVAL, f"{path.name} is {what} there", str(path))
-    with tempfile.TemporaryFile(dir=path.parent):
-        pass
-    sticky = (
-        os.name == "posix" and stands(path) and path.parent.stat().st_mode & stat.S_ISVTX
-    )  # a folder like /tmp
-    if sticky and os.geteuid() not in (0, path.parent.stat().st_uid, path.lstat().st_uid):
-        raise PermissionError(errno.EPERM, f"{path.name} there is another user's", str(path))
+    tempfile.TemporaryFile(dir=path.parent).close()
 
 
-def stands(path):
-    """Whether there is something of that name, be it a link to nothing. Raises OSError where one
-    cannot tell."""
-    try:
-        path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    return True
+def check_folder(folder, names):
+    """Raise OSError now if files of these names could not be written into `folder` later.
 
-
-METRICS, RECORDING = "metrics.json", "constraints.rrd"
-
-
-def results_folder(text):
-    """An argparse type: the path of a folder for results, which may have to be made, by
-    `publish`."""
-    folder = Path(text)
-    try:
-        if not text:
-            raise ValueError("the name is empty")
-        above = [folder, *folder.absolute().parents]
-        there = next(path for path in above if stands(path))
-        if not there.exists():
-            raise FileNotFoundError(
-                errno.ENOENT, f"{'it' if there == folder else there.name} is a link to nothing"
-            )
-        if not there.is_dir():
-            raise NotADirectoryError(errno.ENOTDIR, f"{there.name} is no folder")
-        for name in (METRICS, RECORDING) if there == folder else ("results",):
-            check_writable(there / name)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise argparse.ArgumentTypeError(
-            f"cannot write into {text!r}: {why}; name a folder for the results"
-        ) from None
-    return folder
-
-
-def publish(args, settings, results, record):
-    """Write metrics.json, then the recording by record(path), if args.rerun, to args.out; in words,
-    what was written.
-
-    The metrics are `results`, `settings` and those flags that decide them: equal runs are equal
-    bytes. The old recording goes first: it must never lie beside another run's numbers.
+    `folder` may have to be made.
     """
-    names = ("integrator", "seed", "baumgarte", "time_constant", "impedance", "tol")
-    flags = {name: getattr(args, name) for name in names} | {"system": Path(args.system).name}
-    metrics, recording = args.out / METRICS, args.out / RECORDING
-    args.out.mkdir(parents=True, exist_ok=True)
-    recording.unlink(missing_ok=True)
-    remove_left(recording)
-    write_json(metrics, flags | settings | {"results": results})
-    if not args.rerun:
-        return f"wrote {metrics}"
-    try:
-        write_whole(recording, record)
-    except Exception as error:  # of a library; the numbers are safe
-        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        return f"wrote {metrics}, but no recording: {shorten(why)}"
-    display = (
-        "DISPLAY" in os.environ
-        or "WAYLAND_DISPLAY" in os.environ
-        or sys.platform in ("win32", "darwin")
-    )
-    return f"wrote {metrics} and {recording}\nlook: python -m rerun {'' if display else '--serve-web '}{recording}"
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+        folder.lstat()
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not there.is_dir():
+        what = "no folder" if there.exists() else "a link to nothing"
+        raise NotADirectoryError(errno.ENOTDIR, f"{there.name} is {what}", str(there))
+    for name in names if there == folder else ["results"]:
+        check_writable(there / name)
