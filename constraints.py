@@ -13,7 +13,7 @@ from collections import namedtuple
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
-from curriculum.ch3_4_constraints.publish import RECORDING, publish, results_folder
+from curriculum.ch3_4_constraints.publish import RECORDING, SceneList, publish, results_folder
 from curriculum.ch3_4_constraints.recording import frames, pulls, record
 from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
 from curriculum.ch3_4_constraints.tables import length, per_cent
@@ -341,8 +341,10 @@ def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
     about = {name: f"{n} rod{'s' * (n > 1)}, let go level" for name, n in SYSTEMS.items()}
     about |= {"chain": "as many rods as --links says, let go level"}
-    parser, what, how, see = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES, about)
+    parser, what, how, see = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     rules, modes = list(INTEGRATORS), ["all", *hold_table()]
+    listed = {"action": SceneList, "nargs": 0, "const": (about, HERE / CHAPTER / "scenes")}
+    what("--scenes", **listed, help="list systems and scenes, a line each")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")

@@ -4,7 +4,6 @@ import textwrap
 
 import numpy as np
 
-
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
 

@@ -3,7 +3,6 @@
 python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run, and notes it
 """
 
-import csv
 import datetime
 import platform
 import subprocess
@@ -11,7 +10,6 @@ import sys
 import time
 from pathlib import Path
 
-from curriculum.common.cli import Parser, run_script
 from curriculum.common.files import write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
@@ -19,17 +17,12 @@ LONG, SURE = 2.0, 0.2  # s: what takes longer is shown, once so much of it is do
 PARTS = []  # of what is under way: name, how many are done, how many there are, when it all began
 
 
-def read_ledger(ledger=LEDGER):
-    """{chapter: its row}, a dict of strings: chapter, seconds, date, machine."""
-    with open(ledger, newline="", encoding="utf-8") as file:
-        return {row["chapter"]: row for row in csv.DictReader(file)}
-
-
 def banner(chapter, title, device, default=False, ledger=LEDGER):
-    """One line of at most 80 columns; for a default run, how long one took where it was measured."""
-    line, row = f"{chapter} {title} | device {device}", read_ledger(ledger).get(chapter)
-    if default and row:
-        line += f" | a default run took {row['seconds']} s, {row['date']}, {row['machine']}"
+    """At most 80 columns; for a default run, how long one took where it was measured."""
+    line = f"{chapter} {title} | device {device}"
+    for row in ledger.read_text(encoding="utf-8").splitlines() if default else ():
+        if row.startswith(f"{chapter},"):
+            line += " | a default run took {} s, {}, {}".format(*row.split(",")[1:])
     return line[:80]
 
 
@@ -45,7 +38,7 @@ def in_parts(names):
 
 
 def progress(what, steps):
-    """tick(step) shows on a terminal's stderr which share is done, of all parts, and what is left."""
+    """tick(step) tells a terminal which share is done of all parts, and how long the rest takes."""
     if not (sys.stderr and sys.stderr.isatty()):
         return lambda step: None
     name, before, parts, begin = PARTS or ("", 0, 1, time.monotonic())
@@ -83,37 +76,18 @@ def processor():
         return platform.processor() or platform.machine()
 
 
-def measure(chapter, command, ledger=LEDGER):
-    """Run `command` five times, note the median wall-clock in the ledger, and return it in s.
-
-    Raises OSError or subprocess.CalledProcessError, and the ledger is as it was.
-    """
+def main():
+    """Measure: the median wall-clock of five processes, to the ledger."""
+    chapter, *command = sys.argv[1:]
     seconds = []
     for _ in range(5):
         clock = time.perf_counter()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         seconds.append(time.perf_counter() - clock)
-    median, today = sorted(seconds)[2], datetime.date.today().isoformat()
-    row = {"chapter": chapter, "seconds": f"{median:.2f}", "date": today, "machine": processor()}
-
-    def write(path):
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, row, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows((read_ledger(ledger) | {chapter: row}).values())
-
-    write_whole(ledger, write)
-    return median
-
-
-def main(argv=None):
-    """Measure."""
-    parser = Parser(prog="banner", usage="python -m curriculum.common.banner CHAPTER COMMAND ...")
-    parser.add_argument("chapter", help="whose default run COMMAND is, say ch3.4")
-    parser.add_argument("command", nargs="+", help="what to measure, five times")
-    args = parser.parse_args(argv)
-    print(f"{measure(args.chapter, args.command):.2f} s, median of 5, noted in {LEDGER.name}")
+    row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
+    text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
+    write_whole(LEDGER, lambda path: path.write_text(text, encoding="utf-8"))
 
 
 if __name__ == "__main__":
-    run_script(main)
+    main()

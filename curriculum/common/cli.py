@@ -1,7 +1,7 @@
 """Command lines that answer a mistake with one line: the flag, the value, and what is allowed."""
 
 import argparse
-import json
+import contextlib
 import math
 import os
 import re
@@ -15,13 +15,9 @@ from pathlib import Path
 
 from curriculum.common.files import check_writable
 
-EXTRAS = {  # which extra of pyproject.toml brings a package that some runs need
-    "rerun": "", "llvmlite": "[fast]", "scipy": "[large]", "mujoco": "[compare]",
-    "exudyn": "[peers]", "pymunk": "[peers]", "heyoka": "[peers]", "mpmath": "[reference]",
-}  # fmt: skip
-NOT_OWN = (
-    f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # frames not to be shown
-)
+EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[large]", "mujoco": "[compare]"}
+EXTRAS |= dict.fromkeys(("exudyn", "pymunk"), "[peers]") | {"mpmath": "[reference]"}
+FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # files of frames
 
 
 def shorten(text):
@@ -32,15 +28,11 @@ def shorten(text):
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is a single line and no flag may be abbreviated."""
 
-    def __init__(self, **settings):
-        super().__init__(allow_abbrev=False, **settings)
-
     def parse_known_args(self, args=None, namespace=None):
         """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
-        args = sys.argv[1:] if args is None else list(args)
-        for word in args[: args.index("--") if "--" in args else None]:
-            if re.fullmatch(r"--[\w-]+=--", word):
-                self.error(f"argument {word[:-3]}: '--' is no value")
+        self.allow_abbrev, args = False, sys.argv[1:] if args is None else list(args)
+        if empty := re.search(r"^(--[\w-]+)=--$", "\n".join(args).partition("\n--\n")[0], re.M):
+            self.error(f"argument {empty[1]}: '--' is no value")
         return super().parse_known_args(args, namespace)
 
     def error(self, message):
@@ -48,8 +40,9 @@ class Parser(argparse.ArgumentParser):
         message = r"\n".join(message.splitlines())  # a value may hold a line break
         choice = r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)"
         if wrong := re.search(choice, message):
-            flags = re.findall(r"--[\w-]+", self.format_help())
-            known = re.findall(r"[\w-]+", wrong[2]) if wrong[2] else flags
+            known = re.findall(
+                r"[\w-]+" if wrong[2] else r"--[\w-]+", wrong[2] or self.format_help()
+            )
             near = get_close_matches((wrong[1] or wrong[3] or "").lower(), known, 1)
             message += f"; did you mean {near[0]}?" if near else ""
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
@@ -71,10 +64,9 @@ def number(kind=float, low=1e-12, high=1e12):
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):
-        try:
-            value = kind(text) if re.fullmatch(r"[-+.\deE]+", text, re.ASCII) else math.nan
-        except ValueError:
-            value = math.nan
+        value = math.nan
+        with contextlib.suppress(ValueError):
+            value = kind(text) if re.fullmatch(r"[-+.\deE]+", text, re.ASCII) else value
         lost = value == 0 and re.match(r"[-+.0]*[1-9]", text)  # 1e-400 is not meant as zero
         if lost or not low <= value < high:
             raise argparse.ArgumentTypeError(f"must be {allowed}, not {shorten(text)!r}")
@@ -83,68 +75,47 @@ def number(kind=float, low=1e-12, high=1e12):
     return parse
 
 
-def writable(text):
-    """An argparse type: the path of a file that can be written."""
+def writable(text, names=("",)):
+    """An argparse type: the path of a file that can be written, or of a folder for such `names`."""
     try:
         if not text:
             raise ValueError("the name is empty")
-        check_writable(text)
+        for name in names:
+            check_writable(Path(text, name))
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
-        raise argparse.ArgumentTypeError(f"cannot write {text!r}: {why}") from None
+        raise argparse.ArgumentTypeError(f"cannot write to {text!r}: {why}") from None
     return Path(text)
 
 
-class SceneList(argparse.Action):
-    """A flag that prints systems and what they show, a line each, and ends the program.
+def chapter_parser(prog, folder, out, examples):
+    """(parser, system, method, results): with every chapter's flags, and what adds to its groups.
 
-    `const`: {name: about} of the chapter's own, and the folder of its scene files.
-    """
-
-    def __call__(self, parser, *_):
-        named, folder = self.const
-        for path in sorted(folder.glob("*.json")):
-            named = named | {path.stem: json.loads(path.read_bytes()).get("about", "")}
-        for name, text in named.items():
-            print(f"{name:<16} {textwrap.shorten(text, 63, placeholder=' ...')}")
-        parser.exit()
-
-
-def chapter_parser(prog, folder, out, examples, named):
-    """A Parser with the flags of every chapter: (parser, system, method, results).
-
-    The last three add flags to their groups. `named`: {name: about} of systems without a file.
+    They take "--flag METAVAR" and the settings of argparse's add_argument.
     """
     studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
-    parser = Parser(
-        prog=prog,
-        usage=f"python {prog} [flags]",
-        description="Every flag is a question: turn it, guess what it does, and look.",
-        formatter_class=lambda prog: argparse.RawDescriptionHelpFormatter(prog, 2, 27, 80),
-        epilog="\n".join(
-            ["examples:", *(f"  python {prog} {example}" for example in examples)]
-            + textwrap.wrap(f"studies, a question each: {studies}", 80, subsequent_indent="  ")
-            + [f"  python -m {'.'.join(folder.parts[-2:])}.studies.NAME"]
-        ),
-        add_help=False,
+    lines = ["examples:", *(f"  python {prog} {example}" for example in examples)]
+    lines += textwrap.wrap(f"studies, a question each: {studies}", 80, subsequent_indent="  ")
+    lines += [f"  python -m {'.'.join(folder.parts[-2:])}.studies.NAME"]
+    form, about = (
+        argparse.RawDescriptionHelpFormatter,
+        "Every flag is a question: turn it and look.",
     )
+    settings = {"usage": f"python {prog} [flags]", "description": about, "add_help": False}
+    settings |= {"formatter_class": lambda prog: form(prog, 2, 27, 80), "epilog": "\n".join(lines)}
+    parser = Parser(prog=prog, **settings)
 
-    def flags(title):
-        group = parser.add_argument_group(title)
-
+    def group(title):
         def add(flag, **settings):
-            name, _, metavar = flag.partition(" ")
-            if metavar:
-                shown = "" if settings.get("default") is None else " (%(default)s)"
-                settings |= {"metavar": metavar, "help": settings["help"] + shown}
-            group.add_argument(name, **settings)
+            name, *metavar = flag.split()
+            settings |= {"metavar": metavar[0]} if metavar else {}
+            shown = " (%(default)s)" if metavar and settings.get("default") is not None else ""
+            arguments.add_argument(name, **settings | {"help": settings["help"] + shown})
 
+        arguments = parser.add_argument_group(title)
         return add
 
-    system, method, results, ci = map(flags, ("which system", "which method", "results", "for CI"))
-    system(
-        "--scenes", action=SceneList, nargs=0, const=(named, folder / "scenes"), help="list them"
-    )
+    system, method, results, ci = map(group, ("which system", "which method", "results", "for CI"))
     system("--seed K", type=number(int, 0), default=0, help="a hair apart may end metres apart")
     results("--help", action="help", help="these lines")
     results("--out DIR", default=out, help="one a run, to compare them")
@@ -156,31 +127,29 @@ def chapter_parser(prog, folder, out, examples, named):
 
 
 def mistake(error):
-    """The traceback of an exception, without frames of this package, libraries and made code."""
+    """The traceback of an exception, without frames of this package, of libraries, of made code."""
     shown = whole = traceback.TracebackException.from_exception(error)
     while shown:
-        own = [frame for frame in shown.stack if not re.search(NOT_OWN, frame.filename)]
+        own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]
         shown.stack[:] = own or shown.stack
         shown.__context__, shown = None, shown.__cause__
-    return "".join(whole.format())
+    return "".join(whole.format()).rstrip()
 
 
 def run_script(main):
-    """Exit with main's status; what stops it from outside is one line, a mistake is shown."""
+    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     # a standard stream that is closed is opened again, lest a file take its place
     while (spare := os.open(os.devnull, os.O_RDWR)) < 3:
         pass
     os.close(spare)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
-        number = getattr(signal, name)
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
+        if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
             # leave no temporary file
-            signal.signal(number, lambda number, _: sys.exit(128 + number))
+            signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
-    streams = [stream for stream in (sys.stdout, sys.stderr) if stream]
+    prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:
         stream.reconfigure(errors="backslashreplace")
-    prog = Path(sys.argv[0]).name
     try:
         try:
             status = main()
@@ -196,10 +165,10 @@ def run_script(main):
         if sys.stdout:  # or the exit would fail to flush, too
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         where = f": {error.filename}" if error.filename else ""
-        broken = isinstance(error, BrokenPipeError)
-        status = 1 if broken else f"{prog}: error: {error.strerror or error}{where}"
+        line = f"{prog}: error: {error.strerror or error}{where}"
+        status = 1 if isinstance(error, BrokenPipeError) else line
     except Exception as error:
-        package = error.name if isinstance(error, ModuleNotFoundError) else None
-        missing = f"{prog}: error: {package} is not installed: pip install -e "
-        status = f"{missing}'.{EXTRAS[package]}'" if package in EXTRAS else mistake(error)
+        name = error.name if isinstance(error, ModuleNotFoundError) else None
+        line = f"{prog}: error: {name} is not installed: pip install -e '.{EXTRAS.get(name)}'"
+        status = line if name in EXTRAS else mistake(error)
     sys.exit(status)
