@@ -385,13 +385,14 @@ def report(args, system, rows, runs, dt, truth):
     for mode, run in runs.items():
         if run.note:
             print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
-    early = [mode for mode, row in rows.items() if row["error"] is None]
+    lost = [mode for mode, row in rows.items() if row["error"] is None]
     if truth.q is None:
         print(f"- the true motion after {at} is not known to 1 nm: too long, too hard or too large")
-    elif early:
-        print(f"- {', '.join(early)}: stopped before {at}")
-    if args.tol and (over := [mode for mode, row in rows.items() if not row["error"] <= args.tol]):
-        print(f"--tol {args.tol:g} is kept by the best mode, not by {', '.join(over)}")
+    elif lost:
+        print(f"- {', '.join(lost)}: stopped before {at}")
+    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (args.tol or math.inf)]
+    if args.tol and over:
+        print(f"--tol {args.tol:g} is the aim of the best mode; not met by {', '.join(over)}")
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}

@@ -1,4 +1,4 @@
-"""What a run hands over: every flag counts, and table, verdict and metrics.json say what was simulated."""
+"""What a run hands over: every flag counts, and table, verdict and metrics say what was run."""
 
 import json
 from itertools import count
@@ -81,7 +81,7 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(results):
     assert found["dt"] > 0.005 and found["error_at"] == pytest.approx(2.0)
     assert min(errors.values()) <= 1e-6 < max(errors.values())
     (line,) = marked(lines, "--tol")
-    assert all((mode in line.split("not by")[1]) == (x > 1e-6) for mode, x in errors.items())
+    assert all((mode in line.split("not met by")[1]) == (x > 1e-6) for mode, x in errors.items())
 
 
 @pytest.mark.parametrize("flags", ["--links 40 --system chain", "--system heavy_tip"])

@@ -11,6 +11,7 @@ import textwrap
 import traceback
 import warnings
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 
 from curriculum.common.files import check_writable
@@ -94,31 +95,29 @@ def chapter_parser(prog, folder, out, examples):
     They take "--flag METAVAR" and the settings of argparse's add_argument.
     """
     studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
+    studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies.NAME: {studies}"
     lines = ["examples:", *(f"  python {prog} {example}" for example in examples)]
-    lines += textwrap.wrap(f"studies, a question each: {studies}", 80, subsequent_indent="  ")
-    lines += [f"  python -m {'.'.join(folder.parts[-2:])}.studies.NAME"]
-    form, about = (
-        argparse.RawDescriptionHelpFormatter,
-        "Every flag is a question: turn it and look.",
-    )
-    settings = {"usage": f"python {prog} [flags]", "description": about, "add_help": False}
-    settings |= {"formatter_class": lambda prog: form(prog, 2, 27, 80), "epilog": "\n".join(lines)}
-    parser = Parser(prog=prog, **settings)
+    lines += textwrap.wrap(studies, 80, subsequent_indent="  ")
+    use = f"python {prog} [flags]: each is a question, turn it and look"
+    form = partial(argparse.RawDescriptionHelpFormatter, max_help_position=27, width=80)
+    parser = Parser(prog=prog, usage=use, epilog="\n".join(lines), add_help=False)
+    parser.formatter_class = form
 
     def group(title):
         def add(flag, **settings):
-            name, *metavar = flag.split()
-            settings |= {"metavar": metavar[0]} if metavar else {}
-            shown = " (%(default)s)" if metavar and settings.get("default") is not None else ""
-            arguments.add_argument(name, **settings | {"help": settings["help"] + shown})
+            names = flag.split()
+            if names[-1].isupper():
+                settings["metavar"] = names.pop()
+                settings["help"] += "" if settings.get("default") is None else " (%(default)s)"
+            flags.add_argument(*names, **settings)
 
-        arguments = parser.add_argument_group(title)
+        flags = parser.add_argument_group(title)
         return add
 
     system, method, results, ci = map(group, ("which system", "which method", "results", "for CI"))
     system("--seed K", type=number(int, 0), default=0, help="a hair apart may end metres apart")
-    results("--help", action="help", help="these lines")
-    results("--out DIR", default=out, help="one a run, to compare them")
+    results("-h --help", action="help", help="these lines")
+    results("--out DIR", default=out, help="a folder")
     switch = argparse.BooleanOptionalAction
     results("--rerun", action=switch, default=True, help="the recording; or only numbers")
     ci("--smoke", action="store_true", help="few steps whatever --steps says: for a byte-diff")
