@@ -339,12 +339,10 @@ def simulate(step_fn, system, force, dt, steps, keep=()):
 # --- region: report ---
 def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
-    about = {name: f"{n} rod{'s' * (n > 1)}, let go level" for name, n in SYSTEMS.items()}
-    about |= {"chain": "as many rods as --links says, let go level"}
+    about = {x: f"let go level, rods: {n}" for x, n in [*SYSTEMS.items(), ("chain", "--links")]}
     parser, what, how, see = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     rules, modes = list(INTEGRATORS), ["all", *hold_table()]
-    listed = {"action": SceneList, "nargs": 0, "const": (about, HERE / CHAPTER / "scenes")}
-    what("--scenes", **listed, help="list systems and scenes, a line each")
+    what("--scenes", action=SceneList, nargs=0, const=(about, HERE / CHAPTER), help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
@@ -376,8 +374,7 @@ def report(args, system, rows, runs, dt, truth):
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
     print("               rods off by      energy off  from the truth    a step")
     print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
-    for mode, row in rows.items():
-        run = runs[mode]
+    for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
         rods = f"{length(np.max(run.violations)):>9}  {length(run.violations[-1]):>9}"
         error = "-" if row["error"] is None else length(row["error"])
         rest = f"{per_cent(row['energy_rel_max']):>10}  {error:>14}  {run.pace:8.3g}"
@@ -386,10 +383,9 @@ def report(args, system, rows, runs, dt, truth):
         if run.note:
             print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
-    if truth.q is None:
-        print(f"- the true motion after {at} is not known to 1 nm: too long, too hard or too large")
-    elif lost:
-        print(f"- {', '.join(lost)}: stopped before {at}")
+    if lost:
+        known = "is not known to 1 nm" if truth.q is None else "is where they did not get to"
+        print(f"- {', '.join(lost)}: the true place at {at} {known}")
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (args.tol or math.inf)]
     if args.tol and over:
         print(f"--tol {args.tol:g} is the aim of the best mode; not met by {', '.join(over)}")
@@ -407,8 +403,7 @@ def main(argv=None):
     """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
     args, system, usual = parse(argv)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    rule = INTEGRATORS[args.integrator]
-    steps = SMOKE_STEPS if args.smoke else args.steps
+    rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
     def case(mode, rule, dt):

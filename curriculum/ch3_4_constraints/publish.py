@@ -20,12 +20,12 @@ results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an ar
 class SceneList(argparse.Action):
     """A flag that prints the systems, a line each, and ends the program.
 
-    `const`: {name: what it shows} of those without a file, and the folder of the files.
+    `const`: {name: what it shows} of those without a file, and the chapter's folder.
     """
 
     def __call__(self, parser, *_):
         named, folder = self.const
-        for path in sorted(folder.glob("*.json")):
+        for path in sorted(folder.glob("scenes/*.json")):
             named = named | {path.stem: json.loads(path.read_bytes())["about"]}
         for name, text in named.items():
             print(f"{name:<16} {textwrap.shorten(text, 63, placeholder=' ...')}")
