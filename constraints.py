@@ -384,8 +384,8 @@ def report(args, system, rows, runs, dt, truth):
             print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
-        known = "is not known to 1 nm" if truth.q is None else "is where they did not get to"
-        print(f"- {', '.join(lost)}: the true place at {at} {known}")
+        why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"
+        print(f"- {', '.join(lost)}: {why} {at}")
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (args.tol or math.inf)]
     if args.tol and over:
         print(f"--tol {args.tol:g} is the aim of the best mode; not met by {', '.join(over)}")
