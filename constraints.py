@@ -9,18 +9,21 @@ the lines that run, taken once on symbols and compiled (--show-step). Change one
 
 # --- region: setup ---
 import math
+from argparse import BooleanOptionalAction
 from collections import namedtuple
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
+from curriculum.ch3_4_constraints import publish as pub
+from curriculum.ch3_4_constraints.picture import write_motion
 from curriculum.ch3_4_constraints.recording import frames, record
 from curriculum.ch3_4_constraints.scene_files import check_system, direction, load_scene
 from curriculum.ch3_4_constraints.statics import in_line
-from curriculum.common.banner import banner
+from curriculum.ch3_4_constraints.tables import length, per_cent
+from curriculum.common.banner import banner, in_parts
 from curriculum.common.cli import chapter_parser, number, run_script
-from curriculum.common.files import publish
-from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.gauss import make_gauss
+from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.ruler import settle
 from curriculum.common.runs import Log
@@ -298,6 +301,7 @@ def rk4_step(q, v, m, force, dt):
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes
+NOT_IMPULSE = "which does not end a step at q + dt (v + dt a)"
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
 # Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
@@ -358,43 +362,60 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- endregion ---
 # --- region: report ---
 def parse(argv):
-    """The command line, and the system it names."""
-    parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
-    what("--system", default="double", help="pendulum, double, triple, chain, scene, file (double)")
-    what("--links", type=number(int, 1, 20_000), default=10, help="rods of --system chain (10)")
-    what("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer (4000)")
-    what("--dt", type=number(), default=0.005, help="s; halve it and see the rule's order (0.005)")
-    how("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who drifts, how fast?")
-    how("--stabilization", choices=["all", *hold_table()], default="all", help="the cures for it")
-    how("--baumgarte", type=number(float, 0), default=20.0, help="rad/s; too much blows up (20)")
-    how("--time-constant", type=number(), default=0.02, help="s; how soon soft mends a rod (0.02)")
-    how("--impedance", type=number(high=1), default=0.95, help="soft: hard rods near 1 (0.95)")
-    how("--tol", type=number(), help="m at 2 s; gauss then finds its stages and step")
-    how("--show-step", action="store_true", help="print the code that a step becomes, and no more")
+    """The command line; the system that it names; and whether it asks for a default run."""
+    about = {x: f"let go level, rods: {n}" for x, n in [*SYSTEMS.items(), ("chain", "--links")]}
+    parser, what, how, see = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
+    rules, modes = list(INTEGRATORS), ["all", *hold_table()]
+    what("--scenes", action=pub.SceneList, nargs=0, const=(about, HERE / CHAPTER), help="list them")
+    what("--system NAME", default="double", help="one that --scenes lists, or a file")
+    what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
+    what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
+    what("--dt S", type=number(), default=0.005, help="s; halve it and see the rule's order")
+    how("--integrator RULE", choices=rules, default="semi_implicit", help=", ".join(rules))
+    how("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
+    how("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
+    how("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
+    how("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
+    how("--tol M", type=number(), help="m at 2 s; gauss then finds its stages and step")
+    aim = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
+    how("--plain", action="store_true", help=aim)
+    see("--picture", action=BooleanOptionalAction, default=True, help="motion.svg; or none")
+    see("--show-step", action="store_true", help="print the code that a step becomes, no more")
     args = parser.parse_args(argv)
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
     if args.stabilization == "impulse" and args.integrator not in FOR_IMPULSE:
-        parser.error(f"argument --stabilization: impulse does not fit {args.integrator}")
-    return args, parser.attempt("--system", build_system, args.system, args.seed, args.links)
+        why = f"does not fit {args.integrator}, {NOT_IMPULSE}; give --integrator {FOR_IMPULSE[0]}"
+        parser.error(f"argument --stabilization: impulse {why}")
+    system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
+    usual = args == parser.parse_args(["--out", args.out])
+    if not args.show_step:  # last, so that every other mistake is told first
+        args.out = parser.attempt("--out", pub.results_folder, args.out)
+    return args, system, usual
 
 
 def report(args, system, rows, runs, dt, truth):
-    """Print the table, a sentence for each run that did not go straight to its end, the verdict."""
+    """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
-    at, limit = f"at {truth.step * dt:.3g} s, m", STABILITY_LIMIT.get(args.integrator, math.inf)
+    at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, math.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    print("                   rods off, m    energy  true error    tip ends at, m    a step")
-    print(f"mode           worst    at end  of m g L {at:>11}        x        y        us")
-    for mode, row in rows.items():
-        name = mode + "*" * bool(runs[mode].note)
-        rods = f"{row['max_violation']:9.2e} {row['final_violation']:9.2e}"
-        error = "-" if row["error"] is None else f"{row['error']:.2e}"
-        end = f"{row['tip_final'][0]:8.3f} {row['tip_final'][1]:8.3f} {runs[mode].pace:9.3g}"
-        print(f"{name:<10} {rods} {row['energy_rel_max']:9.1e} {error:>11} {end}")
+    print("               rods off by      energy off  from the truth    a step")
+    print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
+    for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
+        rods = f"{length(np.max(run.violations)):>9}  {length(run.violations[-1]):>9}"
+        error = "-" if row["error"] is None else length(row["error"])
+        rest = f"{per_cent(row['energy_rel_max']):>10}  {error:>14}  {run.pace:8.3g}"
+        print(f"{mode + '*' * bool(run.note):<10}{rods}  {rest}")
     for mode, run in runs.items():
         if run.note:
             print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
+    lost = [mode for mode, row in rows.items() if row["error"] is None]
+    if lost:
+        why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"
+        print(f"- {', '.join(lost)}: {why} {at}")
+    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (args.tol or math.inf)]
+    if args.tol and over:
+        print(f"--tol {args.tol:g} is the aim of the best mode; not met by {', '.join(over)}")
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}
@@ -406,41 +427,38 @@ def report(args, system, rows, runs, dt, truth):
 
 
 def main(argv=None):
-    """Run the comparison that `argv` asks for, print it, write metrics.json and the recording."""
-    args, system = parse(argv)
+    """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
+    args, system, usual = parse(argv)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    rule = INTEGRATORS[args.integrator]
-    steps = SMOKE_STEPS if args.smoke else args.steps
+    rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
-    def case(mode, rule, dt):
-        hold = hold_table(dt, *knobs)[mode]
-        return rule, system, make_force(system, hold), dt
+    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled):
+        force = make_force(system, hold_table(dt, *knobs)[mode], args.plain)
+        return simulate(rule, system, force, dt, steps, keep, way)
 
     if args.show_step:
-        first = Compiled(followed(rule, make_force(system, modes[0]).after), check=False)
-        first.trace(system["q0"], system["v0"], system["m"], case(modes[0], rule, args.dt)[2], args.dt)
-        print(first.source)
+        print(run(modes[0], rule, args.dt, 1).source)
         return 0
-    print(banner("ch3.4", "constraints", args.device))
+    print(banner("ch3.4", "constraints", args.device, usual))
     if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
-        print(f"impulse left out: {args.integrator} does not take q to q + dt (v + dt a)")
-
-    def run(mode, rule, dt, steps, keep=(), way=Compiled):
-        return simulate(*case(mode, rule, dt), steps, keep, way)
-
+        print(f"impulse left out: it does not fit {args.integrator}, {NOT_IMPULSE}")
     most = 0 if large.takes(system) else 5000 // (len(system["pairs"]) + 5)
     rule, dt, steps, truth = settle(run, modes, rule, args.dt, steps, args.tol, most)
-    keep = [truth.step, *(frames(steps, dt, len(system["q0"])) if args.rerun else ())]
-    runs = {mode: run(mode, rule, dt, steps, keep) for mode in modes}
+    shown = frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
+    runs = {mode: run(mode, rule, dt, steps, [truth.step, *shown]) for mode in in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
     report(args, system, rows, runs, dt, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    holds = hold_table(dt, *knobs)
-    scene = args, used, system, runs, rows, fall, lambda: {mode: tensions(system, runs[mode].q, runs[mode].v, holds[mode]) for mode in runs}
-    print(publish(args, used, rows, lambda path: record(path, *scene)))
+    holds, scene, writers = hold_table(dt, *knobs), (args, used, system, runs), {}
+    if args.picture:
+        writers[pub.PICTURE] = lambda path: write_motion(path, *scene, shown)
+    if args.rerun:
+        pulls = {mode: tensions(system, run.q, run.v, holds[mode]) for mode, run in runs.items()}
+        writers[pub.RECORDING] = lambda path: record(path, *scene, rows, fall, pulls)
+    print(pub.publish(args, used, rows, writers))
     return 0
 
 

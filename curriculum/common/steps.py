@@ -54,7 +54,7 @@ def in_halves(step, state, dt, level=1):
 class Plain:
     """step_fn as it stands, in numpy, one state at a time: q, v (..., N, 3) -> q, v."""
 
-    way = "in plain numpy: the lines as they stand"
+    way = source = "in plain numpy: the lines as they stand"
 
     def __init__(self, step_fn, steps=0):
         self.step_fn, self.halved, self.taken, self.seconds = step_fn, 0, 0, 0.0

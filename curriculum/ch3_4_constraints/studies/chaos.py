@@ -13,12 +13,13 @@ from collections import namedtuple
 from functools import partial
 
 import constraints as c
+from curriculum.ch3_4_constraints.publish import METRICS, results_folder
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import crowd, energy_scale
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
-from curriculum.common.files import METRICS, results_folder, write_json
+from curriculum.common.files import write_json
 from curriculum.common.steps import Crowd
 
 import numpy as np
