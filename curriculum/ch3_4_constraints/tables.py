@@ -1,14 +1,27 @@
-"""What studies measure and print: jobs timed in turns, and tables with the bars they are held
-to."""
+"""What runs and studies print: numbers with units, tables, and the bars they are held to."""
 
 import textwrap
 
 import numpy as np
 
 
+def length(metres):
+    """Two digits and a unit, as 0.384 -> "38 cm"; what `project` takes for nothing is < 1 pm."""
+    x = float(f"{metres:.2g}")
+    if x < 1e-12:
+        return "< 1 pm"
+    units = (1.0, "m"), (0.01, "cm"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"), (1e-12, "pm")
+    size, unit = next((size, unit) for size, unit in units if x >= 0.1 * size or size == 1e-12)
+    return f"{x / size:g} {unit}"
+
+
+def per_cent(share):
+    """Two digits of a share in per cent."""
+    return f"{100.0 * float(f'{share:.2g}'):.6g} %"
+
+
 def in_turns(jobs, repeats):
-    """{name: [results]}: what jobs called A B A B return, the first round, which warms up, not
-    counted."""
+    """{name: [results]}: what jobs called A B A B return; the first round, a warm-up, is left out."""
     found = {name: [] for name in jobs}
     for turn in range(repeats + 1):
         for name, job in jobs.items():
@@ -19,13 +32,8 @@ def in_turns(jobs, repeats):
 
 def spread(samples, unit):
     """Median and quartiles of `samples` as columns of a table."""
-    return dict(
-        zip(
-            (unit, f"{unit} q1", f"{unit} q3"),
-            np.percentile(samples, [50, 25, 75]).tolist(),
-            strict=True,
-        )
-    )
+    columns = (unit, f"{unit} q1", f"{unit} q3")
+    return dict(zip(columns, np.percentile(samples, [50, 25, 75]).tolist(), strict=True))
 
 
 def say(text):
@@ -45,7 +53,6 @@ def show(title, rows, bars=()):
         for text, x, limit in bars
     ]
     for bar in bars:
-        print(
-            f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {'met' if bar['met'] else 'MISSED'}"
-        )
+        verdict = "met" if bar["met"] else "MISSED"
+        print(f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {verdict}")
     return {"table": title, "rows": rows, "bars": bars}
