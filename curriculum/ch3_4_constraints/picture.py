@@ -2,70 +2,14 @@
 
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PALE, Drawing, element
-from curriculum.ch3_4_constraints.tables import length
+from curriculum.ch3_4_constraints.recording import box, columns, nodes, rod_ends, title, verdict
+from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, Drawing, element
 
 import numpy as np
 
-FRAME_RATE, MAX_KEPT = 60.0, 300_000  # states a second to keep; positions of a mode, at most
 RATES = (20.0, 20.0), (10.0, 20.0), (10.0, 10.0), (10.0, 5.0), (10.0, 2.5), (10.0, 1.0)
 BYTES, ENDS = 145_000, 150  # the first of RATES (frames a second, s) that fits; ends of rods drawn
-WIDTH, HEIGHT, WORDS, FINE = 760, 560, 52, 10  # pixels: sheet, words in a tile; units a pixel
-
-
-def frames(steps, dt, particles):
-    """The steps to keep for the picture and the recording; every run itself keeps two more."""
-    most = max(1, MAX_KEPT // particles - 2)
-    return range(0, steps + 1, max(1, round(1.0 / (FRAME_RATE * dt)), -(-(steps + 1) // most)))
-
-
-def title(args, used):
-    """What was run, in words."""
-    return f"{Path(args.system).stem}, {args.integrator}, steps of {used['dt']:.4g} s"
-
-
-def verdict(run, dt):
-    """What became of a mode, in a few words."""
-    if run.stopped:
-        return f"lost at {run.kept[-1] * dt:.3g} s"
-    return f"off {length(np.max(run.violations))}"
-
-
-def nodes(system, q):
-    """Particles and then anchors, the first one last, (F, N + K, 3), at q (F, N, 3): `pairs` are
-    indices into them."""
-    anchors = np.reshape(system.get("anchors", np.zeros(3)), (-1, 3))
-    return np.concatenate([q, np.broadcast_to(anchors[::-1], (len(q), *anchors.shape))], axis=1)
-
-
-def rod_ends(system, q):
-    """Tails, marks and heads of rods, (F, C, 3) each, at q (F, N, 3): tails are at the partners,
-    heads at the particles, and marks where a rod that is too long should end."""
-    q = nodes(system, q)
-    i, j = np.transpose(system["pairs"])
-    tails, heads = q[:, j], q[:, i]
-    size = np.maximum(np.linalg.norm(heads - tails, axis=-1, keepdims=True), 1e-300)
-    share = np.minimum(1.0, np.reshape(system["lengths"], (-1, 1)) / size)
-    return tails, tails + share * (heads - tails), heads
-
-
-def box(system, runs):
-    """The corners (2, 3) of what is to be seen: of all modes whose rods keep to half their length,
-    or else of the best one."""
-    worst = {mode: np.inf if run.stopped else np.max(run.violations) for mode, run in runs.items()}
-    good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
-    points = [runs[mode].q.reshape(-1, 3) for mode in good or [min(worst, key=worst.get)]]
-    points = np.concatenate([*points, np.reshape(system.get("anchors", np.zeros(3)), (-1, 3))])
-    low, high = points.min(axis=0), points.max(axis=0)
-    room = 0.05 * np.max(high - low)
-    return np.array([low - room, high + room])
-
-
-def columns(count, width, height, size):
-    """In how many columns `count` tiles show something of `size` (x, y) at its largest."""
-    def scale(across):
-        return min(width / across / size[0], height / -(-count // across) / size[1])
-    return max(range(count, 0, -1), key=scale)
+SHEET, WORDS, FINE = (760, 600), 60, 10  # pixels, of the tiles; words in a tile; units a pixel
 
 
 def pens(pairs):
@@ -94,18 +38,17 @@ def moving(traces, seconds, total, **style):
         once = {"calcMode": "discrete", "keyTimes": f"0;{seconds[-1] / total:.4g}"}
         hide = element("animate", attributeName="display", values="inline;none", **once, **loop)
     values = ";".join(shapes).replace(" -", "-")
-    return element(
-        "path", element("animate", attributeName="d", values=values, **times, **loop), hide, **style
-    )
+    shape = element("animate", attributeName="d", values=values, **times, **loop)
+    return element("path", shape, hide, fill="none", **style)
 
 
 def write_motion(path, args, used, system, runs, keep, ghost=None):
     """Write `path`, an SVG that moves: `runs` {mode: Run} side by side, of whose kept states those
     of the steps `keep`, a range, are shown at the pace of the simulated time.
 
-    `ghost`: the true motion as long as it is known, (seconds (F,), positions (F, N, 3)), or None.
-    `args` and `used` name what was run. A file is bounded by BYTES, nearly: the first of RATES
-    that fits is taken. Equal runs are equal bytes.
+    `ghost`: the true motion as long as it is known, (seconds (T,), positions (T, N, 3)), or None.
+    `args` and `used` name what was run. The first of RATES is taken whose file has no more than
+    BYTES, or else the last. Equal runs are equal bytes.
     """
     for rate, most in RATES:
         text = draw(args, used, system, runs, keep, ghost, rate, most)
@@ -116,46 +59,52 @@ def write_motion(path, args, used, system, runs, keep, ghost=None):
 
 def draw(args, used, system, runs, keep, ghost, rate, most):
     """The text of the picture, of `rate` frames a second and the first `most` s."""
-    (low, high), dt = box(system, runs), used["dt"]
-    size, lines = (high - low)[:2], pens(system["pairs"])
-    across = columns(len(runs), WIDTH, HEIGHT, size)
-    down, wide = -(-len(runs) // across), WIDTH / across
-    scale = min(wide / size[0], (HEIGHT / down - WORDS) / size[1])  # pixels a metre
-    tall, fine = scale * size[1], FINE * scale
-    sheet = Drawing(WIDTH, round(down * (tall + WORDS)) + 40, title(args, used))
+    (low, high, bar), dt, lines = box(system, runs), used["dt"], pens(system["pairs"])
+    size = (high - low)[:2]
+    across, wide, tall = columns(len(runs), SHEET, size, WORDS)
+    scale = min(wide / size[0], tall / size[1])  # pixels a metre
+    (width, tall), fine = scale * size, FINE * scale
+    bottom = -(-len(runs) // across) * (tall + WORDS)
+    sheet = Drawing(SHEET[0], round(bottom) + 34, title(args, used))
     stride = keep.step * max(1, round(1.0 / (rate * keep.step * dt)))
     total = max(min(most, max(run.kept[-1] for run in runs.values()) * dt), dt)
-    pen = {"fill": "none", "stroke_width": 3 * FINE}
+    pen = {"stroke_width": 4 * FINE}
 
     def place(points):
         return np.rint(fine * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
 
-    def traces(q):
-        q = place(nodes(system, q))
-        return [q[:, line] for line in lines]
+    def lines_through(q):
+        return [place(nodes(system, q))[:, line] for line in lines]
 
+    anchors = place(nodes(system, system["q0"][None])[0, len(system["q0"]) :])
+    still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=GREY) for x, y in anchors]
     if ghost:
         seconds, q = (x[ghost[0] < total + 1e-9] for x in ghost)
-        dash = {"stroke": GREY, "stroke_dasharray": f"{4 * FINE} {5 * FINE}", "id": "true"}
-        sheet.add("defs", moving(traces(q), seconds, total, **dash, **pen))
+        dash = {"stroke": GREY, "stroke_dasharray": f"{4 * FINE} {6 * FINE}"}
+        still.append(moving(lines_through(q), seconds, total, **dash, **pen))
+    sheet.add("defs", element("g", *still, id="still"))
     for k, (mode, run) in enumerate(runs.items()):
-        x, y, color = wide * (k % across), (tall + WORDS) * (k // across), MODES[mode]
+        left, top, color = wide * (k % across), (tall + WORDS) * (k // across), MODES[mode]
         shown = (run.kept % stride == 0) & (run.kept * dt < total + 1e-9)
-        seconds, (_, marks, heads) = run.kept[shown] * dt, map(place, rod_ends(system, run.q[shown]))
+        seconds, q = run.kept[shown] * dt, run.q[shown]
+        _, marks, heads = map(place, rod_ends(system, q))
+        far = np.flatnonzero(np.max(np.abs(heads - marks), axis=(0, 2)) > FINE)[:ENDS]
         ball = element("circle", r=1.3, fill=color)
-        dots = {"id": mode, "viewBox": "-2 -2 4 4", "overflow": "visible"}
-        parts = [element("marker", ball, **dots), *([element("use", href="#true")] if ghost else [])]
-        style = {name: f"url(#{mode})" for name in ("marker_mid", "marker_end")}
-        parts += [moving(traces(run.q[shown]), seconds, total, stroke=color, **style, **pen)]
-        far = np.max(np.abs(heads - marks), axis=(0, 2)) > FINE
-        excess = [np.stack([marks[:, k], heads[:, k]], axis=1) for k in np.flatnonzero(far)[:ENDS]]
-        if excess:
-            style = {"stroke": EXCESS, "stroke_width": 6 * FINE, "stroke_linecap": "butt"}
-            parts += [moving(excess, seconds, total, **style)]
-        parts += [element("circle", cx=x, cy=y, r=4 * FINE, fill=GREY) for x, y in place(nodes(system, run.q[:1])[0, len(run.q[0]) :])]
-        view = {"viewBox": f"0 0 {FINE * wide:.0f} {FINE * tall:.0f}", "width": wide, "height": tall}
-        sheet.add("svg", *parts, x=f"{x:.1f}", y=f"{y:.1f}", **view)
-        middle, said = x + wide / 2, EXCESS if run.stopped else INK
-        sheet.words(middle, y + tall + 20, mode, color, "middle", 19, "bold")
-        sheet.words(middle, y + tall + 40, verdict(run, dt), said, "middle", 16)
+        dots = element("marker", ball, id=mode, viewBox="-2 -2 4 4", overflow="visible")
+        style = {name: f"url(#{mode})" for name in ("marker_mid", "marker_end")} | pen
+        rods = moving(lines_through(q), seconds, total, stroke=color, **style)
+        parts = [dots, element("use", href="#still"), rods]
+        if len(far):
+            excess = [np.stack([marks[:, rod], heads[:, rod]], axis=1) for rod in far]
+            style = {"stroke": EXCESS, "stroke_width": 7 * FINE, "stroke_linecap": "butt"}
+            parts.append(moving(excess, seconds, total, **style))
+        view = {"viewBox": f"0 0 {FINE * width:.0f} {FINE * tall:.0f}", "width": round(width, 1)}
+        middle, at = left + wide / 2, {"y": round(top, 1), "height": round(tall, 1)}
+        sheet.add("svg", *parts, x=round(middle - width / 2, 1), **at, **view)
+        said = EXCESS if run.stopped else INK
+        sheet.words(middle, top + tall + 22, mode, color, "middle", 22, "bold")
+        sheet.words(middle, top + tall + 44, verdict(run, dt), said, "middle", 19)
+    sheet.line([(16, bottom + 14), (16 + scale * bar, bottom + 14)], GREY, 3)
+    legend = f"{bar:g} m; red: what a rod has too much" + "; dashed: the true motion" * bool(ghost)
+    sheet.words(26 + scale * bar, bottom + 20, legend, size=17)
     return sheet.text()

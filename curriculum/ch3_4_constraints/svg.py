@@ -20,11 +20,6 @@ def element(name, *inside, **attributes):
     return f"<{name}{words}>{''.join(inside)}</{name}>" if inside else f"<{name}{words}/>"
 
 
-def path(points):
-    """Points (x, y) in the form that polylines want."""
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-
-
 class Drawing:
     """A sheet of `width` times `height` pixels, y down; points are pairs of pixels.
 
@@ -32,82 +27,77 @@ class Drawing:
     """
 
     def __init__(self, width, height, title):
-        self.size, self.title, self.parts = (width, height), title, []
-        sides = {"width": width - 1, "height": height - 1}
-        self.add("rect", x=0.5, y=0.5, **sides, rx=6, fill=PAPER, stroke=PALE)
+        self.size, self.parts = (width, height), [element("title", escape(title)), STYLE]
+        self.add("rect", width=width, height=height, rx=6, fill=PAPER)
 
     def add(self, name, *inside, **attributes):
         """An element more."""
         self.parts.append(element(name, *inside, **attributes))
 
-    def line(self, points, color=INK, width=1.5, dash="none"):
+    def line(self, points, color=INK, width=1.5, dash="none", fill="none"):
         """A line through points."""
-        style = {"stroke": color, "stroke-width": width, "stroke-dasharray": dash}
-        self.add("polyline", points=path(points), fill="none", **style)
+        style = {"stroke": color, "stroke_width": width, "stroke_dasharray": dash, "fill": fill}
+        self.add("polyline", points=" ".join(f"{x:.1f},{y:.1f}" for x, y in points), **style)
 
-    def dot(self, at, radius, color=INK):
+    def dot(self, at, radius, color=INK, **style):
         """A filled circle."""
-        self.add("circle", cx=f"{at[0]:.1f}", cy=f"{at[1]:.1f}", r=radius, fill=color)
+        self.add("circle", cx=f"{at[0]:.1f}", cy=f"{at[1]:.1f}", r=radius, fill=color, **style)
 
     def words(self, x, y, text, color=INK, anchor="start", size=15, weight="normal"):
         """A line of words that starts, has its middle or ends at x, on the base line y."""
-        style = {"fill": color, "text-anchor": anchor, "font-size": size, "font-weight": weight}
+        style = {"fill": color, "text_anchor": anchor, "font_size": size, "font_weight": weight}
         self.add("text", escape(text), x=f"{x:.1f}", y=f"{y:.1f}", **style)
 
     def arrow(self, start, end, color=INK, width=3.0, head=11.0):
         """An arrow, if it is long enough to have a head."""
-        length = math.dist(start, end)
-        if length < head:
-            return
-        (dx, dy), (x, y) = ((end[k] - start[k]) * head / length for k in (0, 1)), end
-        neck = x - dx, y - dy
-        self.line([start, neck], color, width)
-        corners = end, (neck[0] + 0.45 * dy, neck[1] - 0.45 * dx)
-        last = neck[0] - 0.45 * dy, neck[1] + 0.45 * dx
-        self.add("polygon", points=path([*corners, last]), fill=color)
+        (x, y), length = end, max(math.dist(start, end), 1e-9)
+        dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
+        sides = [(x - dx + s * 0.45 * dy, y - dy - s * 0.45 * dx) for s in (1, -1)]
+        if length > head:
+            self.line([start, (x - dx, y - dy)], color, width)
+            self.line([end, *sides, end], color, 0.5, fill=color)
 
     def text(self):
         """The file."""
-        (width, height), font = self.size, {"font-family": FONT, "font-size": 15}
-        size = {"viewBox": f"0 0 {width} {height}", "width": width, "height": height}
-        line = {"stroke-linecap": "round", "stroke-linejoin": "round", "role": "img"}
-        inside = "\n".join(["", f"<title>{escape(self.title)}</title>", STYLE, *self.parts, ""])
-        return element("svg", inside, xmlns="http://www.w3.org/2000/svg", **size, **font, **line)
+        size = dict(zip(("width", "height"), self.size, strict=True), font_family=FONT)
+        size |= {"viewBox": f"0 0 {self.size[0]} {self.size[1]}", "role": "img"}
+        round_ = {"stroke_linecap": "round", "stroke_linejoin": "round"}
+        inside = "\n".join(["", *self.parts, ""])
+        return element("svg", inside, xmlns="http://www.w3.org/2000/svg", **size, **round_) + "\n"
 
 
-def chart(title, x, y, curves, size=(480, 420)):
-    """The text of a chart: an axis is (its name, its range, {value: words}, logarithmic?).
+def chart(title, x, y, curves, size=(480, 420), right=100):
+    """The text of a chart of `curves` {name: (colour, [(x, y), ...])}, named where they end.
 
-    `curves`: {name: (colour, [(x, y), ...], dots?)}; the names stand where their curves end.
+    x and y: (the axis's name, its range, {value: words}), both logarithmic where it begins above 0.
     """
-    sheet, room = Drawing(*size, title), ((64, size[0] - 96), (size[1] - 58, 48))
+    sheet, names = Drawing(*size, title), []
+    room = (64, size[0] - right), (size[1] - 58, 48)
 
-    def place(axis, pixels, value):
-        low, high, value = (math.log10(a) if axis[3] else a for a in (*axis[1], value))
-        return pixels[0] + (pixels[1] - pixels[0]) * (value - low) / (high - low)
+    def place(*point):
+        for value, axis, (begin, end) in zip(point, (x, y), room, strict=True):
+            low, high, at = (math.log10(a) if axis[1][0] > 0 else a for a in (*axis[1], value))
+            yield begin + (end - begin) * (at - low) / (high - low)
 
     for value, words in x[2].items():
-        at = place(x, room[0], value)
+        at, _ = place(value, y[1][0])
         sheet.line([(at, edge) for edge in room[1]], PALE, 1)
         sheet.words(at, room[1][0] + LINE + 2, words, GREY, "middle")
     for value, words in y[2].items():
-        at = place(y, room[1], value)
+        _, at = place(x[1][0], value)
         sheet.line([(edge, at) for edge in room[0]], PALE, 1)
         sheet.words(room[0][0] - 8, at + 5, words, GREY, "end")
     sheet.words(sum(room[0]) / 2, size[1] - 12, x[0], anchor="middle")
     sheet.words(16, 28, y[0])
-    names = []
-    for name, (color, values, dots) in curves.items():
-        points = [(place(x, room[0], a), place(y, room[1], b)) for a, b in values]
+    for name, (color, values) in curves.items():
+        points = [tuple(place(*value)) for value in values]
         sheet.line(points, color, 2.5)
-        for point in points if dots else ():
-            sheet.dot(point, 3, color)
         names.append([*points[-1], name, color])
     names.sort(key=lambda name: name[1])
     for above, below in list(pairwise(names)) * 100:  # names that overlap are moved apart
         overlap = LINE - (below[1] - above[1])
         if overlap > 0.0 and abs(above[0] - below[0]) < 100.0:
             above[1], below[1] = above[1] - 0.5 * overlap, below[1] + 0.5 * overlap
-    for x_end, y_end, name, color in names:
-        sheet.words(x_end + 6, y_end + 5, name, color, weight="bold")
+    for *end, name, color in names:
+        sheet.words(end[0] + 6, end[1] + 5, name, color, weight="bold")
     return sheet.text()
