@@ -91,7 +91,7 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
         far = np.flatnonzero(np.max(np.abs(heads - marks), axis=(0, 2)) > FINE)[:ENDS]
         ball = element("circle", r=1.3, fill=color)
         dots = element("marker", ball, id=mode, viewBox="-2 -2 4 4", overflow="visible")
-        style = {name: f"url(#{mode})" for name in ("marker_mid", "marker_end")} | pen
+        style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#{mode})") | pen
         rods = moving(lines_through(q), seconds, total, stroke=color, **style)
         parts = [dots, element("use", href="#still"), rods]
         if len(far):

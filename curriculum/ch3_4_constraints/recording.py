@@ -1,7 +1,5 @@
-"""A Rerun recording of a comparison: a tile a mode, seen from the front, and over time the pull, the
-rods and the energy."""
+"""A Rerun recording of a comparison: a tile a mode, and plots of the pull, the rods, the energy."""
 
-import itertools
 import zlib
 from pathlib import Path
 
@@ -15,11 +13,8 @@ TIMELINE, BACKGROUND = "sim_time", [16, 16, 20]  # seconds; dark
 WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a tile's title
 SLOPE, MARGIN = 0.52, 1.12  # Rerun's eye sees so much up per metre ahead; room around
 FLOOR = 1e-9  # m: a rod error of less is drawn as this
-FORCES, RODS, ENERGY = (
-    "pull of the first rod, N",
-    "worst rod, powers of ten of a metre (-3: 1 mm)",
-    "energy error, share of m g L",
-)
+FORCES, ENERGY = "pull of the first rod, N", "energy error, share of m g L"
+RODS = "worst rod, powers of ten of a metre (-3: 1 mm)"
 GUIDE = """**{title}**
 
 **Rods** glow brown where they pull, violet where they push; full glow = {full:.3g} newtons. **Red**
@@ -66,10 +61,8 @@ def rod_ends(system, q):
 
 
 def box(system, runs):
-    """Two corners (3,) of what is to be seen, and a length for comparison, one metre if that fits.
-
-    To be seen are the modes whose rods keep to half their length, or else the best at it.
-    """
+    """Two corners (3,) around the modes whose rods keep to half their length, or else around the
+    best; and a length to compare with, one metre if that fits."""
     worst = {m: np.inf if run.stopped else np.max(run.violations) for m, run in runs.items()}
     good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
     points = [nodes(system, runs[m].q).reshape(-1, 3) for m in good or [min(worst, key=worst.get)]]
@@ -79,12 +72,9 @@ def box(system, runs):
 
 
 def columns(count, shape, size, words):
-    """How many tiles go side by side, of `count` in a sheet of `shape` (width, height), for each to
-    show `size` (x, y) at its largest, above `words` in pixels; and its width and height for that."""
-    layouts = [
-        (across, shape[0] / across, shape[1] / -(-count // across) - words)
-        for across in range(1, count + 1)
-    ]
+    """How many of `count` tiles go side by side in a sheet of `shape` (width, height), to show
+    things of `size` (x, y) at their largest, above `words`, in pixels; and their room (x, y)."""
+    layouts = [(k, shape[0] / k, shape[1] / -(-count // k) - words) for k in range(1, count + 1)]
     return max(layouts, key=lambda layout: min(layout[1] / size[0], layout[2] / size[1]))
 
 
@@ -102,8 +92,7 @@ def glow(pulls, full):
 
 
 def span(values, name):
-    """From the least to the largest of a plot's `values`, and a little room; spikes of force are
-    cut off, or else they flatten the rest."""
+    """The range of a plot's `values`, and a little room; a spike of force may be cut off."""
     low, high = np.quantile(values, (0.005, 0.995) if name == FORCES else (0.0, 1.0)).tolist()
     room = 0.05 * (high - low) + 1e-12
     return low - room, high + room
@@ -113,16 +102,15 @@ def empty_corner(curves, ranges):
     """(title of a plot, "LeftTop" or the like) where the fewest points of `curves` {title: [(F,)]}
     are, for the legend to stand there; `ranges` {title: (low, high)}."""
 
-    def crowd(spot):
-        found, (low, high) = 0, ranges[spot[0]]
-        for curve in curves[spot[0]]:
-            part = curve[-len(curve) // 5 :] if "Right" in spot[1] else curve[: len(curve) // 5]
-            share = (part - low) / (high - low)
-            found += np.sum(share > 0.4) if "Top" in spot[1] else np.sum(share < 0.6)
-        return found
-
-    corners = "LeftTop", "LeftBottom", "RightTop", "RightBottom"
-    return min(itertools.product(ranges, corners), key=crowd)
+    crowd = {}
+    for name, (low, high) in ranges.items():
+        shares = [(curve - low) / (high - low) for curve in curves[name]]
+        sides = {"Left": slice(0, len(shares[0]) // 5), "Right": slice(-len(shares[0]) // 5, None)}
+        for side, part in sides.items():
+            here = np.concatenate([share[part] for share in shares])
+            crowd[name, side + "Top"] = np.sum(here > 0.4)
+            crowd[name, side + "Bottom"] = np.sum(here < 0.6)
+    return min(crowd, key=crowd.get)
 
 
 def draw(system, run, colors, color, ball):
@@ -156,10 +144,11 @@ def draw(system, run, colors, color, ball):
 def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     """Write `path`: the kept states of `runs` {mode: Run}, beside `rows` {mode: summary}.
 
-    `args.system` and `args.integrator` name them; `used["dt"]` in s; `pulls` {mode: (F, C)}: newtons of the rods in the F kept states; `fall`: the unit of energy errors in
-    J; `ghost`: the true motion as long as it is known, (seconds (T,), positions (T, N, 3)). Axes
-    fit the modes that survive, and one that is lost leaves the picture. The id is made of what was
-    found, and no wall clock is written: the same run is the same recording, another run another.
+    `args.system` and `args.integrator` name them; `used["dt"]` in s; `pulls` {mode: (F, C)}:
+    newtons of the rods in the F kept states; `fall`: the unit of energy errors in J; `ghost`: the
+    true motion as long as it is known, (seconds (T,), positions (T, N, 3)). Axes fit the modes that
+    survive, and one that is lost leaves the picture. The id is made of what was found, and no wall
+    clock is written: the same run is the same recording, another run another one.
     """
     import rerun as rr  # here: a run without a recording never pays for it
 
@@ -188,22 +177,20 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     if ghost:
         tails, _, heads = rod_ends(system, ghost[1])
         rods = rr.LineStrips3D.columns(strips=np.stack([tails, heads], axis=2).reshape(-1, 2, 3))
-        thin = {"radii": rr.Radius.ui_points(1.0), "colors": rgb(GREY)}
-        still["scene/truth"] = rr.LineStrips3D.from_fields(**thin)
-        moving.append(("scene/truth", ghost[0], rods.partition([tails.shape[1]] * len(tails))))
-        gone = rr.Clear.columns(is_recursive=[True])
-        moving.append(("scene/truth", ghost[0][-1:] + dt, gone))
+        rods = rods.partition([tails.shape[1]] * len(tails) + [0])  # and then nothing
+        moving.append(("scene/truth", np.append(ghost[0], ghost[0][-1] + dt), rods))
+        style = {"radii": rr.Radius.ui_points(1.0), "colors": rgb(GREY)}
+        still["scene/truth"] = rr.LineStrips3D.from_fields(**style)
     for k, (mode, run) in enumerate(runs.items()):
         key, color, seconds = f"{k + 1}_{mode}", rgb(MODES[mode]), run.kept * dt  # sorted by key
         style, some = draw(system, run, glow(pulls[mode], full), color, ball)
         still |= {f"scene/{key}/{entity}": what for entity, what in style.items()}
         moving += [(f"scene/{key}/{entity}", seconds, what) for entity, what in some.items()]
         if run.stopped:
-            end = seconds[-1:] + dt
-            moving.append((f"scene/{key}", end, rr.Clear.columns(is_recursive=[True])))
+            end, gone = seconds[-1:] + dt, rr.Clear.columns(is_recursive=[True])
             words = {"labels": [verdict(run, dt)], "colors": [color], "radii": [0.0]}
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
-            moving.append((f"scene/lost_{key}", end, said))
+            moving += [(f"scene/{key}", end, gone), (f"scene/lost_{key}", end, said)]
         for plot, curve in enumerate(curves.values()):
             still[f"curves/{plot}/{key}"] = rr.SeriesLines(colors=color, names=mode)
             some = rr.Scalars.columns(scalars=curve[mode])
@@ -215,8 +202,7 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     settings = {"send_properties": False, "batcher_config": at_once}
     recording = rr.RecordingStream(f"constraints: {name}", recording_id=unique, **settings)
     memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
-    legend = empty_corner(lively, ranges)
-    layout = blueprint(runs, dt, low, high, ranges, legend)
+    layout = blueprint(runs, dt, low, high, ranges, empty_corner(lively, ranges))
     recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
     for entity, what in still.items():
         recording.log(entity, what, static=True)
@@ -248,16 +234,13 @@ def blueprint(runs, dt, low, high, ranges, legend):
     for k, (mode, run) in enumerate(runs.items()):
         scene = f"scene/{k + 1}_{mode}"
         shared = ["scene/anchors", "scene/bar", "scene/truth", f"scene/lost_{k + 1}_{mode}"]
-        tile = rrb.Spatial3DView(
-            name=f"{mode}, {verdict(run, dt)}",
-            origin=scene,
-            contents=["$origin/**", *shared],
-            eye_controls=eye,
-            line_grid=False,
-            background=BACKGROUND,
-            overrides={f"{scene}/path": trail},
-        )
-        tiles.append(tile)
+        seen = {"origin": scene, "contents": ["$origin/**", *shared], "eye_controls": eye}
+        seen |= {
+            "line_grid": False,
+            "background": BACKGROUND,
+            "overrides": {f"{scene}/path": trail},
+        }
+        tiles.append(rrb.Spatial3DView(name=f"{mode}, {verdict(run, dt)}", **seen))
     plots = []
     for plot, (name, reach) in enumerate(ranges.items()):
         corner = rrb.PlotLegend(getattr(rrb.Corner2D, legend[1]), visible=name == legend[0])
@@ -265,8 +248,6 @@ def blueprint(runs, dt, low, high, ranges, legend):
         plots.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     tiles.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
     left, right = rrb.Grid(*tiles, grid_columns=across), rrb.Vertical(*plots)
-    play = rrb.TimePanel(
-        timeline=TIMELINE, state="collapsed", play_state="playing", loop_mode="all"
-    )
+    play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
     both = rrb.Horizontal(left, right, column_shares=[3, 2])
-    return rrb.Blueprint(both, play, collapse_panels=True)
+    return rrb.Blueprint(both, rrb.TimePanel(timeline=TIMELINE, **play), collapse_panels=True)

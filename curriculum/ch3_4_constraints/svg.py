@@ -80,14 +80,15 @@ def chart(title, x, y, curves, size=(480, 420), right=100):
             yield begin + (end - begin) * (at - low) / (high - low)
 
     for value, words in x[2].items():
-        at, _ = place(value, y[1][0])
-        sheet.line([(at, edge) for edge in room[1]], PALE, 1)
-        sheet.words(at, room[1][0] + LINE + 2, words, GREY, "middle")
+        low, high = ([*place(value, edge)] for edge in y[1])
+        sheet.line([low, high], PALE, 1)
+        sheet.words(low[0], low[1] + LINE + 2, words, GREY, "middle")
     for value, words in y[2].items():
-        _, at = place(x[1][0], value)
-        sheet.line([(edge, at) for edge in room[0]], PALE, 1)
-        sheet.words(room[0][0] - 8, at + 5, words, GREY, "end")
-    sheet.words(sum(room[0]) / 2, size[1] - 12, x[0], anchor="middle")
+        if value >= y[1][0]:
+            left, end = ([*place(edge, value)] for edge in x[1])
+            sheet.line([left, end], PALE, 1)
+            sheet.words(left[0] - 8, left[1] + 5, words, GREY, "end")
+    sheet.words(room[0][0], size[1] - 12, x[0])
     sheet.words(16, 28, y[0])
     for name, (color, values) in curves.items():
         points = [tuple(place(*value)) for value in values]
