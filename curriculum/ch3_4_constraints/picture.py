@@ -32,7 +32,7 @@ def moving(traces, seconds, total, **style):
     form = "".join("M%d %dl" + " ".join(["%d %d"] * (trace.shape[1] - 1)) for trace in traces)
     shapes = [form % tuple(row) for row in np.concatenate(steps, axis=1).tolist()]
     loop, times, hide = {"dur": f"{total:g}s", "repeatCount": "indefinite"}, {}, ""
-    if seconds[-1] < total - 1e-9:
+    if 0.0 < seconds[-1] < total - 1e-9:
         shapes.append(shapes[-1])
         times = {"keyTimes": ";".join([*(f"{x:.4g}" for x in seconds / total), "1"])}
         once = {"calcMode": "discrete", "keyTimes": f"0;{seconds[-1] / total:.4g}"}
@@ -67,7 +67,8 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
     bottom = -(-len(runs) // across) * (tall + WORDS)
     sheet = Drawing(SHEET[0], round(bottom) + 34, title(args, used))
     stride = keep.step * max(1, round(1.0 / (rate * keep.step * dt)))
-    total = max(min(most, max(run.kept[-1] for run in runs.values()) * dt), dt)
+    last = min(most / dt + 1e-9, max(run.kept[-1] for run in runs.values()))
+    total = max(1, int(last / stride)) * stride * dt
     pen = {"stroke_width": 4 * FINE}
 
     def place(points):
