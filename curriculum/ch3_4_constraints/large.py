@@ -20,9 +20,7 @@ CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
 SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
 BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
-SLACK = 1e-9  # of A's diagonal where rods close a loop; the rounds take it back
-EXACT, NEARLY = 1e-15, 1e-6  # what a solve leaves of b, as a share of A's diagonal times lambda
-ROUNDS = 100
+EXACT, NEARLY = 1e-15, 1e-3  # what a solve may leave of b, as a share of what cancels in it
 NO_TENSIONS = "no finite tensions hold the rods in this pose"
 
 
@@ -74,7 +72,7 @@ class Chain:
         felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle, and back the one before it
         return felt
 
-    def multipliers(self, m, d, along, b, softness):
+    def multipliers(self, m, d, along, b, x, slack, softness=0.0):
         """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
         w = 1.0 / m
         ends = w.copy()
@@ -117,7 +115,7 @@ class Linkage:
             self.rows % self.size,
             self.columns % self.size,
         )
-        self.slack = SLACK if has_loop(pairs) else 0.0
+        self.loop = has_loop(pairs)
         self.way = f"by arrays: blocks of {self.size} rods"
 
     def vectors(self, x, anchors):
@@ -134,34 +132,40 @@ class Linkage:
         np.subtract.at(force, (..., self.j), felt)
         return force[..., : self.n]
 
-    def multipliers(self, m, d, along, b, softness):
-        """As a Chain's. Raises Stop where no lambda of finite size leaves nothing of b."""
+    def multipliers(self, m, d, along, b, x, slack, softness=0.0):
+        """As a Chain's; b is made of d and differences of x (3, ..., N). Raises Stop.
+
+        A loop's A gets some `slack` (...), and rounds take it back while they halve what is left.
+        """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
             lam = np.empty_like(b)
             for at in np.ndindex(b.shape[:-1]):
-                lam[at] = self.multipliers(m, d[:, *at], along[:, *at], b[at], softness)
+                parts = [part[:, *at] for part in (d, along, x)]
+                lam[at] = self.multipliers(m, *parts[:2], b[at], parts[2], slack[at], softness)
             return lam
         values = np.add.reduceat(self.signs / m[self.particles], self.first)
         values *= dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
-        own, last, solve = values[self.diagonal], np.inf, self.eliminated(values)
-        lam = solve(b)
-        for _ in range(ROUNDS):
+        own, solve = values[self.diagonal], self.eliminated(values, slack * self.loop)
+        lam, last, scale = solve(b), np.inf, np.max(np.abs(d)) * np.max(np.abs(x)) + 1e-300
+        while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
-            size = np.max(np.abs(left)) / (np.max(np.abs(own * lam)) + 1e-300)
-            if size <= EXACT or last <= size <= NEARLY:  # or as near as rounding lets it
-                return lam
+            size = np.max(np.abs(left)) / max(scale, np.max(np.abs(own * lam)))
+            if size <= EXACT or not size < 0.9 * last:
+                break
             lam, last = lam + solve(left), size
-        raise Stop(NO_TENSIONS)
+        if not size < NEARLY:
+            raise Stop(NO_TENSIONS)
+        return lam
 
-    def eliminated(self, values):
+    def eliminated(self, values, slack):
         """x(b) with A x = b, A of the entries `values` and some slack: Gauss's elimination, where
         a pivot is a block. Stable for a positive A."""
         blocks = np.zeros((3, self.count, self.size, self.size))
         blocks[0] = one = np.eye(self.size)  # what is no rod stays alone
         blocks[self.places] = values
         own, right, below = blocks
-        own *= 1.0 + self.slack * one
+        own *= 1.0 + slack * one
         try:
             inverses, ratios = [np.linalg.inv(own[0])], []
             for k in range(1, self.count):
@@ -235,26 +239,25 @@ def swept(*arrays):
 
 
 class LargeForce:
-    """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force; takes what the
-    system is now.
+    """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
-    right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in A lambda = b, where free is
-    J M^-1 f; near(lengths, q_start) is the |g| at which a rod is back on its length.
+    Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
+    A lambda = b, where free is J M^-1 f; slack(lengths, jdotv) a share (...) of A's diagonal;
+    near(lengths, q_start) the |g| (..., C) at which rods are back on their lengths.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
-    def __init__(self, system, hold, external_force, right_side, near):
+    def __init__(self, system, hold, external_force, right_side, slack, near):
         self.system, self.hold, self.external_force = system, hold, external_force
-        self.right_side, self.near = right_side, near
+        self.right_side, self.slack, self.near = right_side, slack, near
         self.rods = arranged(tuple(map(tuple, system["pairs"])), len(system["m"]))
         self.m, self.lengths = system["m"][:, 0], np.asarray(system["lengths"])[self.rods.order]
         self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
-        self.still = 0.0 * self.anchors
         self.way, self.after = self.rods.way, self.project if hold.after else None
 
     def rates(self, x):
         """The difference (3, ..., C) over each rod of velocities or accelerations (3, ..., N)."""
-        return self.rods.vectors(x, self.still)
+        return self.rods.vectors(x, 0.0 * self.anchors)
 
     def answer(self, q, v):
         """f (3, ..., N), rods d (3, ..., C) and their lambda (..., C) at q, v (..., N, 3)."""
@@ -262,13 +265,12 @@ class LargeForce:
         if np.shape(f) != q.shape:  # a list, a number, one force for all members
             f = np.broadcast_to(np.multiply(f, 1.0), q.shape)
         f = components_first(f)
-        d, rate = (
-            self.rods.vectors(components_first(q), self.anchors),
-            self.rates(components_first(v)),
-        )
-        g, free = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(d, self.rates(f / self.m))
-        b = self.right_side(self.hold, self.lengths, free, g, dot(d, rate), dot(rate, rate))
-        return f, d, self.rods.multipliers(self.m, d, d, b, self.hold.softness)
+        d, a = self.rods.vectors(components_first(q), self.anchors), f / self.m
+        rate = self.rates(components_first(v))
+        g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
+        terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
+        b, slack = self.right_side(self.hold, self.lengths, *terms), self.slack(self.lengths, jdotv)
+        return f, d, self.rods.multipliers(self.m, d, d, b, a, slack, self.hold.softness)
 
     def __call__(self, q, v):
         f, d, lam = self.answer(q, v)
@@ -285,16 +287,20 @@ class LargeForce:
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
         start, end, v = (components_first(x) for x in (q_start, q, v))
         along, near = self.rods.vectors(start, self.anchors), self.near(self.lengths, q_start)
+        rate = self.rates(v)
+        slack = self.slack(self.lengths, dot(rate, rate))
 
-        def impulse(d, along, b):
-            return self.rods.pull(along, self.rods.multipliers(self.m, d, along, b, 0.0)) / self.m
+        def impulse(d, along, b, x):
+            return (
+                self.rods.pull(along, self.rods.multipliers(self.m, d, along, b, x, slack)) / self.m
+            )
 
         def newton(x):
             d = self.rods.vectors(x, self.anchors)
             g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
-            return x - impulse(d, along, g), np.max(np.abs(g) / near)
+            return x - impulse(d, along, g, x), np.max(np.abs(g) / near)
 
         x = repeat(newton, end, 20, "no way back onto the rods")
         v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)
-        v = v - impulse(d, d, dot(d, self.rates(v)))
+        v = v - impulse(d, d, dot(d, self.rates(v)), v)
         return leading_first(x, 1), leading_first(v, 1)
