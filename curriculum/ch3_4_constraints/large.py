@@ -20,7 +20,8 @@ CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
 SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
 BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
-EXACT, NEARLY = 1e-15, 1e-3  # what a solve may leave of b, as a share of what cancels in it
+EXACT = 1e-15  # a solve is done when it leaves this of A's diagonal times lambda,
+NEARLY = 1e-3  # and where it can do no more, this of what b is made of must do
 NO_TENSIONS = "no finite tensions hold the rods in this pose"
 
 
@@ -95,11 +96,9 @@ class Linkage:
     def __init__(self, pairs, n):
         self.order, self.n = band_order(pairs), n
         self.i, self.j = np.array(pairs)[self.order].T
-        ends = [(p, k, 1) for k, p in enumerate(self.i)] + [
-            (p, k, -1) for k, p in enumerate(self.j)
-        ]
-        groups = groupby(sorted(end for end in ends if end[0] >= 0), key=lambda end: end[0])
-        meet = [product(tuple(group), repeat=2) for _, group in groups]
+        sides = (1, self.i), (-1, self.j)
+        ends = sorted((p, k, s) for s, side in sides for k, p in enumerate(side) if p >= 0)
+        meet = (product(tuple(tied), repeat=2) for _, tied in groupby(ends, lambda end: end[0]))
         meet = sorted((k, o, p, s * t) for both in meet for (p, k, s), (_, o, t) in both)
         rows, columns, self.particles, self.signs = np.array(meet).T
         _, self.first = np.unique(rows * len(pairs) + columns, return_index=True)
@@ -108,13 +107,8 @@ class Linkage:
         _, self.first_column = np.unique(self.rows, return_index=True)
         self.size = min(len(pairs), max(BLOCK, int(np.max(self.columns - self.rows))))
         self.count = -(-len(pairs) // self.size)
-        k, o = self.rows // self.size, self.columns // self.size
-        self.places = (
-            np.sign(o - k),
-            np.minimum(k, o),
-            self.rows % self.size,
-            self.columns % self.size,
-        )
+        (k, row), (o, column) = (np.divmod(x, self.size) for x in (self.rows, self.columns))
+        self.places = np.sign(o - k), np.minimum(k, o), row, column
         self.loop = has_loop(pairs)
         self.way = f"by arrays: blocks of {self.size} rods"
 
@@ -133,34 +127,33 @@ class Linkage:
         return force[..., : self.n]
 
     def multipliers(self, m, d, along, b, x, slack, softness=0.0):
-        """As a Chain's; b is made of d and differences of x (3, ..., N). Raises Stop.
-
-        A loop's A gets some `slack` (...), and rounds take it back while they halve what is left.
+        """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
+        a share `slack` (...) more, and rounds take it back for as long as they help. Raises Stop
+        where b, made of d and differences of x (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
             lam = np.empty_like(b)
             for at in np.ndindex(b.shape[:-1]):
-                parts = [part[:, *at] for part in (d, along, x)]
-                lam[at] = self.multipliers(m, *parts[:2], b[at], parts[2], slack[at], softness)
+                part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at]
+                lam[at] = self.multipliers(m, *part, softness)
             return lam
         values = np.add.reduceat(self.signs / m[self.particles], self.first)
         values *= dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
         own, solve = values[self.diagonal], self.eliminated(values, slack * self.loop)
-        lam, last, scale = solve(b), np.inf, np.max(np.abs(d)) * np.max(np.abs(x)) + 1e-300
+        lam, last = solve(b), np.inf
         while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
-            size = np.max(np.abs(left)) / max(scale, np.max(np.abs(own * lam)))
-            if size <= EXACT or not size < 0.9 * last:
+            size = np.max(np.abs(left))
+            if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.9 * last:
                 break
             lam, last = lam + solve(left), size
-        if not size < NEARLY:
+        if not size <= NEARLY * (np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))):
             raise Stop(NO_TENSIONS)
         return lam
 
     def eliminated(self, values, slack):
-        """x(b) with A x = b, A of the entries `values` and some slack: Gauss's elimination, where
-        a pivot is a block. Stable for a positive A."""
+        """x(b) with A x = b, A of `values` and slack: Gauss's elimination, its pivots blocks."""
         blocks = np.zeros((3, self.count, self.size, self.size))
         blocks[0] = one = np.eye(self.size)  # what is no rod stays alone
         blocks[self.places] = values
@@ -175,8 +168,7 @@ class Linkage:
             raise Stop(NO_TENSIONS) from None
 
         def solve(b):
-            x = np.zeros((self.count, self.size))
-            x.ravel()[: len(b)] = b
+            x = np.append(b, np.zeros(own[:, 0].size - len(b))).reshape(own[:, 0].shape)
             for k, ratio in enumerate(ratios):
                 x[k + 1] -= ratio @ x[k]
             x[-1] = inverses[-1] @ x[-1]
@@ -190,8 +182,8 @@ class Linkage:
 def cyclic_reduction(diagonal, upper, lower, b):
     """x (..., n) with diagonal_k x_k - upper_k x_k+1 - lower_k-1 x_k-1 = b_k.
 
-    Eliminates every other x, and again: R. W. Hockney, J. ACM 12 (1965) 95. Elementwise + - * /
-    alone, the same on every processor; stable where elimination without pivots is, as for A.
+    Every other x is eliminated, and again: R. W. Hockney, J. ACM 12 (1965) 95. By + - * / alone:
+    the same on every processor.
     """
     n, times = b.shape[-1], 0
     while n >> times > SWEEP:
