@@ -11,6 +11,7 @@ the lines that run, taken once on symbols and compiled (--show-step). Change one
 import math
 from argparse import BooleanOptionalAction
 from collections import namedtuple
+from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
@@ -34,6 +35,7 @@ import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
+INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
@@ -117,38 +119,52 @@ def mobility(system, jac, along=None):
     return sum(j @ np.swapaxes(o, -1, -2) / m for j, o, m in terms)
 
 
-def solve(system, a, b, slack=1e-5, rounds=6):
+def solve(system, a, b, blur=0.0):
     """lambda (..., C) with a lambda = b: Gauss's elimination, rods with few neighbours first.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing: there the diagonal gets some slack, and each round after the first takes it
-    back a little more (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021).
+    rank in passing. There the diagonal grows by a share `blur` (...), and rounds take it back,
+    each solving for what is left of b, as long as they at least halve it (J. Carpentier, R.
+    Budhiraja, N. Mansard, RSS 2021). What b has along eigenvalues above `blur` of the diagonal is
+    met to rounding. What it has along those far below is left: `unheld` tells how much that is.
     """
     order = elimination_order(tuple(system["pairs"]))  # [(k, the rods still left that feel k)]
-    if not has_loop(tuple(system["pairs"])):
-        slack, rounds = 0.0, 1
-    a = np.moveaxis(a, (-2, -1), (0, 1)).copy()  # a[k, l]: a number, or one for each leading axis
-    b = np.moveaxis(b, -1, 0)
-    rods = np.arange(len(b))
-    spare = slack * a[rods, rods]
-    a[rods, rods] = a[rods, rods] + spare
+    loop = has_loop(tuple(system["pairs"]))
+    rows = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
+    rods = np.arange(len(rows))
+    own = np.moveaxis(rows[rods, rods], 0, -1)
+    if loop:
+        rows[rods, rods] = rows[rods, rods] * (1.0 + (1e-12 + blur))  # over rounding in any case
     for k, rest in order:
         for i in rest:
-            a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of lam[k]
+            rows[i, k] = rows[i, k] / rows[k, k]  # less so much of row k, row i is free of lam[k]
             for j in rest:
-                a[i, j] = a[i, j] - a[i, k] * a[k, j]
-    lam = 0.0 * b
-    for _ in range(rounds):
-        lam = b + spare * lam  # (a + spare) lam_next = b + spare lam: at rest where a lam = b
+                rows[i, j] = rows[i, j] - rows[i, k] * rows[k, j]
+
+    def sweep(b):
+        lam = np.moveaxis(b, -1, 0).copy()
         for k, rest in order:
             for i in rest:
-                lam[i] = lam[i] - a[i, k] * lam[k]
+                lam[i] = lam[i] - rows[i, k] * lam[k]
         for k, rest in reversed(order):
             for j in rest:
-                lam[k] = lam[k] - a[k, j] * lam[j]
-            lam[k] = lam[k] / a[k, k]
-    return np.moveaxis(lam, 0, -1)
+                lam[k] = lam[k] - rows[k, j] * lam[j]
+            lam[k] = lam[k] / rows[k, k]
+        return np.moveaxis(lam, 0, -1)
+
+    if not loop:
+        return sweep(b)
+
+    def another(x):  # lambda, and behind it the square of what was left before the last round
+        lam, before = x[..., :-1], x[..., -1]
+        rest = b - dot(a, lam[..., None, :])
+        left = dot(rest, rest / own)
+        following = np.concatenate([lam + sweep(rest), np.stack([left], axis=-1)], axis=-1)
+        return following, before / (4.0 * left + 1e-200)
+
+    start = np.concatenate([sweep(b), np.stack([dot(b, b / own)], axis=-1)], axis=-1)
+    return repeat(another, start, 100, "no finite tensions")[..., :-1]
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
@@ -191,18 +207,36 @@ def as_hold(hold):
     return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
+def right_side(hold, lengths, pushed, g, gdot, jdotv):
+    """b (..., C) of the linear system, where `pushed` is J M^-1 f."""
+    if hold.softness:
+        length = np.sqrt(2.0 * g + np.square(lengths))
+        g = length * (length - lengths)
+    return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
+
+
+def blur(lengths, g, jdotv):
+    """Which share (...) of A's diagonal an eigenvalue must have to mean anything, in a loop.
+
+    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
+    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    """
+    square = np.square(lengths)
+    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
+
+
 def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N) and lambda (..., C) in N/m at q, v (..., N, 3); f: the rest, if known."""
-    hold = as_hold(hold)
+    """J (..., C, 3N), and Lagrange's multipliers lambda (..., C) in N/m, at q, v (..., N, 3).
+
+    f: the other forces, if known.
+    """
+    hold, lengths = as_hold(hold), system["lengths"]
     f = external_force(system, q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
-    if hold.softness:
-        length = np.sqrt(2.0 * g + np.square(system["lengths"]))
-        g = length * (length - system["lengths"])
-    free = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
-    b = -(dot(jac, free) + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
-    a = mobility(system, jac)
-    return jac, solve(system, a * (1.0 + hold.softness * np.eye(len(system["pairs"]))), b)
+    accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
+    b = right_side(hold, lengths, dot(jac, accel), g, gdot, jdotv)
+    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(lengths)))
+    return jac, solve(system, a, b, blur(lengths, g, jdotv))
 
 
 def pull(jac, lam):
@@ -228,17 +262,28 @@ class Force(namedtuple("Force", "system hold")):
         f = external_force(self.system, q, v)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
-    def after(self, q_start, q, v, dt):
-        """What the hold wants done to a finished step."""
-        return self.hold.after(self.system, q_start, q, v, dt)
+    @property
+    def after(self):
+        """(q_start, q, v, dt) -> (q, v): what the hold does to a finished step, or None."""
+        return self.hold.after and partial(self.hold.after, self.system)
+
+    def tensions(self, q, v):
+        """Newtons (..., C) with which the rods pull at q, v (..., N, 3)."""
+        return tensions(self.system, q, v, self.hold)
 
 
 def make_force(system, hold, plain=False):
     """A Force; `hold` is a Hold, a mode's name, or Baumgarte's w in rad/s. Many rods need another."""
     hold = as_hold(hold)
     if large.takes(system) and not plain:
-        return large.LargeForce(system, hold, external_force)
+        return large.LargeForce(system, hold, external_force, right_side, blur, near)
     return Force(system, hold)
+
+
+def near(lengths, q):
+    """The g (..., C) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
+    far = np.mean(np.sum(np.abs(q), axis=-1), axis=-1, keepdims=True)
+    return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
 def project(system, q_start, q, v, dt):
@@ -247,22 +292,20 @@ def project(system, q_start, q, v, dt):
     Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: SHAKE (J.-P. Ryckaert et
     al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods, as in RATTLE (H.
     Andersen, ibid. 52 (1983) 24). RK4 keeps order 4, semi-implicit Euler 1; this one is symplectic,
-    and blows up along J(q), or if v is not told. FloatingPointError where Newton's method fails.
+    and blows up along J(q), or if v is not told. Stop where Newton's method finds no way.
     """
-    along = constraint_terms(system, q_start, v)[0]
-    far = np.mean(np.sum(np.abs(q_start), axis=-1), axis=-1, keepdims=True)  # (..., 1)
-    near = 1e-12 * np.square(system["lengths"]) + 1e-15 * far * system["lengths"]  # as g is rounded
+    along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
+    close = near(lengths, q_start)
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, 1e-9, 2)
-        return q - pull(along, mu) / system["m"], dot(g / near, g / near)
+        mu = solve(system, mobility(system, jac, along), g, blur(lengths, g, 0.0))
+        return q - pull(along, mu) / system["m"], dot(g / close, g / close)
 
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    lam = solve(system, mobility(system, jac), gdot, 1e-9, 2)
-    return end, v - pull(jac, lam) / system["m"]
+    return end, v - pull(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
 
 
 # --- endregion ---
@@ -348,7 +391,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt:g} s")
     system = check_system({"anchors": PIVOT[None], **system})
     q, v, m = system["q0"], system["v0"], system["m"]
-    step_fn = way(followed(step_fn, force.after if hold.after else None), steps)
+    step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
     log.note(q, v, constraint_violation(system, q), energy(system, q, v))
     with log:

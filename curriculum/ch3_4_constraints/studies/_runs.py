@@ -60,7 +60,7 @@ def python_run(*settings):
 def whole_step(system, rule, hold, dt):
     """(step, force) of a case, where the step ends with what the hold does to it."""
     rule, force = case(system, rule, hold, dt)
-    return followed(rule, force.after if force.hold.after else None), force
+    return followed(rule, force.after), force
 
 
 def code(system, rule, hold, dt):
