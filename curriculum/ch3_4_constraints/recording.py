@@ -84,7 +84,7 @@ def rgb(color, share=1.0):
 
 
 def glow(pulls, full):
-    """Colours (F * C, 3) of rods with `pulls` (F, C) newtons: grey at none, all colour at `full`."""
+    """Colours (F * C, 3) of rods with `pulls` (F, C) newtons: grey at none, full at `full`."""
     share, pull = np.clip(np.abs(pulls) / full, 0.0, 1.0), pulls[..., None] > 0.0
     return np.where(pull, rgb(PULL, share), rgb(PUSH, share)).reshape(-1, 3)
 
