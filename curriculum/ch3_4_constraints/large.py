@@ -20,6 +20,7 @@ CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
 SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
 BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
+SLACK = 1e-9  # of A's diagonal, in a loop: enough for what inverses of blocks lose
 EXACT = 1e-15  # a solve is done when it leaves this of A's diagonal times lambda,
 NEARLY = 1e-3  # and where it can do no more, this of what b is made of must do
 NO_TENSIONS = "no finite tensions hold the rods in this pose"
@@ -140,7 +141,7 @@ class Linkage:
         values = np.add.reduceat(self.signs / m[self.particles], self.first)
         values *= dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
-        own, solve = values[self.diagonal], self.eliminated(values, slack * self.loop)
+        own, solve = values[self.diagonal], self.eliminated(values, (SLACK + slack) * self.loop)
         lam, last = solve(b), np.inf
         while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
@@ -234,8 +235,8 @@ class LargeForce:
     """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
     Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
-    A lambda = b, where free is J M^-1 f; slack(lengths, jdotv) a share (...) of A's diagonal;
-    near(lengths, q_start) the |g| (..., C) at which rods are back on their lengths.
+    A lambda = b, where free is J M^-1 f; slack(lengths, g, jdotv) the share (...) of its diagonal
+    by which A is uncertain; near(lengths, q_start) the |g| (..., C) of a rod that is right.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
@@ -261,7 +262,10 @@ class LargeForce:
         rate = self.rates(components_first(v))
         g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
         terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
-        b, slack = self.right_side(self.hold, self.lengths, *terms), self.slack(self.lengths, jdotv)
+        b, slack = (
+            self.right_side(self.hold, self.lengths, *terms),
+            self.slack(self.lengths, g, jdotv),
+        )
         return f, d, self.rods.multipliers(self.m, d, d, b, a, slack, self.hold.softness)
 
     def __call__(self, q, v):
@@ -279,10 +283,9 @@ class LargeForce:
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
         start, end, v = (components_first(x) for x in (q_start, q, v))
         along, near = self.rods.vectors(start, self.anchors), self.near(self.lengths, q_start)
-        rate = self.rates(v)
-        slack = self.slack(self.lengths, dot(rate, rate))
 
-        def impulse(d, along, b, x):
+        def impulse(d, along, b, g, x):
+            slack = self.slack(self.lengths, g, 0.0 * g)
             return (
                 self.rods.pull(along, self.rods.multipliers(self.m, d, along, b, x, slack)) / self.m
             )
@@ -290,9 +293,10 @@ class LargeForce:
         def newton(x):
             d = self.rods.vectors(x, self.anchors)
             g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
-            return x - impulse(d, along, g, x), np.max(np.abs(g) / near)
+            return x - impulse(d, along, g, g, x), np.max(np.abs(g) / near)
 
         x = repeat(newton, end, 20, "no way back onto the rods")
         v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)
-        v = v - impulse(d, d, dot(d, self.rates(v)), v)
+        gdot = dot(d, self.rates(v))
+        v = v - impulse(d, d, gdot, 0.0 * gdot, v)
         return leading_first(x, 1), leading_first(v, 1)
