@@ -59,7 +59,7 @@ def dot(a, b):
 class Chain:
     """Rods in a row, each tied to the one before it, the first to the first anchor."""
 
-    order, way = slice(None), "by arrays: cyclic reduction"
+    order, loop, way = slice(None), False, "by arrays: cyclic reduction"
 
     def vectors(self, x, anchors):
         """x_i - x_j of every rod (3, ..., C), of x (3, ..., N), which at the anchors is (K, 3)."""
@@ -133,7 +133,7 @@ class Linkage:
         where b, made of d and differences of x (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
-            lam = np.empty_like(b)
+            lam, slack = np.empty_like(b), np.broadcast_to(slack, b.shape[:-1])
             for at in np.ndindex(b.shape[:-1]):
                 part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at]
                 lam[at] = self.multipliers(m, *part, softness)
@@ -141,7 +141,7 @@ class Linkage:
         values = np.add.reduceat(self.signs / m[self.particles], self.first)
         values *= dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
-        own, solve = values[self.diagonal], self.eliminated(values, (SLACK + slack) * self.loop)
+        own, solve = values[self.diagonal], self.eliminated(values, SLACK * self.loop + slack)
         lam, last = solve(b), np.inf
         while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
@@ -149,7 +149,9 @@ class Linkage:
             if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.9 * last:
                 break
             lam, last = lam + solve(left), size
-        if not size <= NEARLY * (np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))):
+        if not size <= (NEARLY + slack) * (
+            np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))
+        ):
             raise Stop(NO_TENSIONS)
         return lam
 
@@ -262,11 +264,13 @@ class LargeForce:
         rate = self.rates(components_first(v))
         g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
         terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
-        b, slack = (
-            self.right_side(self.hold, self.lengths, *terms),
-            self.slack(self.lengths, g, jdotv),
-        )
-        return f, d, self.rods.multipliers(self.m, d, d, b, a, slack, self.hold.softness)
+        b = self.right_side(self.hold, self.lengths, *terms)
+        return f, d, self.multipliers(d, d, b, a, g, jdotv, self.hold.softness)
+
+    def multipliers(self, d, along, b, x, g, jdotv, softness=0.0):
+        """lambda (..., C), as the rods find it."""
+        slack = self.slack(self.lengths, g, jdotv) if self.rods.loop else 0.0
+        return self.rods.multipliers(self.m, d, along, b, x, slack, softness)
 
     def __call__(self, q, v):
         f, d, lam = self.answer(q, v)
@@ -284,19 +288,16 @@ class LargeForce:
         start, end, v = (components_first(x) for x in (q_start, q, v))
         along, near = self.rods.vectors(start, self.anchors), self.near(self.lengths, q_start)
 
-        def impulse(d, along, b, g, x):
-            slack = self.slack(self.lengths, g, 0.0 * g)
-            return (
-                self.rods.pull(along, self.rods.multipliers(self.m, d, along, b, x, slack)) / self.m
-            )
+        def impulse(d, along, b, x, g):
+            return self.rods.pull(along, self.multipliers(d, along, b, x, g, 0.0 * g)) / self.m
 
         def newton(x):
             d = self.rods.vectors(x, self.anchors)
             g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
-            return x - impulse(d, along, g, g, x), np.max(np.abs(g) / near)
+            return x - impulse(d, along, g, x, g), np.max(np.abs(g) / near)
 
         x = repeat(newton, end, 20, "no way back onto the rods")
         v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)
         gdot = dot(d, self.rates(v))
-        v = v - impulse(d, d, gdot, 0.0 * gdot, v)
+        v = v - impulse(d, d, gdot, v, 0.0 * gdot)
         return leading_first(x, 1), leading_first(v, 1)
