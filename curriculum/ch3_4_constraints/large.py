@@ -10,7 +10,6 @@ What a Hold asks for, and when a rod is right, is the chapter's to say: it hands
 from functools import lru_cache
 from itertools import groupby, product
 
-from curriculum.common.arrays import leading_first
 from curriculum.common.graph import band_order, elimination_order, has_loop
 from curriculum.common.trace import Stop, repeat
 
@@ -39,6 +38,11 @@ def takes(system):
 def arranged(pairs, n):
     """The Chain or the Linkage of rods (i, j), a tuple of tuples, among n particles."""
     return Chain() if pairs == tuple((k, k - 1) for k in range(n)) else Linkage(pairs, n)
+
+
+def leading_first(a, axes):
+    """The array with its first `axes` axes last: a view."""
+    return a.transpose(*range(axes, a.ndim), *range(axes))
 
 
 # Here x, y and z come first: rods d are (3, ..., C), particles (3, ..., N), so that every array is
