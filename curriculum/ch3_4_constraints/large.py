@@ -133,11 +133,11 @@ class Linkage:
 
     def multipliers(self, m, d, along, b, x, slack, softness=0.0):
         """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
-        a share `slack` (...) more, and rounds take it back for as long as they help. Raises Stop
+        a share `slack` (..., C) more, and rounds take it back for as long as they help. Raises Stop
         where b, made of d and differences of x (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
-            lam, slack = np.empty_like(b), np.broadcast_to(slack, b.shape[:-1])
+            lam, slack = np.empty_like(b), np.broadcast_to(slack, b.shape)
             for at in np.ndindex(b.shape[:-1]):
                 part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at]
                 lam[at] = self.multipliers(m, *part, softness)
@@ -145,7 +145,9 @@ class Linkage:
         values = np.add.reduceat(self.signs / m[self.particles], self.first)
         values *= dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
-        own, solve = values[self.diagonal], self.eliminated(values, SLACK * self.loop + slack)
+        own, spread = values[self.diagonal], values.copy()
+        spread[self.diagonal] *= 1.0 + SLACK * self.loop + slack
+        solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
         while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
@@ -153,19 +155,17 @@ class Linkage:
             if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.9 * last:
                 break
             lam, last = lam + solve(left), size
-        if not size <= (NEARLY + slack) * (
-            np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))
-        ):
+        made_of = np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))
+        if not size <= (NEARLY + np.max(slack)) * made_of:
             raise Stop(NO_TENSIONS)
         return lam
 
-    def eliminated(self, values, slack):
-        """x(b) with A x = b, A of `values` and slack: Gauss's elimination, its pivots blocks."""
+    def eliminated(self, values):
+        """x(b) with A x = b, A of `values`: Gauss's elimination, its pivots blocks."""
         blocks = np.zeros((3, self.count, self.size, self.size))
-        blocks[0] = one = np.eye(self.size)  # what is no rod stays alone
+        blocks[0] = np.eye(self.size)  # what is no rod stays alone
         blocks[self.places] = values
         own, right, below = blocks
-        own *= 1.0 + slack * one
         try:
             inverses, ratios = [np.linalg.inv(own[0])], []
             for k in range(1, self.count):
@@ -241,14 +241,14 @@ class LargeForce:
     """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
     Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
-    A lambda = b, where free is J M^-1 f; slack(lengths, g, jdotv) the share (...) of its diagonal
-    by which A is uncertain; near(lengths, q_start) the |g| (..., C) of a rod that is right.
+    A lambda = b, where free is J M^-1 f; blur(lengths, g, jdotv), of each rod alone, the share of
+    A's diagonal that is uncertain; near(lengths, q_start) the |g| (..., C) of a rod that is right.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
-    def __init__(self, system, hold, external_force, right_side, slack, near):
+    def __init__(self, system, hold, external_force, right_side, blur, near):
         self.system, self.hold, self.external_force = system, hold, external_force
-        self.right_side, self.slack, self.near = right_side, slack, near
+        self.right_side, self.blur, self.near = right_side, blur, near
         self.rods = arranged(tuple(map(tuple, system["pairs"])), len(system["m"]))
         self.m, self.lengths = system["m"][:, 0], np.asarray(system["lengths"])[self.rods.order]
         self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
@@ -273,7 +273,8 @@ class LargeForce:
 
     def multipliers(self, d, along, b, x, g, jdotv, softness=0.0):
         """lambda (..., C), as the rods find it."""
-        slack = self.slack(self.lengths, g, jdotv) if self.rods.loop else 0.0
+        each = (part[..., None] for part in (self.lengths, g, jdotv))  # by itself
+        slack = self.blur(*each) if self.rods.loop else 0.0
         return self.rods.multipliers(self.m, d, along, b, x, slack, softness)
 
     def __call__(self, q, v):
