@@ -152,7 +152,7 @@ class Linkage:
         while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
             size = np.max(np.abs(left))
-            if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.9 * last:
+            if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.5 * last:
                 break
             lam, last = lam + solve(left), size
         made_of = np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))
