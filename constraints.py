@@ -27,6 +27,7 @@ import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
+INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
@@ -107,38 +108,49 @@ def mobility(system, jac, along):
     return np.sum(products / system["m"][:, 0], axis=-1)
 
 
-def solve(system, a, b, slack=1e-5, rounds=6):
+def solve(system, a, b, blur=0.0):
     """lambda (..., C) with a lambda = b: Gauss's elimination, rods with few neighbours first.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing: there the diagonal gets some slack, and each round after the first takes it
-    back a little more (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021).
+    rank in passing. There the diagonal grows by a share `blur` (...), and rounds take it back,
+    each solving for what is left of b, as long as they at least halve it (J. Carpentier, R.
+    Budhiraja, N. Mansard, RSS 2021). What b has along eigenvalues above `blur` of the diagonal is
+    met to rounding. What it has along those far below is left: `unheld` tells how much that is.
     """
     order = elimination_order(tuple(system["pairs"]))  # [(k, the rods still left that feel k)]
-    if not has_loop(tuple(system["pairs"])):
-        slack, rounds = 0.0, 1
-    a = np.moveaxis(a, (-2, -1), (0, 1)).copy()  # a[k, l]: a number, or one for each leading axis
-    b = np.moveaxis(b, -1, 0)
-    rods = np.arange(len(b))
-    spare = slack * a[rods, rods]
-    a[rods, rods] = a[rods, rods] + spare
+    loop = has_loop(tuple(system["pairs"]))
+    rows = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
+    rods = np.arange(len(rows))
+    own = np.moveaxis(rows[rods, rods], 0, -1)
+    if loop:
+        rows[rods, rods] = rows[rods, rods] * (1.0 + (1e-12 + blur))  # over rounding in any case
     for k, rest in order:
         for i in rest:
-            a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of lam[k]
+            rows[i, k] = rows[i, k] / rows[k, k]  # less so much of row k, row i is free of lam[k]
             for j in rest:
-                a[i, j] = a[i, j] - a[i, k] * a[k, j]
-    lam = 0.0 * b
-    for _ in range(rounds):
-        lam = b + spare * lam  # (a + spare) lam_next = b + spare lam: at rest where a lam = b
+                rows[i, j] = rows[i, j] - rows[i, k] * rows[k, j]
+
+    def sweep(b):
+        lam = np.moveaxis(b, -1, 0).copy()
         for k, rest in order:
             for i in rest:
-                lam[i] = lam[i] - a[i, k] * lam[k]
+                lam[i] = lam[i] - rows[i, k] * lam[k]
         for k, rest in reversed(order):
             for j in rest:
-                lam[k] = lam[k] - a[k, j] * lam[j]
-            lam[k] = lam[k] / a[k, k]
-    return np.moveaxis(lam, 0, -1)
+                lam[k] = lam[k] - rows[k, j] * lam[j]
+            lam[k] = lam[k] / rows[k, k]
+        return np.moveaxis(lam, 0, -1)
+
+    def another(x):  # lambda, and behind it the square of what was left before the last round
+        lam, before = x[..., :-1], x[..., -1]
+        rest = b - dot(a, lam[..., None, :])
+        left = dot(rest, rest / own)
+        following = np.concatenate([lam + sweep(rest), np.stack([left], axis=-1)], axis=-1)
+        return following, before / (4.0 * left + 1e-200)
+
+    start = np.concatenate([sweep(b), np.stack([dot(b, b / own)], axis=-1)], axis=-1)
+    return repeat(another, start, 100, "no finite tensions")[..., :-1] if loop else start[..., :-1]
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
@@ -179,6 +191,16 @@ def as_hold(hold):
     return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
+def blurred(system, g, jdotv):
+    """Which share (...) of A's diagonal an eigenvalue must have to mean anything at q, v.
+
+    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
+    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    """
+    square = np.square(system["lengths"])
+    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
+
+
 def multipliers(system, q, v, hold=0.0, f=None):
     """J (..., C, 3N) and lambda (..., C) in N/m at q, v (..., N, 3); f: the rest, if known."""
     hold = as_hold(hold)
@@ -189,8 +211,8 @@ def multipliers(system, q, v, hold=0.0, f=None):
         g = length * (length - system["lengths"])
     free = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = -(dot(jac, free) + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
-    a = mobility(system, jac, jac)
-    return jac, solve(system, a * (1.0 + hold.softness * np.eye(len(system["pairs"]))), b)
+    a = mobility(system, jac, jac) * (1.0 + hold.softness * np.eye(len(system["pairs"])))
+    return jac, solve(system, a, b, blurred(system, g, jdotv))
 
 
 def pull(jac, lam):
@@ -209,6 +231,16 @@ def tensions(system, q, v, hold):
         return large.tensions(system, q, v, as_hold(hold), external_force(system, q, v))
     _, lam = multipliers(system, q, v, hold)
     return -lam * (rod_errors(system, q) + system["lengths"])
+
+
+def unheld(system, q, v, hold):
+    """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
+    hold = as_hold(hold)
+    jac, g, gdot, jdotv = constraint_terms(system, q, v)
+    a = make_force(system, hold)(q, v) / system["m"]
+    gddot = dot(jac, a.reshape(*a.shape[:-2], 1, -1)) + hold.use_jdotv * jdotv
+    asked = -hold.damping * gdot - hold.stiffness * g
+    return np.max(np.abs(gddot - asked) / system["lengths"], axis=-1)
 
 
 def make_force(system, hold):
@@ -241,13 +273,13 @@ def project(system, q_start, q, v, dt):
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, 1e-9, 2)
+        mu = solve(system, mobility(system, jac, along), g, blurred(system, g, 0.0))
         return q - pull(along, mu) / system["m"], dot(g / near, g / near)
 
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    lam = solve(system, mobility(system, jac, jac), gdot, 1e-9, 2)
+    lam = solve(system, mobility(system, jac, jac), gdot)
     return end, v - pull(jac, lam) / system["m"]
 
 
