@@ -142,6 +142,9 @@ def solve(system, a, b, blur=0.0):
             lam[k] = lam[k] / rows[k, k]
         return np.moveaxis(lam, 0, -1)
 
+    if not loop:
+        return sweep(b)
+
     def another(x):  # lambda, and behind it the square of what was left before the last round
         lam, before = x[..., :-1], x[..., -1]
         rest = b - dot(a, lam[..., None, :])
@@ -150,7 +153,7 @@ def solve(system, a, b, blur=0.0):
         return following, before / (4.0 * left + 1e-200)
 
     start = np.concatenate([sweep(b), np.stack([dot(b, b / own)], axis=-1)], axis=-1)
-    return repeat(another, start, 100, "no finite tensions")[..., :-1] if loop else start[..., :-1]
+    return repeat(another, start, 100, "no finite tensions")[..., :-1]
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
