@@ -28,6 +28,8 @@ import numpy as np
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
+    __import__("os").environ.get("TAU", 1e-3)
+)  # s: what is over in such a time no step of the chapter can follow
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
@@ -113,18 +115,17 @@ def solve(system, a, b, blur=0.0):
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There the diagonal grows by a share `blur` (...), and rounds take it back,
-    each solving for what is left of b, as long as they at least halve it (J. Carpentier, R.
-    Budhiraja, N. Mansard, RSS 2021). What b has along eigenvalues above `blur` of the diagonal is
-    met to rounding. What it has along those far below is left: `unheld` tells how much that is.
+    rank in passing. There `blur` (..., C, C) is added to a, and rounds take it back, each solving
+    for what is left of b, as long as they at least halve it (J. Carpentier, R. Budhiraja, N.
+    Mansard, RSS 2021). Loads along eigenvalues of `a` above those of the blur are met to rounding,
+    those along eigenvalues far below it are left: `unheld` tells how much that is.
     """
     order = elimination_order(tuple(system["pairs"]))  # [(k, the rods still left that feel k)]
     loop = has_loop(tuple(system["pairs"]))
-    rows = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
-    rods = np.arange(len(rows))
-    own = np.moveaxis(rows[rods, rods], 0, -1)
-    if loop:
-        rows[rods, rods] = rows[rods, rods] * (1.0 + (1e-12 + blur))  # over rounding in any case
+    rods = np.arange(a.shape[-1])
+    own = a[..., rods, rods]
+    spread = a + blur + 1e-12 * a * np.eye(len(rods)) if loop else a
+    rows = np.moveaxis(spread, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
     for k, rest in order:
         for i in rest:
             rows[i, k] = rows[i, k] / rows[k, k]  # less so much of row k, row i is free of lam[k]
@@ -194,14 +195,17 @@ def as_hold(hold):
     return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
-def blurred(system, g, jdotv):
-    """Which share (...) of A's diagonal an eigenvalue must have to mean anything at q, v.
+def blurred(system, a, g, turn):
+    """What (..., C, C) `a` cannot be sure of: less than that of an eigenvalue means nothing.
 
-    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
-    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    `turn` is by how much J changes in an INSTANT; a pose without rank that is passed in that time
+    is none to resolve. And where rods are off by a share of their length, so are directions.
     """
-    square = np.square(system["lengths"])
-    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
+    if not has_loop(tuple(system["pairs"])):
+        return 0.0
+    off = np.sum(np.square(g / np.square(system["lengths"])), axis=-1)
+    share = np.stack([np.stack([off], axis=-1)], axis=-1)
+    return mobility(system, turn, turn) + share * a * np.eye(len(system["pairs"]))
 
 
 def multipliers(system, q, v, hold=0.0, f=None):
@@ -215,7 +219,8 @@ def multipliers(system, q, v, hold=0.0, f=None):
     free = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = -(dot(jac, free) + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
     a = mobility(system, jac, jac) * (1.0 + hold.softness * np.eye(len(system["pairs"])))
-    return jac, solve(system, a, b, blurred(system, g, jdotv))
+    turn = constraint_terms(system, q + INSTANT * v, v)[0] - jac
+    return jac, solve(system, a, b, blurred(system, a, g, turn))
 
 
 def pull(jac, lam):
@@ -276,7 +281,8 @@ def project(system, q_start, q, v, dt):
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, blurred(system, g, 0.0))
+        a = mobility(system, jac, along)
+        mu = solve(system, a, g, blurred(system, a, g, 0.0 * jac))
         return q - pull(along, mu) / system["m"], dot(g / near, g / near)
 
     end = repeat(newton, q, 20, "no way back onto the rods")
