@@ -28,8 +28,6 @@ import numpy as np
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
-    __import__("os").environ.get("TAU", 1e-3)
-)  # s: what is over in such a time no step of the chapter can follow
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
