@@ -19,6 +19,7 @@ import numpy as np
 
 CHAIN, LINKAGE, DENSE = 40, 64, 1000  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
+INSTANT = 5e-4  # s, as in the chapter
 SHORT = 80  # unknowns: below, walking through costs less than halving
 
 
@@ -130,9 +131,12 @@ def dot(a, b):
     return x + y + z
 
 
-def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
-    """lambda (..., C), where (A + softness diag A) lambda = b, A = J M^-1 J_along^T, J made of
-    d."""
+def multipliers(rods, m, d, along, b, turn, off, softness=0.0):
+    """lambda (..., C), where (A + softness diag A) lambda = b, A = J M^-1 J_along^T, J made of d.
+
+    turn (3, ..., C), off (..., C): by how much d changes in an instant, and the share that lengths
+    are wrong by; the blur of loops, as in the chapter.
+    """
     if rods.chain:
         w = 1.0 / m
         diagonal = dot(d, along)
@@ -144,13 +148,19 @@ def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
         return halve(diagonal, upper, lower, b)
     if d.ndim > 2:  # a sparse matrix has no leading axes
         members = zip(
-            *(np.moveaxis(x, axis, 0) for x, axis in ((d, 1), (along, 1), (b, 0))), strict=True
+            *(np.moveaxis(x, 1, 0) for x in (d, along)),
+            b,
+            np.moveaxis(turn, 1, 0),
+            off,
+            strict=True,
         )
-        return np.stack(
-            [multipliers(rods, m, *member, softness, slack, rounds) for member in members]
-        )
-    values = rods.signs / m[rods.particles] * dot(d[:, rods.rows], along[:, rods.columns])
-    return loaded(rods, values, b, softness, *((slack, rounds) if rods.loop else (0.0, 1)))
+        return np.stack([multipliers(rods, m, *member, softness) for member in members])
+    values, blur = (
+        rods.signs / m[rods.particles] * dot(x[:, rods.rows], y[:, rods.columns])
+        for x, y in ((d, along), (turn, turn))
+    )
+    values = values + softness * np.where(rods.rows == rods.columns, values, 0.0)
+    return loaded(rods, values, b, blur, 1e-12 + np.sum(off * off))
 
 
 def pull(rods, along, lam, n):
@@ -172,29 +182,33 @@ def pull(rods, along, lam, n):
     )
 
 
-def loaded(rods, values, b, softness, slack, rounds):
-    """lambda (C,) for the entries `values` of A, the slack of the first round taken back by the
-    others."""
+def loaded(rods, values, b, blur, share):
+    """lambda (C,) for the entries `values` of A, in loops by rounds that take the blur back."""
     own = np.bincount(rods.rows, np.where(rods.rows == rods.columns, values, 0.0), len(b))
-    spare = slack * (1.0 + softness) * own
+    places, spread = (rods.rows, rods.columns), values
+    if rods.loop:
+        spread = values + blur + share * np.where(rods.rows == rods.columns, values, 0.0)
     if dense(len(b)):
-        a = np.zeros((len(b), len(b)))
-        np.add.at(a, (rods.rows, rods.columns), values)
-        solve = np.linalg.inv(a + np.diag(softness * own + spare)).dot
+        a = np.zeros((2, len(b), len(b)))
+        for matrix, entries in zip(a, (values, spread), strict=True):
+            np.add.at(matrix, places, entries)
+        times, solve = a[0].dot, np.linalg.inv(a[1]).dot
     else:
-        from scipy.sparse import csc_array, diags_array
+        from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
-        a = csc_array((values, (rods.rows, rods.columns)), shape=(len(b), len(b)))
+        a, wide = (csc_array((x, places), shape=(len(b), len(b))) for x in (values, spread))
         try:
-            solve = splu(
-                csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A"
-            ).solve
+            times, solve = a.dot, splu(wide, permc_spec="MMD_AT_PLUS_A").solve
         except RuntimeError as singular:
             raise FloatingPointError(f"no finite tensions: {singular}") from None
-    lam = 0.0 * b
-    for _ in range(rounds):
-        lam = solve(b + spare * lam)
+    lam, before = solve(b), np.sum(b * b / own)
+    for _ in range(100 if rods.loop else 0):
+        rest = b - times(lam)
+        left = np.sum(rest * rest / own)
+        if before <= 4.0 * left:
+            break
+        lam, before = lam + solve(rest), left
     return lam
 
 
@@ -269,11 +283,12 @@ def rods_answer(system, hold, f, q, v):
         rod_vectors(rods, components_first(v)),
     )
     b = -dot(d, rod_vectors(rods, f / m)) - hold.use_jdotv * dot(rate, rate)
+    dd = dot(d, d)
+    off = 0.5 * (dd / (lengths * lengths) - 1.0)
     if hold.damping or hold.stiffness:
-        dd = dot(d, d)
         g = dd - lengths * np.sqrt(dd) if hold.softness else 0.5 * (dd - lengths * lengths)
         b = b - hold.damping * dot(d, rate) - hold.stiffness * g
-    return rods, d, multipliers(rods, m, d, d, b, hold.softness)
+    return rods, d, multipliers(rods, m, d, d, b, INSTANT * rate, off, hold.softness)
 
 
 def make_force(system, hold, external_force):
@@ -307,8 +322,8 @@ def project(system, q_start, q, v, dt):
     far = np.mean(np.sum(np.abs(start), axis=0), axis=-1, keepdims=True)
     near = 1e-12 * lengths * lengths + 1e-15 * far * lengths
 
-    def impulse(d, along, b):
-        return pull(rods, along, multipliers(rods, m, d, along, b, 0.0, 1e-9, 2), len(m)) / m
+    def impulse(d, along, b, off):
+        return pull(rods, along, multipliers(rods, m, d, along, b, 0.0 * d, off), len(m)) / m
 
     for _ in range(20):
         d = rod_vectors(rods, x, anchors)
@@ -316,9 +331,9 @@ def project(system, q_start, q, v, dt):
         if np.all(np.abs(g) <= near):
             v = v + (x - free) / dt
             return leading_first(x, 1), leading_first(
-                v - impulse(d, d, dot(d, rod_vectors(rods, v))), 1
+                v - impulse(d, d, dot(d, rod_vectors(rods, v)), 0.0 * g), 1
             )
-        x = x - impulse(d, along, g)
+        x = x - impulse(d, along, g, g / (lengths * lengths))
     raise FloatingPointError("no way back onto the rods")
 
 
