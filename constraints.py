@@ -131,7 +131,7 @@ def solve(system, a, b, blur=0.0):
                 rows[i, j] = rows[i, j] - rows[i, k] * rows[k, j]
 
     def sweep(b):
-        lam = np.moveaxis(b, -1, 0).copy()
+        lam = np.moveaxis(b, -1, 0).astype(rows.dtype)  # a copy
         for k, rest in order:
             for i in rest:
                 lam[i] = lam[i] - rows[i, k] * lam[k]
