@@ -16,9 +16,8 @@ def random_chain(rng, n, off_length=0.0):
     lengths = np.linalg.norm(d, axis=1)
     q = np.cumsum(d * (1.0 + off_length / lengths[:, None]), axis=0) + 0.5
     pairs = [(k, k - 1) for k in range(n)]
-    return make_system(
-        q, rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n), pairs, lengths, [[0.5, 0.5, 0.5]]
-    )
+    v, m = rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n)
+    return make_system(q, v, m, pairs, lengths, [[0.5, 0.5, 0.5]])
 
 
 def random_linkage(rng, n, rods, off_length=0.0):
@@ -29,9 +28,8 @@ def random_linkage(rng, n, rods, off_length=0.0):
     pairs += [free[k] for k in rng.choice(len(free), rods, replace=False)]
     ends = np.concatenate([points, anchors[::-1]])
     lengths = [np.linalg.norm(ends[i] - ends[j]) - off_length for i, j in pairs]
-    return make_system(
-        points, rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n), pairs, lengths, anchors
-    )
+    v, m = rng.normal(size=(n, 3)), rng.uniform(0.1, 10.0, n)
+    return make_system(points, v, m, pairs, lengths, anchors)
 
 
 def textbook_force(system, q, v, hold):
@@ -58,9 +56,8 @@ def test_force_solves_the_explicit_system(mode):
     chains = [(random_chain(rng, n, off), 1e-12) for n in (1, 2, 3, 7) for off in (0.0, 0.02)]
     loops = [(random_linkage(rng, 7, rods, 0.02), 1e-11) for rods in (0, 1, 2)]
     for system, tolerance in chains + loops:
-        q, v, hold = system["q0"], system["v0"], TABLE[mode]
-        expected = textbook_force(system, q, v, hold)
-        assert_close(c.constraint_force(system, q, v, hold), expected, tolerance)
+        case = system, system["q0"], system["v0"], TABLE[mode]
+        assert_close(c.constraint_force(*case), textbook_force(*case), tolerance)
 
 
 LARGE = {  # by arrays: chains of every length around a halving, a tree, and loops
@@ -74,7 +71,7 @@ SPARSE = [(name, scipy) for name in LARGE for scipy in (True, False)[: 1 + ("cha
 @pytest.mark.parametrize(("name", "installed"), SPARSE)
 def test_large_scenes_equal_the_chapters_lines(name, installed, monkeypatch):
     if installed:
-        pytest.importorskip("scipy", reason="the sparse solver: pip install -e '.[large]'")
+        pytest.importorskip("scipy", reason="the extra `large`")
     monkeypatch.setattr(large, "find_spec", lambda module: installed)
     system = LARGE[name](np.random.default_rng(3))
     q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
@@ -84,27 +81,12 @@ def test_large_scenes_equal_the_chapters_lines(name, installed, monkeypatch):
         force = large.make_force(system, hold, c.external_force)
         expected = c.external_force(system, q, v) + c.constraint_force(system, q, v, hold)
         assert_close(force(q, v), expected, tolerance)
-        both = force(np.stack([q, moved]), np.stack([v, v]))
-        assert_close(both[0], expected, tolerance)
+        assert_close(force(np.stack([q, moved]), np.stack([v, v]))[0], expected, tolerance)
     errors, ended = c.rod_errors(system, q), c.project(system, q, moved, v, 1e-3)
     monkeypatch.setattr(large, "takes", lambda system: False)
     assert_close(errors, c.rod_errors(system, q))
     for ours, theirs in zip(ended, c.project(system, q, moved, v, 1e-3), strict=True):
         assert_close(ours, theirs, max(tolerance, 1e-10))
-
-
-def test_rods_keep_g_on_its_way():
-    """Along its motion the second difference of g is what the mode asks for: none asks for 0."""
-    rng = np.random.default_rng(0)
-    for system in (random_chain(rng, 4), random_linkage(rng, 5, 2)):
-        q, v, dt = system["q0"], system["v0"], 1e-4
-        for hold in (TABLE["none"], TABLE["baumgarte"]):
-            _, g, gdot, _ = c.constraint_terms(system, q, v)
-            a = c.make_force(system, hold)(q, v) / system["m"]
-            ways = (q + t * v + 0.5 * t * t * a for t in (-dt, dt))
-            behind, ahead = (c.constraint_terms(system, way, v)[1] for way in ways)
-            left = (ahead - 2.0 * g + behind) / dt**2 + hold.damping * gdot + hold.stiffness * g
-            assert np.abs(left).max() < 1e-4 * np.abs(a).max() ** 2
 
 
 def test_jacobian_is_the_derivative_of_g():
@@ -126,18 +108,13 @@ def test_leading_axes_are_separate_runs(mode):
         v = rng.normal(size=q.shape)
 
         def everything(q, v, system=system):
-            return (
-                c.constraint_force(system, q, v, TABLE[mode]),
-                *c.constraint_terms(system, q, v),
-                c.tensions(system, q, v, TABLE[mode]),
-                c.energy(system, q, v),
-                c.constraint_violation(system, q),
-                *c.project(system, system["q0"] + 0.0 * q, q, v, 0.01),
-            )
+            found = *c.constraint_terms(system, q, v), c.tensions(system, q, v, TABLE[mode])
+            found += c.constraint_force(system, q, v, TABLE[mode]), c.energy(system, q, v)
+            ended = c.project(system, system["q0"] + 0.0 * q, q, v, 0.01)
+            return *found, c.constraint_violation(system, q), *ended
 
-        stacked = everything(q, v)
         for i, j in np.ndindex(2, 4):
-            for many, single in zip(stacked, everything(q[i, j], v[i, j]), strict=True):
+            for many, single in zip(everything(q, v), everything(q[i, j], v[i, j]), strict=True):
                 assert_close(many[i, j], single, 1e-9)
 
 
@@ -146,7 +123,7 @@ def test_rods_act_in_pairs_do_no_work_and_turn_nothing_about_the_pivot():
     for trial in range(20):
         system = random_linkage(rng, 6, trial % 4) if trial % 2 else random_chain(rng, 6)
         q, v = system["q0"], system["v0"]
-        jac, _, _, _ = c.constraint_terms(system, q, v)
+        jac = c.constraint_terms(system, q, v)[0]
         v = (v.ravel() - np.linalg.pinv(jac) @ jac @ v.ravel()).reshape(-1, 3)  # as rods allow
         force = c.constraint_force(system, q, v, TABLE["none"])
         scale = np.abs(force).max()
@@ -164,19 +141,6 @@ def test_rods_act_in_pairs_do_no_work_and_turn_nothing_about_the_pivot():
             assert turning < 1e-9 * scale * np.abs(arm).max()
 
 
-def test_redundant_rods_share_the_load_and_change_no_motion():
-    """A hanging square with both diagonals, six rods, five needed: a unique pull, not its split."""
-    q = np.array([[1.0, 0, 0], [1, -1, 0], [0, -1, 0]])
-    pairs = [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)]
-    system = make_system(q, np.zeros_like(q), np.ones(3), pairs)
-    jac, *_ = c.constraint_terms(system, q, system["v0"])
-    smallest = np.linalg.lstsq(jac @ jac.T, -jac @ np.tile(c.GRAVITY, 3), rcond=1e-9)[0]
-    force = c.constraint_force(system, q, system["v0"], 0.0)
-    assert_close(force.ravel(), jac.T @ smallest)
-    lean = make_system(q, np.zeros_like(q), np.ones(3), pairs[:-1])
-    assert_close(force, c.constraint_force(lean, q, system["v0"], 0.0))
-
-
 def tight_cable(rods, sag, masses):
     """Rods on a circle's arc between anchors a metre apart, masses 1 and `masses` by turns."""
     radius = (0.25 + sag * sag) / (2.0 * sag)
@@ -185,14 +149,6 @@ def tight_cable(rods, sag, masses):
     m = np.where(np.arange(rods - 1) % 2, masses, 1.0)
     pairs = [(0, -1), *((k, k - 1) for k in range(1, rods - 1)), (rods - 2, -2)]
     return make_system(q[1:-1], np.zeros((rods - 1, 3)), m, pairs, None, q[[0, -1]])
-
-
-def frame(load):
-    """A braced square with a leg too many, and below it a mass that hangs on all of it."""
-    q = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.5, -2.0, 0.0]]
-    pairs = [(0, -1), (1, -1), (2, 0), (2, 1), (2, -1), (1, 0), (3, 1), (3, 2), (0, -2)]
-    anchors = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
-    return make_system(q, np.zeros((4, 3)), [1.0, 1.0, 1.0, load], pairs, None, anchors)
 
 
 def cantilever(bays):
@@ -204,18 +160,17 @@ def cantilever(bays):
 
 
 NEEDED = [tight_cable(n, sag, m) for n in (12, 66) for sag in (0.02, 0.001) for m in (1.0, 1000.0)]
-NEEDED += [frame(1e3), frame(1e6), cantilever(16), cantilever(30)]
+TONNE = scene("tonne")  # hangs on a brace too many; a thousand of them, too
+NEEDED += [TONNE, TONNE | {"m": TONNE["m"] ** 2}, cantilever(16), cantilever(30)]
 
 
 @pytest.mark.parametrize("sway", [0.0, 0.1])
 @pytest.mark.parametrize("system", NEEDED)
 def test_no_tension_is_cut_off_that_is_needed(system, sway):
-    """However small the eigenvalue of A that carries it: accelerations by an SVD of J M^-1/2, with
-    half its condition number; at rest, and with cables swung sideways at up to 0.1 m/s."""
+    """However small the eigenvalue that carries it: against an SVD of J M^-1/2; cables sway."""
     q, w = system["q0"], np.repeat(np.sqrt(1.0 / system["m"][:, 0]), 3)
-    v = np.zeros_like(q)
-    cable = len(system["pairs"]) == len(q) + 1
-    v[:, 2] = sway * cable * np.cos(np.pi * q[:, 0])  # out of the plane: J v = 0
+    sway *= len(system["pairs"]) == len(q) + 1  # a cable: out of its plane, so that J v = 0
+    v = sway * np.cos(np.pi * q[:, :1]) * [0.0, 0.0, 1.0]
     jac, _, gdot, jdotv = c.constraint_terms(system, q, v)
     size = np.linalg.norm(jac * w, axis=1)
     left, s, right = np.linalg.svd(jac * w / size[:, None], full_matrices=False)
@@ -229,35 +184,33 @@ def test_no_tension_is_cut_off_that_is_needed(system, sway):
 
 
 def test_what_no_tension_can_hold_is_let_go_and_told():
-    """Windows pass their flat pose, a bar off by 1e-6: an exact solve would tear at it, by 1 / angle
-    times what it is off."""
+    """Windows at their flat pose, a bar 1e-6 off: an exact solve would tear at it by 1 / angle."""
     system = scene("windows")
     angle = np.full((11, 1), 1e-5) + 1e-6 * (np.arange(11.0) == 4.0)[:, None]
     out = np.hstack([np.cos(angle), np.sin(angle), 0.0 * angle])
     v = 4.0 * np.hstack([-np.sin(angle), np.cos(angle), 0.0 * angle])
     q = np.array(system["anchors"]) + out
-    a = c.make_force(system, 0.0)(q, v) / system["m"]
-    assert_close(a, -16.0 * out + [[0.0, -9.81, 0.0]], 1e-4)  # centripetal, and free to fall
+    a = c.constraint_force(system, q, v) / system["m"]
+    assert_close(a, -16.0 * out, 1e-4)  # centripetal, and they fall freely
     assert 1e-12 < c.unheld(system, q, v, 0.0) < 1e-3
 
 
 def test_a_number_is_a_baumgarte_frequency_and_drag_reaches_the_rods(monkeypatch):
-    system = random_chain(np.random.default_rng(3), 4, 0.01)
+    """And a force that may be noise is asked once: what the rods answer is what is applied."""
+    system, calls = random_chain(np.random.default_rng(3), 4, 0.01), []
     q, v = system["q0"], system["v0"]
     for number, mode in ((20.0, "baumgarte"), (0.0, "none")):
         force = c.constraint_force(system, q, v, TABLE[mode])
         assert np.array_equal(c.constraint_force(system, q, v, number), force)
-    drag = lambda system, q, v=None: system["m"] * c.GRAVITY - 0.3 * v  # noqa: E731
+
+    def drag(system, q, v=None):
+        calls.append(1)
+        return system["m"] * c.GRAVITY - 0.3 * v
+
     monkeypatch.setattr(c, "external_force", drag)
-    assert_close(c.constraint_force(system, q, v, 0.0), textbook_force(system, q, v, TABLE["none"]))
-
-
-def test_external_force_is_asked_once_a_force(monkeypatch):
-    """Noise that the rods answer must be the noise that is applied."""
-    system, calls = random_chain(np.random.default_rng(3), 3), []
-    monkeypatch.setattr(c, "external_force", lambda *_: calls.append(1) or system["m"] * c.GRAVITY)
-    c.make_force(system, 0.0)(system["q0"], system["v0"])
+    force = c.make_force(system, 0.0)(q, v)
     assert len(calls) == 1
+    assert_close(force, drag(system, q, v) + textbook_force(system, q, v, TABLE["none"]))
 
 
 @pytest.mark.parametrize("length", [1.0, 2.0])
