@@ -9,19 +9,27 @@ the lines that run, taken once on symbols and compiled (--show-step). Change one
 
 # --- region: setup ---
 import math
+from argparse import BooleanOptionalAction
 from collections import namedtuple
+from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
-from curriculum.ch3_4_constraints.recording import frames, pulls, record
-from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
-from curriculum.common.banner import banner
+from curriculum.ch3_4_constraints import publish as pub
+from curriculum.ch3_4_constraints.picture import write_motion
+from curriculum.ch3_4_constraints.recording import frames, record
+from curriculum.ch3_4_constraints.scene_files import check_system, direction, load_scene
+from curriculum.ch3_4_constraints.statics import in_line
+from curriculum.ch3_4_constraints.tables import length, per_cent
+from curriculum.common.banner import banner, in_parts
 from curriculum.common.cli import chapter_parser, number, run_script
-from curriculum.common.files import publish
+from curriculum.common.gauss import make_gauss
 from curriculum.common.graph import elimination_order, has_loop
-from curriculum.common.loops import repeat
-from curriculum.common.motion import Motion, followed, source
-from curriculum.common.ruler import make_gauss, settle
+from curriculum.common.midpoint import make_midpoint
+from curriculum.common.ruler import settle
+from curriculum.common.runs import Log
+from curriculum.common.steps import Compiled, Plain, followed
+from curriculum.common.trace import repeat
 
 import numpy as np
 
@@ -40,7 +48,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #     pairs            (i, j) a rod: it ties particle i to particle j or, where j is negative,
 #                      to an anchor, which stands still: -1 is the first, -2 the second
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  in m; without this key there is one, PIVOT
+#     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes, and how many rods
 
 
@@ -51,13 +59,13 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return load_scene(name, HERE / CHAPTER / "scenes")
+        return load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
     q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
-    rest = {"m": np.ones((count, 1)), "pairs": pairs, "lengths": np.ones(count)}
-    return {"q0": q0, "v0": np.zeros_like(q0), **rest}
+    rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
+    return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
 
 
 def external_force(system, q, v=None):
@@ -93,7 +101,7 @@ def constraint_terms(system, q, v):
             d, rate = d - q[..., j, :], rate - v[..., j, :]
             jac[..., k, j, :] = -d
         else:
-            d = d - system.get("anchors", [PIVOT])[-1 - j]
+            d = d - system.get("anchors", PIVOT[None])[-1 - j]
         jac[..., k, i, :] = d
         g[..., k] = 0.5 * (dot(d, d) - system["lengths"][k] * system["lengths"][k])
         gdot[..., k] = dot(d, rate)
@@ -101,29 +109,37 @@ def constraint_terms(system, q, v):
     return jac.reshape(*shape, -1), g, gdot, jdotv
 
 
-def mobility(system, jac, along):
-    """A = J M^-1 J^T (..., C, C): how each rod's gddot answers to each lambda; J^T from `along`."""
-    rows, columns = (x.reshape(*x.shape[:-1], -1, 3) for x in (jac, along))  # (..., C, N, 3)
-    products = dot(rows[..., :, None, :, :], columns[..., None, :, :, :])
-    return np.sum(products / system["m"][:, 0], axis=-1)
+def mobility(system, jac, along=None):
+    """A = J M^-1 J^T (..., C, C): how each rod's gddot answers to each lambda.
+
+    Particle by particle: J has three columns for each. `along`: another J^T, for `project` alone.
+    """
+    own, other = (
+        np.split(x, len(system["m"]), axis=-1) for x in (jac, jac if along is None else along)
+    )
+    terms = zip(own, other, system["m"], strict=True)
+    return sum(j @ np.swapaxes(o, -1, -2) / m for j, o, m in terms)
 
 
-def solve(system, a, b, blur=0.0):
+def solve(system, a, b, share=0.0, turned=0.0):
     """lambda (..., C) with a lambda = b: Gauss's elimination, rods with few neighbours first.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There `blur` (..., C, C) is added to a, and rounds take it back, each solving
-    for what is left of b, as long as they at least halve it (J. Carpentier, R. Budhiraja, N.
-    Mansard, RSS 2021). Loads along eigenvalues of `a` above those of the blur are met to rounding,
-    those along eigenvalues far below it are left: `unheld` tells how much that is.
+    rank in passing. There `a` is blurred, by a share (...) of its diagonal and by `turned` (..., C,
+    C), and rounds take that back, each solving for what is left of b, as long as they at least
+    halve it (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). Loads along eigenvalues of `a`
+    above the blur are met to rounding, those far below it are left: `unheld` tells how much.
     """
     order = elimination_order(tuple(system["pairs"]))  # [(k, the rods still left that feel k)]
     loop = has_loop(tuple(system["pairs"]))
     rods = np.arange(a.shape[-1])
     own = a[..., rods, rods]
-    spread = a + blur + 1e-12 * a * np.eye(len(rods)) if loop else a
+    spread = a + turned if loop else a
     rows = np.moveaxis(spread, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
+    if loop:
+        more = np.moveaxis(own, -1, 0) * (1e-12 + share)  # over rounding in any case
+        rows[rods, rods] = rows[rods, rods] + more
     for k, rest in order:
         for i in rest:
             rows[i, k] = rows[i, k] / rows[k, k]  # less so much of row k, row i is free of lam[k]
@@ -190,35 +206,44 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 def as_hold(hold):
     """A row of the table is itself; a number is Baumgarte's frequency, 0.0 the naive solve."""
+    if isinstance(hold, str):
+        return hold_table()[hold]
     return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
-def blurred(system, a, g, turn):
-    """What (..., C, C) `a` cannot be sure of: less than that of an eigenvalue means nothing.
+def right_side(hold, lengths, pushed, g, gdot, jdotv):
+    """b (..., C) of the linear system, where `pushed` is J M^-1 f."""
+    if hold.softness:
+        length = np.sqrt(2.0 * g + np.square(lengths))
+        g = length * (length - lengths)
+    return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
 
-    `turn` is by how much J changes in an INSTANT; a pose without rank that is passed in that time
-    is none to resolve. And where rods are off by a share of their length, so are directions.
+
+def blur(lengths, g, jdotv):
+    """Which share (...) of A's diagonal an eigenvalue must have to mean anything, in a loop.
+
+    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
+    which rods turn in an INSTANT, and than the shares by which their lengths are wrong. Rods that
+    turn together come no nearer to such a pose: where J is at hand, `multipliers` asks how much of
+    that J M^-1 J^T gains in an INSTANT.
     """
-    if not has_loop(tuple(system["pairs"])):
-        return 0.0
-    off = np.sum(np.square(g / np.square(system["lengths"])), axis=-1)
-    share = np.stack([np.stack([off], axis=-1)], axis=-1)
-    return mobility(system, turn, turn) + share * a * np.eye(len(system["pairs"]))
+    square = np.square(lengths)
+    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
 
 
 def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N) and lambda (..., C) in N/m at q, v (..., N, 3); f: the rest, if known."""
-    hold = as_hold(hold)
+    """J (..., C, 3N), and Lagrange's multipliers lambda (..., C) in N/m, at q, v (..., N, 3).
+
+    f: the other forces, if known.
+    """
+    hold, lengths = as_hold(hold), system["lengths"]
     f = external_force(system, q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
-    if hold.softness:
-        length = np.sqrt(2.0 * g + np.square(system["lengths"]))
-        g = length * (length - system["lengths"])
-    free = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
-    b = -(dot(jac, free) + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
-    a = mobility(system, jac, jac) * (1.0 + hold.softness * np.eye(len(system["pairs"])))
+    accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
+    b = right_side(hold, lengths, dot(jac, accel), g, gdot, jdotv)
+    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(lengths)))
     turn = constraint_terms(system, q + INSTANT * v, v)[0] - jac
-    return jac, solve(system, a, b, blurred(system, a, g, turn))
+    return jac, solve(system, a, b, blur(lengths, g, 0.0), mobility(system, turn))
 
 
 def pull(jac, lam):
@@ -231,36 +256,51 @@ def constraint_force(system, q, v, hold=0.0, f=None):
     return pull(*multipliers(system, q, v, hold, f))
 
 
-def tensions(system, q, v, hold):
+def tensions(system, q, v, hold=0.0, f=None):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    if large.takes(system):
-        return large.tensions(system, q, v, as_hold(hold), external_force(system, q, v))
-    _, lam = multipliers(system, q, v, hold)
+    _, lam = multipliers(system, q, v, hold, f)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
-def unheld(system, q, v, hold):
+class Force(namedtuple("Force", "system hold")):
+    """The seam of the chapter: force(q, v) -> (N, 3) in N, rods and all, for an integrator."""
+
+    def __call__(self, q, v):
+        f = external_force(self.system, q, v)
+        return f + constraint_force(self.system, q, v, self.hold, f)
+
+    @property
+    def after(self):
+        """(q_start, q, v, dt) -> (q, v): what the hold does to a finished step, or None."""
+        return self.hold.after and partial(self.hold.after, self.system)
+
+    def tensions(self, q, v):
+        """Newtons (..., C) with which the rods pull at q, v (..., N, 3)."""
+        return tensions(self.system, q, v, self.hold)
+
+
+def unheld(system, q, v, hold=0.0):
     """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
-    hold = as_hold(hold)
+    force, lengths = make_force(system, hold), system["lengths"]
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
-    a = make_force(system, hold)(q, v) / system["m"]
-    gddot = dot(jac, a.reshape(*a.shape[:-2], 1, -1)) + hold.use_jdotv * jdotv
-    asked = -hold.damping * gdot - hold.stiffness * g
-    return np.max(np.abs(gddot - asked) / system["lengths"], axis=-1)
+    a = (force(q, v) / system["m"]).reshape(*q.shape[:-2], 1, -1)
+    return np.max(
+        np.abs(right_side(force.hold, lengths, dot(jac, a), g, gdot, jdotv)) / lengths, -1
+    )
 
 
-def make_force(system, hold):
-    """The seam of the chapter: force(q, v) -> (..., N, 3) in N, rods and all, for an integrator."""
+def make_force(system, hold, plain=False):
+    """A Force; `hold` is a Hold, a mode's name, or Baumgarte's w in rad/s. Many rods need another."""
     hold = as_hold(hold)
-    if large.takes(system):
-        return large.make_force(system, hold, external_force)
+    if large.takes(system) and not plain:
+        return large.LargeForce(system, hold, external_force, right_side, blur, near)
+    return Force(system, hold)
 
-    def force(q, v):
-        f = external_force(system, q, v)
-        return f + constraint_force(system, q, v, hold, f)
 
-    force.dt = hold.dt
-    return force
+def near(lengths, q):
+    """The g (..., C) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
+    far = np.mean(np.sum(np.abs(q), axis=-1), axis=-1, keepdims=True)
+    return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
 def project(system, q_start, q, v, dt):
@@ -269,25 +309,20 @@ def project(system, q_start, q, v, dt):
     Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: SHAKE (J.-P. Ryckaert et
     al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods, as in RATTLE (H.
     Andersen, ibid. 52 (1983) 24). RK4 keeps order 4, semi-implicit Euler 1; this one is symplectic,
-    and blows up along J(q), or if v is not told. FloatingPointError where Newton's method fails.
+    and blows up along J(q), or if v is not told. Stop where Newton's method finds no way.
     """
-    if large.takes(system):
-        return large.project(system, q_start, q, v, dt)
-    along = constraint_terms(system, q_start, v)[0]
-    far = np.mean(np.sum(np.abs(q_start), axis=-1), axis=-1, keepdims=True)  # (..., 1)
-    near = 1e-12 * np.square(system["lengths"]) + 1e-15 * far * system["lengths"]  # as g is rounded
+    along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
+    close = near(lengths, q_start)
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        a = mobility(system, jac, along)
-        mu = solve(system, a, g, blurred(system, a, g, 0.0 * jac))
-        return q - pull(along, mu) / system["m"], dot(g / near, g / near)
+        mu = solve(system, mobility(system, jac, along), g, blur(lengths, g, 0.0))
+        return q - pull(along, mu) / system["m"], dot(g / close, g / close)
 
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    lam = solve(system, mobility(system, jac, jac), gdot)
-    return end, v - pull(jac, lam) / system["m"]
+    return end, v - pull(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
 
 
 # --- endregion ---
@@ -307,24 +342,26 @@ def semi_implicit_step(q, v, m, force, dt):
 
 
 def rk4_step(q, v, m, force, dt):
-    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4; energy wanders."""
-    half = 0.5 * dt
-    a1 = force(q, v) / m
-    v2 = v + half * a1
-    a2 = force(q + half * v, v2) / m
-    v3 = v + half * a2
-    a3 = force(q + half * v2, v3) / m
-    v4 = v + dt * a3
-    a4 = force(q + dt * v3, v4) / m
-    q = q + (dt / 6.0) * (v + 2.0 * (v2 + v3) + v4)
-    return q, v + (dt / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
+    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4, four forces; energy wanders."""
+
+    def slope(q, v):
+        return v, force(q, v) / m
+
+    v1, a1 = slope(q, v)
+    v2, a2 = slope(q + 0.5 * dt * v1, v + 0.5 * dt * a1)
+    v3, a3 = slope(q + 0.5 * dt * v2, v + 0.5 * dt * a2)
+    v4, a4 = slope(q + dt * v3, v + dt * a3)
+    q = q + (dt / 6.0) * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+    return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-# The fourth is the ruler for the others: Gauss-Legendre collocation, order 16, symplectic, exact to
-# rounding at 0.05 s here. It is implicit: it iterates its stages by calls of the same force.
+# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8; and the ruler for
+# the others, Gauss-Legendre collocation, order 16, symplectic, exact to rounding at 0.05 s here. That
+# one is implicit: it iterates its stages by calls of the same force.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
-INTEGRATORS["gauss"] = make_gauss()
+INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes
+NOT_IMPULSE = "which does not end a step at q + dt (v + dt a)"
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
 # Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
@@ -340,12 +377,18 @@ def energy(system, q, v):
     return np.sum(0.5 * m * dot(v, v) - m * dot(q, GRAVITY), axis=-1)
 
 
+def rod_vectors(system, x, fixed):
+    """x_i - x_j (..., C, 3) of every rod, of x (..., N, 3), which is `fixed` (K, 3) at anchors."""
+    i, j = np.transpose(system["pairs"])
+    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *np.shape(fixed)))
+    x = np.concatenate([x, fixed], axis=-2)  # a negative j counts from the end: -1, the first
+    return x[..., i, :] - x[..., j, :]
+
+
 def rod_errors(system, q):
     """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
-    if large.takes(system):
-        return large.rod_errors(system, q)
-    _, g, _, _ = constraint_terms(system, q, 0.0 * q)
-    return np.sqrt(2.0 * g + np.square(system["lengths"])) - system["lengths"]
+    d = rod_vectors(system, q, system.get("anchors", PIVOT[None]))
+    return np.sqrt(dot(d, d)) - system["lengths"]
 
 
 def constraint_violation(system, q):
@@ -353,65 +396,86 @@ def constraint_violation(system, q):
     return np.max(np.abs(rod_errors(system, q)), axis=-1)
 
 
-def simulate(step_fn, system, force, dt, steps, keep=()):
+def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     """`steps` steps of `dt` s by step_fn(q, v, m, force, dt), measured at every one: a Run.
 
     Its first three are series from the start on: tip (steps + 1, ..., 3), the last particle, in m;
     violations (steps + 1, ...) in m; energies in J. `keep`: steps whose states it has as well.
-    Members of leading axes in q0, v0 go in step.
+    Members of leading axes in q0, v0 go in step. `way`: Compiled, or Plain, the lines as they stand.
     """
-    if getattr(force, "dt", None) not in (None, dt):
-        raise ValueError(f"this force is for steps of {force.dt:g} s, not of {dt:g} s")
-    motion = Motion(step_fn, system["m"], force, dt, system["q0"], system["v0"], keep)
-    measure = motion.fast(lambda q, v: (rod_errors(system, q), energy(system, q, v)))
-    for q, v in motion.blocks(steps):
-        errors, energies = measure(q, v)
-        violations = np.max(np.abs(errors), axis=-1)
-        sane = (violations < 100.0 * np.sum(system["lengths"])) & np.isfinite(energies)
-        motion.note(sane, q, v, violations, energies)
-    return motion.run()
+    hold = getattr(force, "hold", as_hold(0.0))  # any function (q, v) -> N will do
+    if hold.dt not in (None, dt):
+        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt:g} s")
+    system = check_system({"anchors": PIVOT[None], **system})
+    q, v, m = system["q0"], system["v0"], system["m"]
+    step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
+    log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
+    log.note(q, v, constraint_violation(system, q), energy(system, q, v))
+    with log:
+        for _ in log.turns():
+            q, v = step_fn(q, v, m, force, dt)  # compiled, many steps: (steps, ..., N, 3)
+            violations, energies = constraint_violation(system, q), energy(system, q, v)
+            log.note(q, v, violations, energies)
+    return log.run(step_fn)
 
 
 # --- endregion ---
 # --- region: report ---
 def parse(argv):
-    """The command line, and the system it names."""
-    parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
-    what("--system", default="double", help="pendulum, double, triple, chain, scene, file (double)")
-    what("--links", type=number(int, 1, 20_000), default=10, help="rods of --system chain (10)")
-    what("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer (4000)")
-    what("--dt", type=number(), default=0.005, help="s; halve it and see the rule's order (0.005)")
-    how("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who drifts, how fast?")
-    how("--stabilization", choices=["all", *hold_table()], default="all", help="the cures for it")
-    how("--baumgarte", type=number(float, 0), default=20.0, help="rad/s; too much blows up (20)")
-    how("--time-constant", type=number(), default=0.02, help="s; how soon soft mends a rod (0.02)")
-    how("--impedance", type=number(high=1), default=0.95, help="soft: hard rods near 1 (0.95)")
-    how("--tol", type=number(), help="m at 2 s; gauss then finds its stages and step")
-    how("--show-step", action="store_true", help="print the code that a step becomes, and no more")
+    """The command line; the system that it names; and whether it asks for a default run."""
+    about = {x: f"let go level, rods: {n}" for x, n in [*SYSTEMS.items(), ("chain", "--links")]}
+    parser, what, how, see = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
+    rules, modes = list(INTEGRATORS), ["all", *hold_table()]
+    what("--scenes", action=pub.SceneList, nargs=0, const=(about, HERE / CHAPTER), help="list them")
+    what("--system NAME", default="double", help="one that --scenes lists, or a file")
+    what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
+    what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
+    what("--dt S", type=number(), default=0.005, help="s; halve it and see the rule's order")
+    how("--integrator RULE", choices=rules, default="semi_implicit", help=", ".join(rules))
+    how("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
+    how("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
+    how("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
+    how("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
+    how("--tol M", type=number(), help="m at 2 s; gauss then finds its stages and step")
+    aim = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
+    how("--plain", action="store_true", help=aim)
+    see("--picture", action=BooleanOptionalAction, default=True, help="motion.svg; or none")
+    see("--show-step", action="store_true", help="print the code that a step becomes, no more")
     args = parser.parse_args(argv)
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
     if args.stabilization == "impulse" and args.integrator not in FOR_IMPULSE:
-        parser.error(f"argument --stabilization: impulse does not fit {args.integrator}")
-    return args, parser.attempt("--system", build_system, args.system, args.seed, args.links)
+        why = f"does not fit {args.integrator}, {NOT_IMPULSE}; give --integrator {FOR_IMPULSE[0]}"
+        parser.error(f"argument --stabilization: impulse {why}")
+    system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
+    usual = args == parser.parse_args(["--out", args.out])
+    if not args.show_step:  # last, so that every other mistake is told first
+        args.out = parser.attempt("--out", pub.results_folder, args.out)
+    return args, system, usual
 
 
 def report(args, system, rows, runs, dt, truth):
-    """Print the table, a sentence for each run that did not go straight to its end, the verdict."""
+    """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
-    at, limit = f"at {truth.step * dt:.3g} s, m", STABILITY_LIMIT.get(args.integrator, math.inf)
+    at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, math.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    print("                   rods off, m    energy  true error    tip ends at, m    a step")
-    print(f"mode           worst    at end  of m g L {at:>11}        x        y        us")
-    for mode, row in rows.items():
-        name = mode + "*" * bool(runs[mode].note)
-        rods = f"{row['max_violation']:9.2e} {row['final_violation']:9.2e}"
-        error = "-" if row["error"] is None else f"{row['error']:.2e}"
-        end = f"{row['tip_final'][0]:8.3f} {row['tip_final'][1]:8.3f} {runs[mode].pace:9.3g}"
-        print(f"{name:<10} {rods} {row['energy_rel_max']:9.1e} {error:>11} {end}")
+    print("               rods off by      energy off  from the truth    a step")
+    print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
+    for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
+        rods = f"{length(np.max(run.violations)):>9}  {length(run.violations[-1]):>9}"
+        error = "-" if row["error"] is None else length(row["error"])
+        rest = f"{per_cent(row['energy_rel_max']):>10}  {error:>14}  {run.pace:8.3g}"
+        print(f"{mode + '*' * bool(run.note):<10}{rods}  {rest}")
     for mode, run in runs.items():
         if run.note:
             print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
+    lost = [mode for mode, row in rows.items() if row["error"] is None]
+    if lost:
+        why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"
+        print(f"- {', '.join(lost)}: {why} {at}")
+    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (args.tol or math.inf)]
+    if args.tol and over:
+        print(f"--tol {args.tol:g} is the aim of the best mode; not met by {', '.join(over)}")
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}
@@ -423,34 +487,38 @@ def report(args, system, rows, runs, dt, truth):
 
 
 def main(argv=None):
-    """Run the comparison that `argv` asks for, print it, write metrics.json and the recording."""
-    args, system = parse(argv)
+    """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
+    args, system, usual = parse(argv)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    rule = INTEGRATORS[args.integrator]
-    steps = SMOKE_STEPS if args.smoke else args.steps
+    rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
-    def case(mode, rule, dt):
-        hold = hold_table(dt, *knobs)[mode]
-        return followed(rule, hold.after, system), system, make_force(system, hold), dt
+    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled):
+        force = make_force(system, hold_table(dt, *knobs)[mode], args.plain)
+        return simulate(rule, system, force, dt, steps, keep, way)
 
     if args.show_step:
-        print(source(*case(modes[0], rule, args.dt)))
+        print(run(modes[0], rule, args.dt, 1).source)
         return 0
-    print(banner("ch3.4", "constraints", args.device))
+    print(banner("ch3.4", "constraints", args.device, usual))
     if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
-        print(f"impulse left out: {args.integrator} does not take q to q + dt (v + dt a)")
-    rule, dt, steps, truth = settle(simulate, case, modes, rule, args.dt, steps, args.tol)
-    keep = [truth.step, *(frames(steps, dt, len(system["q0"])) if args.rerun else ())]
-    runs = {mode: simulate(*case(mode, rule, dt), steps, keep) for mode in modes}
+        print(f"impulse left out: it does not fit {args.integrator}, {NOT_IMPULSE}")
+    most = 0 if large.takes(system) else 5000 // (len(system["pairs"]) + 5)
+    rule, dt, steps, truth = settle(run, modes, rule, args.dt, steps, args.tol, most)
+    shown = frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
+    runs = {mode: run(mode, rule, dt, steps, [truth.step, *shown]) for mode in in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
     report(args, system, rows, runs, dt, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    holds = hold_table(dt, *knobs)
-    scene = args, used, system, runs, rows, fall, lambda: pulls(tensions, system, runs, holds)
-    print(publish(args, used, rows, lambda path: record(path, *scene)))
+    holds, scene, writers = hold_table(dt, *knobs), (args, used, system, runs), {}
+    if args.picture:
+        writers[pub.PICTURE] = lambda path: write_motion(path, *scene, shown)
+    if args.rerun:
+        pulls = {mode: tensions(system, run.q, run.v, holds[mode]) for mode, run in runs.items()}
+        writers[pub.RECORDING] = lambda path: record(path, *scene, rows, fall, pulls)
+    print(pub.publish(args, used, rows, writers))
     return 0
 
 

@@ -1,8 +1,7 @@
 """The exercises: solved they pass, unedited they ask, and a wrong answer is told of."""
 
-import difflib
-import importlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -10,210 +9,206 @@ from pathlib import Path
 from types import ModuleType
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import Blank, test_answers
+from curriculum.ch3_4_constraints.exercises import Blank, Wrong, solutions, test_answers, write_down
+from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import figures
 from curriculum.ch3_4_constraints.studies._runs import run
 
 import pytest
 
 HERE = Path(test_answers.__file__).parent
-CHECKS, judge = test_answers.CHECKS, test_answers.test_answer
-LISTED = [
-    "git",
-    "ls-files",
-    "--modified",
-    "--",
-    "ex*.py",
-    "my_linkage.json",
-]  # nothing where there is no repository
+CHECKS, FOLDER = test_answers.CHECKS, test_answers.FOLDER
+LISTED = ["git", "ls-files", "--modified", "--", "ex*.py", "my_linkage.json"]
 EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=HERE, capture_output=True).stdout
 unedited = pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
+TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
-def load(tmp_path, monkeypatch):
-    """load(name, right, wrong) -> a solution, put in place of its exercise for a test, with `wrong`
-    for `right`."""
+def load(tmp_path):
+    """load(name, right, wrong) -> an exercise solved, with `wrong` for `right` in its solution."""
 
     def load(name, right="", wrong=""):
         path = HERE / f"solutions/{name}.py"
         source = path.read_text(encoding="utf-8")
         assert right in source
-        module = ModuleType(f"{test_answers.FOLDER}.solutions.{name}")
-        module.__file__ = str(path)
-        exec(compile(source.replace(right, wrong) if right else source, path, "exec"), vars(module))
-        if hasattr(module, "NOTE"):
-            module.NOTE = tmp_path / "outputs/note.json"
-        monkeypatch.setitem(sys.modules, f"{test_answers.FOLDER}.{name}", module)
-        return module
+        answers = ModuleType(path.stem)
+        answers.__file__ = str(path)
+        source = source.replace(right, wrong) if right else source
+        exec(compile(source, path, "exec"), vars(answers))
+        exercise = solutions.solve(name, vars(answers))
+        exercise.NOTE = tmp_path / "outputs/note.json"
+        if hasattr(exercise, "predict"):
+            write_down(exercise.NOTE, exercise.predict(), {})
+        return exercise
 
     return load
 
 
-TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
+def script(name, *command, **settings):
+    """A script, run as a reader would, from the project's folder; its errors among its output."""
+    command = command or (sys.executable, "-m", f"{FOLDER}.{name}")
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True} | settings
+    return subprocess.run(command, cwd=c.HERE, **settings)
 
 
 @pytest.mark.parametrize("name", CHECKS)
-def test_a_solution_passes_and_prints_what_its_text_says(name, load, capsys):
-    solution = load(name)
-    solution.main()
-    judge(name)
-    printed = capsys.readouterr().out
+def test_a_solution_passes_and_prints_what_its_text_says(name):
+    done = script(f"solutions.{name}")
     blocks = {block["command"]: block["body"] for block in figures.BLOCK.finditer(TEXT)}
-    assert blocks[f"python -m {solution.__name__}"] == printed
-
-
-@pytest.mark.parametrize("name", CHECKS)
-@unedited
-def test_a_solution_is_its_exercise_but_for_the_blanks(name):
-    exercise, solution = (
-        (HERE / f"{folder}{name}.py").read_text().splitlines() for folder in ("", "solutions/")
-    )
-    changes = [
-        tag
-        for tag in difflib.SequenceMatcher(None, exercise, solution, False).get_opcodes()
-        if tag[0] != "equal"
-    ]
-    changed = [line for _, first, last, *_ in changes for line in exercise[first:last]]
-    assert all("blank" in line or f"exercises.{name}" in line for line in changed)
-    assert any("blank(" in line for line in changed)
+    assert done.returncode == 0 and f"{name}.py: solved" in done.stdout
+    assert blocks[f"python -m {FOLDER}.solutions.{name}"] == done.stdout
 
 
 @unedited
 def test_an_unedited_exercise_is_skipped_with_what_to_do():
-    """By the command that the text gives; and the scripts themselves say the same."""
-    asked = []
-    for name, check in CHECKS.items():
-        with pytest.raises(Blank) as blank:
-            check(importlib.import_module(f"{test_answers.FOLDER}.{name}"))
-        asked.append(str(blank.value))
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", HERE.relative_to(c.HERE)]
-    done = subprocess.run(command, cwd=c.HERE, capture_output=True, text=True)
+    """By the command that the text gives; and the scripts themselves end by saying the same."""
+    done = script("", sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(HERE))
+    asked = [line.partition("to do: ")[2] for line in done.stdout.splitlines() if "to do: " in line]
     assert done.returncode == 0 and f"{len(CHECKS)} skipped" in done.stdout
-    assert [line for line in done.stdout.splitlines() if line.startswith("to do: ")] == [
-        f"to do: {x}" for x in asked
-    ]
+    assert len(asked) == len(CHECKS)
     assert f"\n{asked[0]}\n" in (HERE / "README.md").read_text(encoding="utf-8")
-    script = subprocess.run(
-        [sys.executable, "-m", f"{test_answers.FOLDER}.ex1_drift"], cwd=c.HERE, capture_output=True
-    )
-    assert (
-        script.returncode == 0 and script.stdout.decode().strip() == asked[0] and not script.stderr
-    )
+    for name, what in zip(CHECKS, asked, strict=True):
+        ran = script(name)
+        assert ran.returncode == 0 and ran.stdout.splitlines()[-1] == what
 
 
+ONE, TWO, THREE, FOUR, FIVE = CHECKS
 WRONG = [
-    ("ex1_drift", '"rod": "grows"', '"rod": "stays"', "rod: not"),
-    ("ex1_drift", "15.9", "4", "factor: not"),
-    ("ex1_drift", '"heavy": "the same"', '"heavy": "larger"', "heavy: not"),
-    ("ex1_drift", "0.5 * dt**2", "dt**2", "expected_g"),
-    ("ex2_solve", "rate @ rate", "0.0", "a chain of 1, w 0"),
-    ("ex2_solve", "-2.0 * w", "-w", "w 20 rad/s"),
-    ("ex2_solve", "- w**2 * g", "+ w**2 * g", "w 20 rad/s"),
-    ("ex3_chaos", "a.tobytes() == b.tobytes()", "np.allclose(a, b)", "last bit"),
-    ("ex3_chaos", "gap > 1.0", "gap > 0.0", "parted"),
-    ("ex3_chaos", "else math.inf", "else 0.0", "never"),
-    ("ex3_chaos", "34.4", "26.9", "1e-12: not"),
-    ("ex3_chaos", "60.0", "34.4e12", "1e-24: not"),
-    ("ex4_cliff", "(middle, high) if", "(low, middle) if not", "bisect"),
-    ("ex4_cliff", "0.5 * (low + high)", "0.95 * low + 0.05 * high", "calls"),
-    ("ex4_cliff", "-2.0 * z * v", "-z * v", "step_matrix"),
-    ("ex5_linkage", 'return "impulse"', 'return "baumgarte"', "mm off"),
-    ("ex5_linkage", 'return "impulse"', 'return "project"', "solves more"),
-    ("ex5_linkage", '"loses": "baumgarte"', '"loses": "none"', "the remedies are"),
-    ("ex5_linkage", '"loses": "baumgarte"', '"loses": "project"', "it does hold"),
-    ("ex5_linkage", '"holds": "impulse"', '"holds": "soft"', "it does not hold"),
-]
+    (ONE, '"rod": "grows", "factor": 15.9', '"rod": "stays", "factor": 15.9', "rod: not"),
+    (ONE, "15.9", "4", "factor: not"),
+    (ONE, '15.9, "heavy": "the same"', '15.9, "heavy": "larger"', "heavy: not"),
+    (ONE, "0.5 * dt**2", "dt**2", "expected_g"),
+    (ONE, '"why": why', '"why": "It grows."', "why: "),
+    (TWO, "rate @ rate", "0.0", "right at rest, wrong in motion"),
+    (TWO, "rate @ rate", "-(rate @ rate)", "turning: the other sign"),
+    (TWO, "rate @ rate", "d @ rate", "turning: gdot"),
+    (TWO, "rate @ rate", "2.1 * (rate @ rate)", "turning: a chain of 1 in motion, w 0"),
+    (TWO, "(jac * inverse_m)", "jac", "the mass is missing"),
+    (TWO, "jac * inverse_m", "jac / inverse_m", "multiplies by the mass"),
+    (TWO, "jac * inverse_m", "jac * 1.1", "mobility: a chain of 1 at rest"),
+    (TWO, "-2.0 * w * gdot - w**2 * g", "0.0", "right at w = 0 only"),
+    (TWO, "-2.0 * w", "-w", "half the damping"),
+    (TWO, "- w**2 * g", "+ w**2 * g", "the stiffness has the wrong sign"),
+    (TWO, "- w**2 * g", "- w * g", "the stiffness is w"),
+    (TWO, "- w**2 * g", "- 1.1 * w**2 * g", "wanted: a chain of 1 in motion, w 20"),
+    (THREE, "a.tobytes() == b.tobytes()", "np.allclose(a, b)", "last bit"),
+    (THREE, "gap > 1.0", "gap > 0.0", "parted"),
+    (THREE, "else math.inf", "else 0.0", "never"),
+    (THREE, "34.4", "26.9", "1e-12: not"),
+    (THREE, "60.0", "34.4e12", "1e-24: not"),
+    (FOUR, "(middle, high) if", "(low, middle) if not", "bisect"),
+    (FOUR, "0.5 * (low + high)", "0.95 * low + 0.05 * high", "calls"),
+    (FOUR, "-z * v", "-2.0 * z * v", "step_matrix: of euler"),
+    (FOUR, "1.0)]).T", "1.0)])", "it is transposed"),
+    (FIVE, 'return "impulse"', 'return "baumgarte"', "mm off"),
+    (FIVE, 'return "impulse"', 'return "project"', "solves more"),
+    (FIVE, '"loses": "baumgarte"', '"loses": "none"', "the remedies are"),
+    (FIVE, '"loses": "baumgarte"', '"loses": "project"', "it does hold"),
+    (FIVE, '"holds": "impulse"', '"holds": "soft"', "it does not hold"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "right", "wrong", "says"), WRONG, ids=[f"{row[0]}: {row[2]}" for row in WRONG]
-)
-def test_a_wrong_answer_fails_and_is_told_where(name, right, wrong, says, load, capsys):
-    solution = load(name, right, wrong)
-    if hasattr(solution, "NOTE"):
-        solution.main()
-    with pytest.raises(pytest.fail.Exception, match=says):
-        judge(name)
+@pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
+def test_a_wrong_answer_is_told_of(name, right, wrong, says, load):
+    with pytest.raises(Wrong, match=says):
+        CHECKS[name](load(name, right, wrong))
 
 
-def test_a_prediction_counts_only_if_it_was_written_down_before_the_run(load, capsys):
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load, tmp_path):
     """A wrong one counts; none, or one that was changed afterwards, does not."""
-    guess = load("ex1_drift", '"factor": 16,', '"factor": 2,')
-    with pytest.raises(pytest.skip.Exception, match="run it"):
-        judge("ex1_drift")
-    guess.main()
-    judge("ex1_drift")
-    load("ex1_drift").main()
-    with pytest.raises(pytest.fail.Exception, match="before the run you wrote down"):
-        judge("ex1_drift")
+    CHECKS[ONE](load(ONE, '"factor": 16,', '"factor": 2,'))
+    changed = load(ONE)
+    with pytest.raises(Wrong, match="before the run you wrote down"):
+        CHECKS[ONE](changed)
+    changed.NOTE.unlink()
+    with pytest.raises(Blank, match="run it"):
+        CHECKS[ONE](changed)
+    changed.NOTE.write_text("")  # as a full disk leaves it: written again
+    changed.main()
+    CHECKS[ONE](changed)
+    with pytest.raises(Wrong, match="a number is wanted"):
+        write_down(changed.NOTE, {"factor": "16"}, {"factor": None})
 
 
 def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, tmp_path):
-    solution = load("ex5_linkage")
-    solution.SCENE = test_answers.SCENES / "windows.json"
-    with pytest.raises(pytest.fail.Exception, match="make your own"):
-        judge("ex5_linkage")
-    scene = json.loads((HERE / "solutions/my_linkage.json").read_text(encoding="utf-8"))
-    solution.SCENE = tmp_path / "open.json"
-    solution.SCENE.write_text(json.dumps(scene | {"rods": scene["rods"][:2]}), encoding="utf-8")
-    with pytest.raises(pytest.fail.Exception, match="close no loop"):
-        judge("ex5_linkage")
-    solution.SCENE.write_text(json.dumps(scene | {"rods": []}), encoding="utf-8")
-    with pytest.raises(pytest.fail.Exception, match="rods is"):
-        judge("ex5_linkage")
+    solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
+    windows = json.loads((test_answers.SCENES / "windows.json").read_text())
+    solution.SCENE = tmp_path / "mine.json"
+    for content, error, says in (
+        (windows, Wrong, "make your own"),
+        (scene | {"rods": scene["rods"][:2]}, Wrong, "close no loop"),
+        (scene | {"rods": []}, SceneError, "rods is"),
+    ):
+        solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
+        with pytest.raises(error, match=says):
+            CHECKS[FIVE](solution)
+
+
+def test_a_broken_scene_ends_with_status_1_and_a_reader_who_has_seen_enough_with_none(
+    load, tmp_path
+):
+    code = f"import {FOLDER}.ex5_linkage as x; x.SCENE = 'no.json'; x.run(x.main)"
+    broken = script("", sys.executable, "-c", code)
+    assert broken.returncode == 1 and len(broken.stdout.splitlines()) == 1
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as closed:
+        piped = script(ONE, stdout=closed, stderr=subprocess.PIPE)
+    assert piped.stderr == ""
 
 
 def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
     """Those that no script prints, as they are written there."""
     pendulum, double = c.build_system("pendulum"), c.build_system("double")
-    no_turn = run(pendulum, hold=c.Hold(0.0, 0.0, 0.0, 0.0, None, None)).violations
+    no_turn = run(pendulum, hold=c.hold_table()["none"]._replace(use_jdotv=0.0)).violations
     said = [
         f"{-c.rod_errors(pendulum, run(pendulum, 'rk4').q[-1])[0]:.1e} m shorter",
         f"is {no_turn[100]:.1f} m off after half a second and {no_turn[-1]:.0f} m after 20",
     ]
     tips = [double | {"m": double["m"] * [[1.0], [ratio]]} for ratio in (10.0, 1.0, 0.1)]
     said += [f"{run(system).violations[-1]:.3f} m" for system in tips]
-    weak, weight = load("ex2_solve", "rate @ rate", "0.0"), double["m"] * c.GRAVITY
+    weak, w = load(TWO, "rate @ rate", "0.0"), double["m"] * c.GRAVITY
     ran = c.simulate(
-        c.rk4_step,
-        double,
-        lambda q, v: weight + weak.rod_force(double, q, v, weight, 20.0),
-        0.005,
-        1000,
+        c.rk4_step, double, lambda q, v: w + weak.rod_force(double, q, v, w, 20.0), 0.005, 1000
     )
     said.append(f"stretched by {ran.violations.max():.1f} m")
-    chaos = load("ex3_chaos")
+    chaos = load(THREE)
     chaos.DT, chaos.STEPS = 0.5 * chaos.DT, 2 * chaos.STEPS
-    gaps = [chaos.tip(double) - chaos.tip(chaos.turned(double, angle)) for angle in (1e-3, 1e-12)]
-    first, last = (chaos.parted(c.dot(gap, gap) ** 0.5, chaos.DT) for gap in gaps)
-    said.append(f"the first line stays, {first:.1f} s, and the last becomes {last:.1f} s")
+    first, other = chaos.tip(double), chaos.tip(c.build_system("double", 1))
+    gaps = [
+        first - x for x in (other, *(chaos.tip(chaos.turned(double, a)) for a in (1e-3, 1e-12)))
+    ]
+    times = [chaos.parted(c.dot(gap, gap) ** 0.5, chaos.DT) for gap in gaps]
+    said.append(
+        "the first two lines stay, {:.1f} and {:.1f} s, and the last becomes {:.1f} s".format(
+            *times
+        )
+    )
     assert [words for words in said if words not in " ".join(TEXT.split())] == []
 
 
 def test_what_the_answers_say_of_cliffs_is_so(load):
-    holds = {
-        ("semi_implicit", 165.0): True,
-        ("semi_implicit", 166.0): False,
-        ("rk4", 460.0): True,
-        ("rk4", 480.0): False,
-    }
+    holds = {("semi_implicit", 165.0): True, ("semi_implicit", 166.0): False}
+    holds |= {("rk4", 460.0): True, ("rk4", 480.0): False}
     holds |= {("euler", w): False for w in (5.0, 20.0, 100.0, 390.0)}
     double = c.build_system("double")
     assert {(rule, w): not run(double, rule, w).stopped for rule, w in holds} == holds
-    impulse = load("ex4_cliff", "-2.0 * z * v - z**2 * x", "-z * v - z**2 * x")
+    impulse = load(FOUR)  # its spring is x'' = -x' - x at dt 1: what z = 1 makes
     assert impulse.step_matrix("semi_implicit", 1.0).tolist() == [[0.0, 0.0], [-1.0, 0.0]]
     assert impulse.step_matrix("euler", 1.0).tolist() == [[1.0, 1.0], [-1.0, 0.0]]
-    linkage = load("ex5_linkage")
+    undamped = load(FOUR, "-z * v", "0.0 * v")
+    edges = [undamped.decays(*x) for x in (("euler", 0.1), ("semi_implicit", 1.9), ("rk4", 2.8))]
+    assert edges == [False, True, True] and not undamped.decays("semi_implicit", 2.1)
+    linkage = load(FIVE)
     fast = c.build_system(str(linkage.SCENE))
     fast["v0"] = 3.0 * fast["v0"]
-    assert [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE] == [
-        "project"
-    ]
+    held = [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE]
+    assert held == ["project"]
 
 
 @unedited
 def test_every_mode_holds_the_scene_that_exercise_5_starts_from(load):
-    exercise = load("ex5_linkage")
+    exercise = load(FIVE)
     start = c.build_system(str(HERE / exercise.SCENE.name))
     assert all(exercise.worst(start, mode) <= exercise.SHARE for mode in c.hold_table())

@@ -1,7 +1,6 @@
 """The constraint force, by two other ways of finding it."""
 
 import constraints as c
-from curriculum.ch3_4_constraints import large
 from curriculum.ch3_4_constraints.studies._runs import make_system, scene
 
 import numpy as np
@@ -58,35 +57,6 @@ def test_force_solves_the_explicit_system(mode):
     for system, tolerance in chains + loops:
         case = system, system["q0"], system["v0"], TABLE[mode]
         assert_close(c.constraint_force(*case), textbook_force(*case), tolerance)
-
-
-LARGE = {  # by arrays: chains of every length around a halving, a tree, and loops
-    f"chain{n}": lambda rng, n=n: random_chain(rng, n, 1e-3) for n in (large.CHAIN + 1, 81, 162)
-}
-LARGE["tree"] = lambda rng: random_linkage(rng, large.LINKAGE + 1, 0, 1e-3)
-LARGE["loops"] = lambda rng: random_linkage(rng, large.LINKAGE, 8, 1e-3)
-SPARSE = [(name, scipy) for name in LARGE for scipy in (True, False)[: 1 + ("chain" not in name)]]
-
-
-@pytest.mark.parametrize(("name", "installed"), SPARSE)
-def test_large_scenes_equal_the_chapters_lines(name, installed, monkeypatch):
-    if installed:
-        pytest.importorskip("scipy", reason="the extra `large`")
-    monkeypatch.setattr(large, "find_spec", lambda module: installed)
-    system = LARGE[name](np.random.default_rng(3))
-    q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
-    assert large.takes(system)
-    tolerance = 1e-9 if name == "loops" else 1e-12  # badly posed loops: the last digits vary
-    for hold in (*TABLE.values(), c.Hold(0.0, 200.0, 0.0, 0.0, None, None)):
-        force = large.make_force(system, hold, c.external_force)
-        expected = c.external_force(system, q, v) + c.constraint_force(system, q, v, hold)
-        assert_close(force(q, v), expected, tolerance)
-        assert_close(force(np.stack([q, moved]), np.stack([v, v]))[0], expected, tolerance)
-    errors, ended = c.rod_errors(system, q), c.project(system, q, moved, v, 1e-3)
-    monkeypatch.setattr(large, "takes", lambda system: False)
-    assert_close(errors, c.rod_errors(system, q))
-    for ours, theirs in zip(ended, c.project(system, q, moved, v, 1e-3), strict=True):
-        assert_close(ours, theirs, max(tolerance, 1e-10))
 
 
 def test_jacobian_is_the_derivative_of_g():

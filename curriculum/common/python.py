@@ -1,25 +1,25 @@
-"""A program as Python: a function of floats, an operation a line, what is used once where it is
-used."""
+"""A program as Python: a function of floats, a line an operation, but what is used once in place."""
 
 import math
 from collections import Counter
 
-from curriculum.common.trace import FUNCTIONS
+from curriculum.common.trace import FUNCTIONS, Call, Stop
 
-NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow"]} | {
-    "abs": abs,
-    "inf": math.inf,
-    "nan": math.nan,
-}
+NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow"]} | {"abs": abs, "Stop": Stop}
+NUMBERS |= {"inf": math.inf, "nan": math.nan}
 BINDS = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names, numbers and calls: 4
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
 
-def write(tape, *groups):
-    """For each group of symbols, the lines that compute what no group before it has, and an
-    expression each."""
+def write(tape, routines, *groups):
+    """For each group of symbols, lines that compute what no group before has, and expressions.
+
+    `routines`: {id of a program: its function's name}, to which those that are called are added.
+    """
     used = Counter(s.x for group in groups for s in group)
-    used.update(x for operands in tape.ancestry(sum(groups, [])).values() for x in operands)
+    for name in tape.needed(sum(groups, [])):
+        sign, *operands = tape.nodes[name]
+        used.update(operands * 2 if sign == "part" else operands)  # twice: not to be inlined
     texts, done = {}, set()
 
     def text(x, binds=0):
@@ -30,42 +30,65 @@ def write(tape, *groups):
         return f"-{text(s.x, 2)}" if s.minus else text(s.x)
 
     for group in groups:
-        lines, found = [], tape.ancestry(group)
-        for name in [name for name in tape.nodes if name in found and name not in done]:
-            sign, left, *right = tape.nodes[name]
-            if sign in ("loop", "of"):
-                lines += tape.loops[name].lines(signed) if sign == "loop" else ()
+        lines = []
+        for name in tape.needed(group):
+            if name in done:
                 continue
-            bound, expression = BINDS.get(sign, 4), f"{sign}({text(left)})"
-            if right:
-                expression = f"{text(left, bound)} {sign} {text(right[0], bound + 1)}"
-            if sign == "**":  # the operator is right-associative, and complex for a negative base
-                expression = f"pow({text(left)}, {text(right[0])})"
-            if used[name] == 1 and len(expression) < WIDTH:
-                texts[name] = expression, bound
-            else:
-                lines.append(f"{name} = {expression}")
-        done.update(found)
+            done.add(name)
+            sign, *operands = tape.nodes[name]
+            if sign == "part":
+                lines += part_lines(tape.parts[name], signed, routines)
+            elif sign != "of":
+                bound = BINDS.get(sign, 4)
+                if sign in BINDS:
+                    left, right = operands
+                    expression = f"{text(left, bound)} {sign} {text(right, bound + 1)}"
+                else:  # ** binds to the right, and is complex for a negative base
+                    function = "pow" if sign == "**" else sign
+                    expression = f"{function}({', '.join(map(text, operands))})"
+                if used[name] == 1 and len(expression) < WIDTH:
+                    texts[name] = expression, bound
+                else:
+                    lines.append(f"{name} = {expression}")
         yield lines, list(map(signed, group))
 
 
+def part_lines(part, signed, routines):
+    """A Call or a Loop; `signed`(symbol) is an expression for what is computed before it."""
+    names = ", ".join(part.names)
+    if isinstance(part, Call):
+        called = routines.setdefault(id(part.program), (f"routine{len(routines)}", part))[0]
+        yield f"{names}, = {called}({', '.join(map(signed, part.arguments))})"
+        return
+    (test, (size,)), (rest, following) = write(part.tape, routines, [part.size], part.following)
+    yield f"{names}, = {', '.join(map(signed, part.start))},"
+    done = [f"if {size} <= 1.0:", "    break"]
+    if part.nearly > 1.0:
+        now, last = (f"{word}_{part.names[0]}" for word in ("size", "last"))
+        done = [f"{now} = {size}", f"if {now} <= 1.0 or {last} <= {now} <= {part.nearly!r}:"]
+        done += ["    break", f"{last} = {now}"]
+        yield f"{last} = inf"
+    yield f"for _ in range({part.most}):"
+    yield from (f"    {line}" for line in [*test, *done, *rest])
+    yield f"    {names}, = {', '.join(following)},"
+    yield from ("else:", f"    raise Stop({part.complaint!r})")
+
+
 def number_function(program, frame):
-    """The function f of numbers that `frame` makes of inputs, lines and results; and its source."""
-    ((lines, results),) = write(program.tape, [s for a in program.results for s in a.flat])
-    source = frame(", ".join(program.inputs), lines, ", ".join(results))
+    """The function f of numbers that `frame` makes, and its source.
+
+    frame(inputs, knobs, first, lines, results): `first` are lines that need be done only once.
+    """
+    routines = {}
+    (first, _), (lines, results) = write(program.tape, routines, program.lasting(), program.out)
+    source = frame(program.inputs, program.knobs, first, lines, results)
+    written = 0
+    while written < len(routines):  # a routine may call others
+        name, call = list(routines.values())[written]
+        written += 1
+        ((lines, made),) = write(call.tape, routines, call.made)
+        head, body = ", ".join(call.program.inputs), "".join(f"    {line}\n" for line in lines)
+        source = f"def {name}({head}):\n{body}    return {', '.join(made)},\n\n\n" + source
     space = dict(NUMBERS)
     exec(source, space)  # made of the names of operations and of floats, and of nothing else
     return space["f"], source
-
-
-def once(inputs, lines, results):
-    """A function of the inputs."""
-    body = "".join(f"    {line}\n" for line in lines)
-    return f"def f({inputs}):\n{body}    return ({results},)\n"
-
-
-def again(inputs, lines, results):
-    """A loop that puts the results in place of the inputs `count` times, and keeps them."""
-    lines = [*lines, f"state = ({results},)", "keep(state)", f"{inputs}, = state"]
-    body = "".join(f"        {line}\n" for line in lines)
-    return f"def f(state, count, keep):\n    {inputs}, = state\n    for _ in range(count):\n{body}"

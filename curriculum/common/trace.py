@@ -1,62 +1,94 @@
-"""Run a function of small arrays once, on symbols, and write down what it did as straight-line
-code.
+"""Run a function of small arrays once, on symbols, and write down on a tape what it did.
 
 A `Symbol` is a number that is not known yet. numpy carries symbols in object arrays, so lines
 written for arrays of floats run on them as they stand, and every operator notes an operation
 instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, what
 nobody asks for is left out. Exact: what is left has the operands and the order that the function
 gave it, so it computes what the same lines compute of Python's floats, to the last bit (but for the
-sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function is about.
+sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function is about. Writers turn
+the tape into Python (python.py), numpy calls (arrays.py) or machine code (native.py).
 """
 
+import math
+import sys
 from itertools import count
 
 import numpy as np
 
-FUNCTIONS = (
-    "sqrt",
-    "sin",
-    "cos",
-    "tan",
-    "exp",
-    "log",
-    "expm1",
-    "log1p",
-    "sinh",
-    "cosh",
-    "tanh",
-)  # numpy's and math's
+# by these names numpy and math have them
+FUNCTIONS = "sqrt sin cos tan exp log expm1 log1p sinh cosh tanh".split()
+INLINE = 160  # operations: a routine of fewer is written out wherever it is called
 
 
 class Untraceable(Exception):
     """The function asks of a symbol what cannot be written down; the message says what."""
 
 
+class Stop(ArithmeticError):
+    """A run cannot go on; the message says why. `kind`: "loop", "arithmetic" or "budget"."""
+
+    def __init__(self, why, kind="loop"):
+        super().__init__(why)
+        self.kind = kind
+
+
 class Tape:
-    """Operations: nodes {name: (sign, *operands)}, an operand being a name or a float; and the
-    loops among them."""
+    """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
-    def __init__(self, outer=None):
-        self.nodes, self.names, self.loops = {}, {}, {}
-        self.depth, self.numbers = (outer.depth + 1, outer.numbers) if outer else (0, count())
+    Two signs are no arithmetic: a "part" is a Loop or a Call, found in `parts`; and ("of", part)
+    is one of the numbers that it makes. Its operands are all that it needs from this tape.
+    `outer`: the tape on which a loop stands, whose names its body may use.
+    """
 
-    def ancestry(self, symbols):
-        """{name: operands} of all operations that the symbols come from."""
-        found, stack = {}, [s.x for s in symbols]
+    current = None  # the tape on which operations of constants alone would be noted
+
+    def __init__(self, outer=None, numbers=None):
+        self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
+        self.numbers = outer.numbers if outer else numbers or count()
+        self.refused = outer.refused if outer else []
+        self.open, self.knobs = True, outer.knobs if outer else ()
+
+    def trace(self, function, *args):
+        """function(*args), whose operations come onto this tape."""
+        before, Tape.current = Tape.current, self
+        try:
+            return function(*args)
+        finally:
+            Tape.current, self.open = before, False
+
+    def sees(self, other):
+        """Whether `other` is this tape or one around it."""
+        tape = self
+        while tape is not None and tape is not other:
+            tape = tape.outer
+        return tape is other
+
+    def add_part(self, part, operands, names):
+        """Note a Loop or a Call, which makes numbers of these names."""
+        name = f"part{next(self.numbers)}"
+        self.parts[name] = part
+        self.nodes[name] = "part", *operands
+        self.nodes |= dict.fromkeys(names, ("of", name))
+
+    def new_names(self, many):
+        return [f"x{next(self.numbers)}" for _ in range(many)]
+
+    def needed(self, symbols):
+        """The names of the operations that the symbols come from, in order."""
+        found, stack = set(), [s.x for s in symbols]
         while stack:
             x = stack.pop()
             if x in self.nodes and x not in found:
-                found[x] = self.nodes[x][1:]
-                stack += found[x]
-        return found
+                found.add(x)
+                stack += self.nodes[x][1:]
+        return [name for name in self.nodes if name in found]
 
 
 def operators(rule, zero=False):
-    """A Symbol's operator, what `rule` makes of it and a number, and the reflected one; whole
-    arrays are numpy's.
+    """A Symbol's operator, what `rule` makes of it and a number, and the reflected one.
 
-    `zero`: a plain 0 makes a plain 0, which costs numpy's long sums of nothing less than a symbol
-    would.
+    Whole arrays are numpy's. `zero`: a plain 0 makes a plain 0, which costs numpy's long sums of
+    nothing less than a symbol would.
     """
 
     def operator(a, b, swapped=False):
@@ -65,44 +97,61 @@ def operators(rule, zero=False):
                 return NotImplemented
             if zero and b == 0:
                 return 0
-            b = a.lift(b)
+            b = lift(b)
         return rule(b, a) if swapped else rule(a, b)
 
     return operator, lambda a, b: operator(a, b, True)
 
 
+def lift(number):
+    """A number as a Symbol; one that is a Symbol stays as it is."""
+    if type(number) is Symbol:
+        return number
+    number = number.item() if isinstance(number, (np.ndarray, np.generic)) else number
+    if isinstance(number, complex):
+        Tape.current.refused.append("it makes a complex number")
+        number = number.real
+    if type(number) is Symbol:
+        return number
+    return Symbol(Tape.current, abs(float(number)), bool(number < 0))
+
+
 class Symbol:
-    """A number on a tape: x is a float >= 0, or the name of an input or of an operation; or it is
-    minus that."""
+    """A number on a tape: x is a float >= 0, or the name of an input or of an operation.
+
+    Or it is minus that.
+    """
 
     __slots__ = ("tape", "x", "minus")
+    told = False
 
     def __init__(self, tape, x, minus=False):
         self.tape, self.x, self.minus = tape, x, minus
 
     def __repr__(self):
+        if not Symbol.told:
+            Symbol.told = True
+            print("(a tracing run: numbers have no values yet; --plain has)", file=sys.stderr)
         return "-" * self.minus + str(self.x)
-
-    def lift(self, number):
-        number = number.item() if isinstance(number, np.ndarray) else number
-        return (
-            number
-            if type(number) is Symbol
-            else Symbol(self.tape, abs(float(number)), bool(number < 0))
-        )
 
     def note(self, sign, other=None, minus=False):
         """The symbol of an operation on x, or on x and another's; asked for again, the same one."""
-        tape = other.tape if other is not None and other.tape.depth > self.tape.depth else self.tape
+        tapes = [s.tape for s in (self, other) if s is not None and isinstance(s.x, str)]
+        tape = tapes[0] if tapes else Tape.current
+        if len(tapes) == 2 and not tape.sees(tapes[1]):
+            tape = tapes[1] if tapes[1].sees(tape) else None
+        if tape is None or not tape.open or not Tape.current.sees(tape):
+            raise Untraceable("it keeps a number from an earlier call")
         key = (sign, self.x) if other is None else (sign, self.x, other.x)
-        key = (sign, *key[:0:-1]) if sign in "+*" and (sign, *key[:0:-1]) in tape.names else key
+        if sign in "+*" and (sign, *key[:0:-1]) in tape.names:
+            key = sign, *key[:0:-1]
         if key not in tape.names:
             tape.names[key] = f"t{next(tape.numbers)}"
             tape.nodes[tape.names[key]] = key
         return Symbol(tape, tape.names[key], minus)
 
     def plain(self):
-        return self.lift(0.0).note("-", self) if self.minus else self
+        return lift(0.0).note("-", self) if self.minus else self
 
     def add(self, b):
         if self.x == 0.0 or b.x == 0.0:
@@ -110,25 +159,27 @@ class Symbol:
         if self.minus == b.minus:
             return self.note("+", b, self.minus)
         left, right = (b, self) if self.minus else (self, b)
-        return self.lift(0.0) if left.x == right.x else left.note("-", right)
+        return lift(0.0) if left.x == right.x else left.note("-", right)
 
     def multiply(self, b):
+        minus = self.minus != b.minus
         if self.x == 0.0 or b.x == 1.0:
-            return Symbol(self.tape, self.x, self.minus != b.minus)
+            return Symbol(self.tape, self.x, minus)
         if b.x == 0.0 or self.x == 1.0:
-            return Symbol(b.tape, b.x, self.minus != b.minus)
-        return self.note("*", b, self.minus != b.minus)
+            return Symbol(b.tape, b.x, minus)
+        return self.note("*", b, minus)
 
     def divide(self, b):
+        safe = b.x in b.tape.knobs if isinstance(b.x, str) else b.x > 0.0  # 0 / 0 is not 0
+        nothing = self.x == 0.0 and safe
         minus = self.minus != b.minus
-        return (
-            Symbol(self.tape, self.x, minus)
-            if self.x == 0.0 or b.x == 1.0
-            else self.note("/", b, minus)
-        )
+        same = Symbol(self.tape, self.x, minus)
+        return same if nothing or b.x == 1.0 else self.note("/", b, minus)
 
     def refuse(self, *_):
-        raise Untraceable("it branches on a value, or wants one as a plain number")
+        why = "it branches on a value, or wants one as a plain number"
+        self.tape.refused.append(why)  # should the function catch this
+        raise Untraceable(why)
 
     def __neg__(self):
         return Symbol(self.tape, self.x, not self.minus)
@@ -148,25 +199,181 @@ class Symbol:
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
     setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
 
+AGAIN = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
+AGAIN |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__}
+AGAIN |= {name: getattr(Symbol, name) for name in FUNCTIONS}
+
+
+def lifted(array):
+    """An array of Symbols, of an array of numbers and Symbols."""
+    array = np.asarray(array, dtype=object)
+    return np.array([lift(s) for s in array.flat], dtype=object).reshape(array.shape)
+
 
 class Program:
-    """function(*arrays) -> tuple of arrays, traced; entries marked in `still`, a mask an array, are
-    zero.
+    """function(*arrays, *knobs) -> tuple of arrays, traced; entries marked in `still` are zero.
 
-    `live`: (argument, place) of the others, in the order of `inputs`, their names; `results`:
-    arrays of symbols.
+    `still`: a mask an array. `knobs`: names of single numbers that last, say a step's length.
+    `inputs`: the names of the entries that are not still, `live` their (argument, place).
+    `results`: arrays of Symbols; `out`: them all in one list.
     """
 
-    def __init__(self, function, *still):
-        self.tape, names = Tape(), function.__code__.co_varnames
+    def __init__(self, function, *still, knobs=(), tape=None):
+        self.tape, self.knobs = tape or Tape(), list(knobs)
+        self.tape.knobs = self.knobs
+        masks = list(enumerate(still))
+        self.live = [(k, tuple(at)) for k, mask in masks for at in np.argwhere(~mask).tolist()]
+        if tape:  # of a routine, whose names must not be anybody else's
+            self.inputs = [f"a{next(tape.numbers)}" for _ in self.live]
+        else:
+            names = function.__code__.co_varnames
+            self.inputs = ["_".join(map(str, (names[k], *place))) for k, place in self.live]
         arrays = [np.full(mask.shape, Symbol(self.tape, 0.0)) for mask in still]
-        self.live = [
-            (k, tuple(place))
-            for k, mask in enumerate(still)
-            for place in np.argwhere(~mask).tolist()
-        ]
-        self.inputs = ["_".join(map(str, (names[k], *place))) for k, place in self.live]
         for (k, place), name in zip(self.live, self.inputs, strict=True):
             arrays[k][place] = Symbol(self.tape, name)
-        lift = np.vectorize(Symbol(self.tape, 0.0).lift, otypes=[object])
-        self.results = [lift(a) for a in function(*arrays)]
+        knobs = [Symbol(self.tape, name) for name in self.knobs]
+        self.results = self.tape.trace(lambda: [lifted(a) for a in function(*arrays, *knobs)])
+        if self.tape.refused:
+            raise Untraceable(self.tape.refused[0])
+
+    @property
+    def out(self):
+        return [s for array in self.results for s in array.flat]
+
+    def tapes(self):
+        """All its tapes: its own, those of its loops and of its routines."""
+        found, stack = {}, [self.tape]
+        while stack:
+            tape = stack.pop()
+            if id(tape) not in found:
+                found[id(tape)] = tape
+                stack += [part.tape for part in tape.parts.values()]
+        return list(found.values())
+
+    def lasting(self):
+        """Operations on knobs and constants alone that others need: to be done once."""
+        found, tape = set(self.knobs), self.tape
+        needed = tape.needed(self.out)
+        for name in needed:
+            sign, *operands = tape.nodes[name]
+            known = all(x in found or isinstance(x, float) for x in operands)
+            if sign not in ("part", "of") and known:
+                found.add(name)
+        users = [x for name in needed if name not in found for x in tape.nodes[name][1:]]
+        wanted = found.intersection([*users, *(s.x for s in self.out)]) - set(self.knobs)
+        return [Symbol(tape, name) for name in needed if name in wanted]
+
+    def replay(self, arguments):
+        """The results for other inputs, noted on the tape that is current."""
+        known = dict(zip(self.inputs, arguments, strict=True))
+
+        def symbol(x, minus=False):
+            s = known[x] if isinstance(x, str) else lift(x)
+            return -s if minus else s
+
+        for name in self.tape.needed(self.out):
+            sign, *operands = self.tape.nodes[name]
+            known[name] = AGAIN[sign](*map(symbol, operands))
+        return [symbol(s.x, s.minus) for s in self.out]
+
+
+class Routine:
+    """function(*arrays) -> array, traced once for each pattern of zeros, however often it is called.
+
+    On arrays of floats it is just the function.
+    """
+
+    def __init__(self, function):
+        self.function, self.programs = function, {}
+
+    def __call__(self, *arrays):
+        if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
+            return self.function(*arrays)
+        arrays = [lifted(a) for a in arrays]
+        still = [np.array([s.x == 0.0 for s in a.flat], bool).reshape(a.shape) for a in arrays]
+        key = Tape.current.numbers, *((mask.shape, mask.tobytes()) for mask in still)
+        if key not in self.programs:
+            tape = Tape(numbers=Tape.current.numbers)
+            tape.refused = Tape.current.refused
+            once = Program(lambda *given: (self.function(*given),), *still, tape=tape)
+            self.programs[key] = once
+        program = self.programs[key]
+        arguments = [arrays[k][place] for k, place in program.live]
+        if not program.tape.parts and len(program.tape.nodes) <= INLINE:
+            out = program.replay(arguments)
+        else:
+            out = Call(program, arguments).out
+        return np.array(out, dtype=object).reshape(program.results[0].shape)
+
+
+class Call:
+    """A Routine's program called with `arguments`, Symbols; `out`: the Symbols that it returns.
+
+    `made`: those of the program's results that are no constants, `names`: how they are called here.
+    """
+
+    def __init__(self, program, arguments):
+        self.program, self.arguments, tape = program, arguments, Tape.current
+        self.tape, self.made = program.tape, [s for s in program.out if isinstance(s.x, str)]
+        self.names = tape.new_names(len(self.made))
+        tape.add_part(self, [s.x for s in arguments], self.names)
+        names = iter(self.names)
+        self.out = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in program.out]
+
+
+def repeat(body, x, most, complaint, nearly=1.0):
+    """The first of x, body's x, ... whose size is at most 1, where body(x) = (following, size).
+
+    x: an array; size: a number, or one for each leading axis of x: what is done keeps its value.
+    It ends, too, where the size falls no more and is at most `nearly`: rounding allows no less.
+    Raises Stop(complaint) after `most` turns. On symbols it becomes a loop of the code.
+    """
+    x = np.array(x)
+    if Tape.current is not None and x.dtype == object:
+        return Loop(body, lifted(x), most, complaint, nearly).result
+    done, last = np.bool_(False), math.inf
+    for _ in range(most):
+        following, size = body(x.copy())
+        if type(size) is Symbol:
+            return Loop(body, lifted(x), most, complaint, nearly).result
+        done = done | (size <= 1.0) | ((last <= size) & (size <= nearly))
+        if np.all(done):
+            return x
+        kept = np.reshape(done, np.shape(done) + (1,) * (x.ndim - np.ndim(done)))
+        x, last = np.where(kept, x, following), size
+    raise Stop(complaint)
+
+
+class Loop:
+    """A loop on a tape: `names` begin as `start`; until it ends they become what `following` says.
+
+    It ends where size <= 1, or last size <= size <= `nearly`. Its body has a tape of its own, and
+    needs the numbers `taken` from around it.
+    """
+
+    def __init__(self, body, x, most, complaint, nearly):
+        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, Tape.current
+        places = [place for place in np.ndindex(x.shape) if x[place].x != 0.0]
+        while True:
+            self.tape, self.names = Tape(outer), outer.new_names(len(places))
+            named = self.put(x, places, self.tape)
+            following, size = self.tape.trace(lambda x=named: [lifted(y) for y in body(x)])
+            grown = [place for place in np.ndindex(x.shape) if following[place].x != 0.0]
+            if set(grown) <= set(places):
+                break
+            places = sorted({*places, *grown})  # what begins as zero does not stay zero
+        self.start, self.size = [x[place] for place in places], size.item()
+        self.following = [following[place] for place in places]
+        inside = [y for node in self.tape.nodes.values() for y in node[1:]]
+        inside += [s.x for s in (self.size, *self.following)]
+        mine = {*self.tape.nodes, *self.names}
+        self.taken = [y for y in dict.fromkeys(inside) if isinstance(y, str) and y not in mine]
+        outer.add_part(self, [*(s.x for s in self.start), *self.taken], self.names)
+        self.result = self.put(x, places, outer)
+
+    def put(self, x, places, tape):
+        """x with this loop's names at its places, as Symbols on a tape."""
+        named = x.copy()
+        for place, name in zip(places, self.names, strict=True):
+            named[place] = Symbol(tape, name)
+        return named

@@ -1,8 +1,8 @@
-"""Exercise 2: complete the solve. Two blanks, and the force of the rods is yours.
+"""Exercise 2: complete the solve. Three blanks, and the force of the rods is yours. (30 minutes)
 
     python -m curriculum.ch3_4_constraints.exercises.ex2_solve
 
-Find both on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what holds no acceleration.
+Find them on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what holds no acceleration.
 """
 
 import constraints as c
@@ -11,34 +11,41 @@ from curriculum.ch3_4_constraints.exercises import blank, run
 import numpy as np
 
 
+def turning(d, rate):
+    """Jdot v of one rod in m^2/s^2; d (3,) in m along the rod, rate (3,) in m/s its derivative."""
+    return blank("Jdot v of a rod: the part of gddot that holds no acceleration")
+
+
+def mobility(jac, inverse_m):
+    """A (C, C), for J (C, 3N) in m and 1/m (3N,) in 1/kg: how each gddot answers to each lambda."""
+    return blank("A = J M^-1 J^T; M^-1 is diagonal, and inverse_m lists its diagonal")
+
+
+def wanted(g, gdot, w):
+    """What gddot is to be, in m^2/s^2, so that an error in g dies like e^(-wt) without swinging."""
+    return blank("what Baumgarte asks gddot to be; at w = 0 that is nothing")
+
+
+def why():
+    """Why the rods hold although nobody told them of the drag."""
+    return blank("one sentence: how do the rods know of a drag that nobody told them about?")
+
+
 def rod_force(system, q, v, f, w):
-    """The rods' force (N, 3) in N at q, v (N, 3), beside all other forces f (N, 3); w: Baumgarte's,
-    in rad/s."""
-    anchors = system.get("anchors", [c.PIVOT])
-    rods, n = len(system["pairs"]), len(q)
-    jac = np.zeros((rods, n, 3))
-    g, gdot, jdotv = np.zeros(rods), np.zeros(rods), np.zeros(rods)
+    """The rods' force (N, 3) in N at q, v (N, 3), beside all other forces f; w in rad/s."""
+    anchors, rods = system.get("anchors", [c.PIVOT]), len(system["pairs"])
+    jac, g, gdot, jdotv = np.zeros((rods, *q.shape)), *np.zeros((3, rods))
     for k, (i, j) in enumerate(system["pairs"]):
-        d, rate = q[i], v[i]  # the vector along the rod, and its rate
-        if j >= 0:
-            d, rate = d - q[j], rate - v[j]
-            jac[k, j] = -d
-        else:
-            d = d - anchors[-1 - j]
+        d, rate = (q[i] - q[j], v[i] - v[j]) if j >= 0 else (q[i] - anchors[-1 - j], v[i])
         jac[k, i] = d
+        if j >= 0:
+            jac[k, j] = -d
         g[k] = 0.5 * (d @ d - system["lengths"][k] ** 2)
         gdot[k] = d @ rate
-        jdotv[k] = blank(
-            "Jdot v of rod k, in m^2/s^2: the part of gddot that holds no acceleration"
-        )
-    jac = jac.reshape(rods, 3 * n)
-    share = 1.0 / np.repeat(system["m"], 3)  # the diagonal of M^-1
-    a = (jac * share) @ jac.T  # J M^-1 J^T
-    spring = blank(
-        "what gddot is to be, (C,) in m^2/s^2, so that an error in g dies like e^(-wt); w = 0: nothing"
-    )
-    lam = np.linalg.solve(a, spring - (jac @ (share * f.ravel()) + jdotv))
-    return (jac.T @ lam).reshape(n, 3)
+        jdotv[k] = turning(d, rate)
+    jac, inverse_m = jac.reshape(rods, -1), np.repeat(1.0 / system["m"], 3)
+    b = wanted(g, gdot, w) - (jac @ (inverse_m * f.ravel()) + jdotv)
+    return (jac.T @ np.linalg.solve(mobility(jac, inverse_m), b)).reshape(q.shape)
 
 
 # Nothing below is blank. Once the force is yours, guess before you look: with drag, do the rods
@@ -49,14 +56,13 @@ def weight_and_drag(system, q, v):
 
 
 def main():
-    """Your force beside the engine's at one state, then in the integrators that the engine's goes
-    into."""
+    """Your force at one state, then in the integrators that the engine's force goes into."""
     system = c.build_system("double")
     q, v = system["q0"], np.array([[0.0, 1.0, 0.0], [0.0, -2.0, 0.0]])
     mine = rod_force(system, q, v, c.external_force(system, q, v), 20.0)
     theirs = c.constraint_force(system, q, v, 20.0)
-    agree = np.abs(mine - theirs).max() <= 1e-12 * np.abs(theirs).max()
-    print(f"at one state yours is the engine's, to 1e-12: {agree}")
+    off = np.max(np.abs(mine - theirs)) / np.max(np.abs(theirs))
+    print(f"at one state yours is the engine's, to 1e-12: {off <= 1e-12}")
     for name, applied in (("weight", c.external_force), ("weight and drag", weight_and_drag)):
 
         def force(q, v, applied=applied):
@@ -64,10 +70,8 @@ def main():
             return f + rod_force(system, q, v, f, 20.0)
 
         ran = c.simulate(c.rk4_step, system, force, 0.005, 1000)
-        lost = ran.energies[-1] - ran.energies[0]
-        print(
-            f"5 s with {name:<16} worst rod error {ran.violations.max():.0e} m, energy {lost:+.3f} J"
-        )
+        end, lost = np.max(ran.violations), ran.energies[-1] - ran.energies[0]
+        print(f"5 s with {name:<16} worst rod error {end:.0e} m, energy {lost:+.3f} J")
 
 
 if __name__ == "__main__":

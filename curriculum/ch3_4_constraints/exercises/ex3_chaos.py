@@ -1,4 +1,4 @@
-"""Exercise 3: deterministic is one word, predictable another.
+"""Exercise 3: deterministic is one word, predictable another. (20 minutes)
 
     python -m curriculum.ch3_4_constraints.exercises.ex3_chaos
 
@@ -8,26 +8,39 @@ The double pendulum, by rk4 with Baumgarte's spring, from starts that are equal,
 import math
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises import blank, run, write_down
 
 import numpy as np
 
 DT, STEPS = 0.005, 8000  # s; 40 s in all
+NOTE = c.HERE / "outputs/guess_ex3_chaos.json"  # yours, as it was before the first run
+
+
+def predict():
+    """What you expect: seconds until a launch angle 1e-12 rad off has become a metre."""
+    return {
+        "1e-12": blank("write down a guess: an angle 1e-3 off takes 13.6 s, and one 1e-12 off?")
+    }
 
 
 def same(a, b):
     """Whether arrays a and b are equal to the last bit."""
-    return blank(
-        "True only if not one bit differs: a tolerance would hide what this exercise is about"
-    )
+    return blank("True only if no bit differs: a tolerance would hide what this exercise is about")
 
 
 def parted(gap, dt):
-    """The time in s when a gap (steps + 1,), in m, first passes a metre; math.inf if it never
-    does."""
-    return blank(
-        "the first time at which the gap is over a metre; what should it say if there is none?"
-    )
+    """The time in s when a gap (steps + 1,) in m first passes a metre; math.inf if it never is."""
+    return blank("the first time at which the gap is over a metre; and if there is none?")
+
+
+def found():
+    """What the table says, and what follows from it: fill this in once it is printed."""
+    return {
+        "1e-12": blank("seconds, from the table, until an angle 1e-12 rad off has become a metre"),
+        # Nobody can run this one: doubles have 16 digits.
+        "1e-24": blank("seconds an angle known to 1e-24 would last: what does each digit buy?"),
+        "why": blank("one sentence: why does a thousand times the precision buy so little?"),
+    }
 
 
 def turned(system, angle):
@@ -42,24 +55,9 @@ def tip(system):
     return c.simulate(c.rk4_step, system, c.make_force(system, 20.0), DT, STEPS).tip
 
 
-# With the two functions above the file runs and prints a table. Read your findings from it.
-def found():
-    """What the table says."""
-    return {
-        # Seconds until a launch angle 1e-12 rad off has become a metre:
-        "1e-12": blank(
-            "seconds, from the table, until a launch angle 1e-12 rad off has become a metre"
-        ),
-        # Nobody can run the next one: doubles have 16 digits. Seconds that an angle known to 1e-24
-        # would be good for:
-        "1e-24": blank(
-            "seconds, about: how many does each further digit buy? From there on to 24 digits"
-        ),
-    }
-
-
 def main():
     """Equal starts, two seeds, and launch angles ever nearer to each other."""
+    print(f"you wrote down {write_down(NOTE, predict(), {'1e-12': None})}\n")
     first, again, other = (tip(c.build_system("double", seed)) for seed in (0, 0, 1))
     print(f"seed 0, twice: the same to the last bit: {same(first, again)}")
     print(f"seeds 0 and 1: the same to the last bit: {same(first, other)}")
@@ -69,7 +67,7 @@ def main():
     print("\nbeside seed 0       a metre apart after")
     for name, other in starts.items():
         print(f"{name:<18} {parted(np.linalg.norm(first - other, axis=1), DT):18.1f} s")
-    print(f"\nyou found {found()}")
+    print("\nyou found", *(f"{key:>10}: {said}" for key, said in found().items()), sep="\n")
 
 
 if __name__ == "__main__":

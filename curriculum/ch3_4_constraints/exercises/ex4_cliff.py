@@ -1,40 +1,53 @@
 """Exercise 4: find the cliff. A stronger spring mends a rod sooner, until it tears it apart.
 
-    python -m curriculum.ch3_4_constraints.exercises.ex4_cliff
+    python -m curriculum.ch3_4_constraints.exercises.ex4_cliff        (40 minutes)
 
-For each rule, the largest w of Baumgarte's spring: by experiment, and by theory, both with your
-bisection.
+The chapter's table knows where Baumgarte's spring falls off it: gddot = -2 w gdot - w^2 g. This one
+has half the damping, gddot = -w gdot - w^2 g, and no table knows its cliffs.
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises import blank, run, write_down
 
 import numpy as np
 
 DT, STEPS, OFF = 0.005, 4000, 1e-9  # s; OFF, in m: how much too long the rod is at the start
+NOTE = c.HERE / "outputs/guess_ex4_cliff.json"  # yours, as it was before the first run
+CHOICES = dict.fromkeys(c.STABILITY_LIMIT, ["sooner", "later"])
+
+
+def predict():
+    """With half the damping, and w slowly turned up: when does each rule fall off the cliff?"""
+    return {
+        "euler": blank("write down a guess for half the damping: 'sooner' or 'later'"),
+        "semi_implicit": blank("write down a guess for half the damping: 'sooner' or 'later'"),
+        "rk4": blank("write down a guess for half the damping: 'sooner' or 'later'"),
+    }
 
 
 def bisect(holds, low, high, width):
-    """x of the cliff, to within `width`: holds(low) is True, holds(high) is not, and it changes
-    once in between."""
-    return blank(
-        "halve the interval until it is shorter than width; each half costs one call of holds"
-    )
+    """x of the cliff to within `width`: holds(low) is True, holds(high) not, with one change."""
+    return blank("halve the interval until it is no longer than width; a half costs one holds(x)")
 
 
 def step_matrix(rule, z):
-    """(2, 2): what one step of `rule`, 1 s long, makes of (x, v) where x'' = -2 z v - z^2 x.
+    """(2, 2): a step of 1 s by `rule` takes (x, x') to step_matrix @ (x, x'); x'' = -z x' - z^2 x.
 
     The rule is c.INTEGRATORS[rule], which takes (x, v, m, force, dt), numbers as well as arrays.
     """
     return blank("its columns are what a step makes of (1, 0) and of (0, 1)")
 
 
+def why():
+    """Why there is a cliff."""
+    return blank("one sentence: what does a step do beyond the cliff that the spring would not?")
+
+
 def mends(rule, w):
-    """Experiment: a bob hangs still on a rod that is OFF too long. Is the error smaller after STEPS
-    steps?"""
+    """Experiment: a bob hangs on a rod that is OFF too long. Is that less after STEPS steps?"""
     system = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.0 - OFF, 0.0]])}
-    ran = c.simulate(c.INTEGRATORS[rule], system, c.make_force(system, w), DT, STEPS)
+    hold = c.hold_table(baumgarte=w)["baumgarte"]._replace(damping=w)
+    ran = c.simulate(c.INTEGRATORS[rule], system, c.make_force(system, hold), DT, STEPS)
     return not ran.stopped and bool(ran.violations[-1] < OFF)
 
 
@@ -44,13 +57,14 @@ def decays(rule, z):
 
 
 def main():
-    """The cliff of each rule as z = dt w: experiment, theory, and what the engine's table says."""
+    """The cliff of each rule as z = dt w, by experiment, by theory, and the chapter's beside it."""
+    print(f"you wrote down {write_down(NOTE, predict(), CHOICES)}\n")
     lines = []
-    for rule, limit in c.STABILITY_LIMIT.items():
+    for rule, full in c.STABILITY_LIMIT.items():
         w = bisect(lambda w, rule=rule: mends(rule, w), 1.0, 1000.0, 0.1)
         z = bisect(lambda z, rule=rule: decays(rule, z), 0.01, 5.0, 1e-9)
-        lines.append(f"{rule:<14} {w:8.1f} {DT * w:11.4f} {z:10.6f} {limit:17.6f}")
-    print("                 w, experiment         z, theory   STABILITY_LIMIT", *lines, sep="\n")
+        lines.append(f"{rule:<14} {w:8.1f} {DT * w:11.4f} {z:10.6f} {full:15.6f}")
+    print("                 w, experiment         z, theory    full damping", *lines, sep="\n")
 
 
 if __name__ == "__main__":

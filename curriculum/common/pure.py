@@ -1,0 +1,153 @@
+"""What functions remember: a trace keeps what they did once, which may be otherwise each time."""
+
+import pickle
+import random
+import sys
+from collections import deque
+from functools import lru_cache
+from itertools import chain
+from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
+
+import numpy as np
+
+PLAIN = {int, float, complex, bool, str, bytes, type(None)}
+ASKED = {"time": "the time", "datetime": "the time", "random": "chance", "secrets": "chance"}
+INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
+INSIDE += "__func__", "__self__", "__wrapped__"
+
+
+@lru_cache
+def ours(module):
+    """Whether a module of this name is neither Python's, nor an installed one, nor beside this."""
+    file = getattr(sys.modules.get(module), "__file__", None) or ""
+    away = "site-packages" in file or "dist-packages" in file or module.startswith(__package__)
+    return module == "__main__" or not (away or module.split(".")[0] in sys.stdlib_module_names)
+
+
+@lru_cache
+def named(code):
+    """The globals and attributes that a function's code names, and those of the functions in it."""
+    return {*code.co_names}.union(*(named(x) for x in code.co_consts if isinstance(x, CodeType)))
+
+
+def refill(x, old):
+    """Have a dict, a class or an array hold again what a list says."""
+    if isinstance(x, np.ndarray):
+        x.flat[:] = np.fromiter(old, object) if x.dtype == object else np.frombuffer(*old, x.dtype)
+    elif isinstance(x, dict):
+        x.clear()
+        x.update(zip(old[::2], old[1::2], strict=True))
+    else:
+        before = dict(zip(old[::2], old[1::2], strict=True))
+        [delattr(x, name) for name in vars(x).keys() - before.keys()]
+        [setattr(x, name, y) for name, y in before.items() if vars(x).get(name, x) is not y]
+
+
+KINDS = {  # what can change: its name, what it holds, as a list, and how that is put back
+    dict: ("the dict {}", lambda x: [*chain(*x.items())], refill),
+    type: ("the global {}", lambda x: [*chain(*vars(x).items())], refill),
+    set: ("the set {}", list, lambda x, old: (x.clear(), x.update(old))),
+    (list, deque): ("the list {}", list, lambda x, old: (x.clear(), x.extend(old))),
+    np.ndarray: ("the array {}", lambda x: [*x.flat] if x.dtype == object else [x.tobytes()],
+        refill),
+    CellType: ("the variable {}", lambda x: [] if x == CellType() else [x.cell_contents],
+        lambda x, old: setattr(x, "cell_contents", *old)),
+    (np.random.BitGenerator, np.random.RandomState, random.Random): ("the random generator {}",
+        lambda x: [pickle.dumps(x.__getstate__())],
+        lambda x, old: x.__setstate__(pickle.loads(*old))),
+}  # fmt: skip
+
+
+@lru_cache
+def kind_of(kind):
+    """The entry of KINDS for a type, or None."""
+    return next((KINDS[known] for known in KINDS if issubclass(kind, known)), None)
+
+
+def same(x, y):
+    """Whether this is one object, or one plain value: a symbol must not be asked for ==."""
+    return x is y or type(x) is type(y) and type(x) in PLAIN and x == y
+
+
+class Memory:
+    """What some functions can reach and change, as it is now.
+
+    Globals, closure cells, defaults and attributes, what these lead to through functions, methods,
+    partials, objects and containers; and the global random generators of Python and numpy.
+    """
+
+    def __init__(self, *functions):
+        self.parts, self.asks, self.spaces, seen = {}, [], {}, {}
+        self.names = {"__call__", "__getitem__"}
+        todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
+        names = [getattr(f, "__qualname__", type(f).__name__) for f in functions]
+        todo += zip(functions, (name.split("<locals>.")[-1] for name in names), strict=True)
+        while todo:
+            seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
+            found = [pair for x, name in todo for pair in self.look(x, name)]
+            for space in self.spaces.values():  # of modules and classes what is named
+                found += [(space[name], name) for name in self.names & space.keys()]
+            todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
+
+    def note(self, x, name, words=None):
+        """What x holds, as a list; noted, if x is of one of KINDS."""
+        if not (kind := kind_of(type(x))):
+            return x if isinstance(x, tuple | frozenset) else ()
+        try:
+            if id(x) not in self.parts:
+                self.parts[id(x)] = words or kind[0].format(name), x, *kind[1:], kind[1](x)
+            return self.parts[id(x)][-1]
+        except Exception:  # a generator without a state
+            self.asks.append(f"it uses {name}, which cannot be put back")
+            return ()
+
+    def look(self, x, name):
+        """Note x, and yield (y, name) of all that it leads to."""
+        if isinstance(x, ModuleType | FunctionType | type):
+            space = vars(x) if isinstance(x, type) else getattr(x, "__globals__", vars(x))
+            module = x.__module__ if isinstance(x, type) else space.get("__name__", "")
+            if module in ASKED:
+                self.asks.append(f"it asks for {ASKED[module]}")
+            if known := ours(module):
+                self.spaces[id(space)] = space
+                self.note(x if isinstance(x, type) else space, "", "the global {}")
+        else:
+            yield from ((y, name) for y in self.note(x, name))
+        if isinstance(x, FunctionType):  # of what is not ours, what it closes over
+            for n, cell in zip(x.__code__.co_freevars, x.__closure__ or (), strict=True):
+                yield from ((y, n) for y in self.note(cell, n))
+            if not known:
+                return
+            self.names |= named(x.__code__)
+            arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
+            yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
+            yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
+        if isinstance(x, FunctionType | SimpleNamespace) or ours(type(x).__module__):
+            yield type(x), name
+            attributes = self.note(
+                getattr(x, "__dict__", None), name, f"the attribute {{}} of {name}"
+            )
+            yield from ((y, name) for y in attributes)
+        elif hasattr(x, "__next__"):
+            self.asks.append(f"it takes from {name}, which cannot be put back")
+        elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
+            yield from ((getattr(x, inside, None), name) for inside in INSIDE)
+
+    def differing(self):
+        """(words, x, put, old) of what is not as it was."""
+        for words, x, take, put, old in self.parts.values():
+            now = take(x)
+            if len(now) != len(old) or not all(map(same, now, old)):
+                new = (k for k, (a, b) in enumerate(zip(now, old, strict=False)) if not same(a, b))
+                k = next(new, min(len(now), len(old)))
+                yield words.format(*now[k - k % 2 :][:1] or [""]), x, put, old
+
+    def changed(self):
+        """What a trace did not leave as it was, or cannot stand for, in words; None if nothing."""
+        found = [f"it changes {words}" for words, *_ in self.differing()]
+        return next(iter([*found, *self.asks]), None)
+
+    def restore(self):
+        """Put back, in place, all that has changed."""
+        for _, x, put, old in self.differing():
+            put(x, old)

@@ -1,0 +1,130 @@
+"""A Memory tells which functions do something else each time, and puts back what a trace did."""
+
+import functools
+import random as dice
+import time
+from collections import deque
+from datetime import datetime
+from types import SimpleNamespace
+
+import constraints as c
+from curriculum.common.pure import Memory
+from curriculum.common.trace import Symbol, Tape
+
+import numpy as np
+import pytest
+
+Q = np.full((2, 3), Symbol(Tape(), "x"))  # it refuses every ==
+START, CALLS, CACHE, LATE, RATE = [], 0, {}, deque([0.0], 3), np.ones(3)
+DEVICE, RNG, CHANCE, NOISE, TICKS = (
+    dice.SystemRandom(),
+    np.random.default_rng(1),
+    dice.Random(1),
+    [0.0] * 3,
+    iter(range(9)),
+)
+
+
+class Controller:
+    steps = 0
+
+    def __init__(self):
+        self.hold = SimpleNamespace(gain=1.0)
+
+    def __call__(self, q, v):
+        self.hold.gain = q[0, 0]
+
+    def differ(self, q, v):
+        self.last = v
+
+    def count(self, q, v):
+        Controller.steps += 1
+
+
+def count(q, v):
+    global CALLS
+    CALLS += 1
+
+
+def held(q, v, noise=NOISE):
+    noise[0] = q[0, 0]
+
+
+def attribute(q, v):
+    attribute.last = q
+
+
+def counter(calls=0):
+    def force(q, v):
+        nonlocal calls
+        calls += 1
+
+    return force
+
+
+CONTROLLER = Controller()
+MEMORIES = {  # what is said of it, and what keeps state, or asks what is never the same
+    "the list START": lambda q, v: START or START.append(q.copy()),
+    "the dict CACHE": lambda q, v: CACHE.setdefault(id(q), q),
+    "the list LATE": lambda q, v: LATE.append(q),
+    "the array RATE": lambda q, v: RATE.__setitem__(0, 2.0),
+    "the global CALLS": count,
+    "the list noise": held,
+    "the variable calls": functools.singledispatch(counter()),  # a closure of the library
+    "the attribute last of attribute": attribute,
+    "the attribute last of Controller.differ": Controller().differ,
+    "the attribute gain of CONTROLLER": lambda q, v: CONTROLLER(q, v),
+    "the global steps": Controller().count,
+    "the random generator RNG": functools.partial(lambda g, q, v: RNG.random() < 1e-3, 1.0),
+    "the random generator CHANCE": lambda q, v: CHANCE.random(),
+    "the random generator of numpy": np.vectorize(lambda q, v: np.random.random()),  # noqa: NPY002
+    "for the time ": lambda q, v: [datetime.now() for _ in q],
+    "for the time": functools.partial(time.perf_counter),
+    "for chance": lambda q, v: dice.random(),
+    "TICKS, which cannot be put back": lambda q, v: next(TICKS),
+    "DEVICE, which cannot be put back": lambda q, v: DEVICE.random(),
+}
+
+
+def state():
+    """What the functions above change, but for what hides in closures and partials."""
+    kept = START, CALLS, CACHE, LATE, RATE, NOISE, vars(CONTROLLER.hold), Controller.steps
+    drawn = RNG.bit_generator.state, CHANCE.getstate(), np.random.get_state()[1:]  # noqa: NPY002
+    return repr((kept, drawn, vars(attribute)))
+
+
+@pytest.mark.parametrize("said", MEMORIES)
+def test_what_a_function_keeps_is_told_and_put_back(said):
+    """Clocks and iterators are told of before anything is run."""
+    function, before = MEMORIES[said], state()
+    for _ in range(2):  # put back, all is as before
+        memory = Memory(function)
+        words = memory.changed()
+        assert (words is None) == said.startswith("the ")
+        if words is None:
+            function(Q, Q)
+            words = memory.changed()
+            memory.restore()
+            assert memory.changed() is None
+        assert words.endswith(f" {said.strip()}") and state() == before
+
+
+def drag(q, v, k=(0.1, [0.2]), n=c.math.pi):
+    return np.sin(n) - k[0] * v + np.array(CONTROLLER.hold.gain) * np.cross(q, RATE)
+
+
+@pytest.mark.parametrize("mode", c.hold_table())
+def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
+    """Some tens of dicts, arrays and cells, for the chapter's own functions and drag."""
+    system, hold = c.build_system("double"), c.hold_table()[mode]
+    force = c.make_force(system, hold)
+    memory = Memory(c.rk4_step, force, hold.after, drag)
+    q, v = c.rk4_step(system["q0"], system["v0"], system["m"], force, 0.005)
+    drag(*(hold.after(system, system["q0"], q, v, 0.005) if hold.after else (q, v)))
+    assert memory.changed() is None and len(memory.parts) < 80
+
+
+def test_a_function_that_leads_to_itself_or_to_nothing_ends():
+    system = {"self": None, "of": Memory, "file": open, "lock": np.lib}
+    system["self"] = [system]
+    assert Memory(lambda q, v: system).changed() is None
