@@ -22,11 +22,13 @@ results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an ar
 class SceneList(argparse.Action):
     """A flag that prints the systems, a line each, and ends the program.
 
-    `const`: {name: what it shows} of those without a file, and the chapter's folder.
+    `const`: {name: how many rods} of those without a file, and the chapter's folder.
     """
 
     def __call__(self, parser, *_):
-        named, folder = self.const
+        counts, folder = self.const
+        named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
+        named["chain"] = "let go level, rods: --links"
         for path in sorted(folder.glob("scenes/*.json")):
             named = named | {path.stem: json.loads(path.read_bytes())["about"]}
         for name, text in named.items():

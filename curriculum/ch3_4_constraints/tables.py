@@ -50,6 +50,15 @@ def comparison(rows, runs, hints, at, truth, tol):
         print(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
 
 
+def verdict(rows):
+    """Print how much further `none` drifts than `baumgarte`, if both got to the end."""
+    drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}
+    if "baumgarte" in drift and drift.get("none", 0.0) > 1e-9:
+        ratio = drift["none"] / max(drift["baumgarte"], 1e-12)
+        words = "as expected, over 3" if ratio > 3.0 else "UNEXPECTED, not over 3"
+        print(f"verdict: worst rod error, none / baumgarte = {ratio:.1f}: {words}")
+
+
 def in_turns(jobs, repeats):
     """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
     found = {name: [] for name in jobs}

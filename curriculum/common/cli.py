@@ -16,8 +16,8 @@ from pathlib import Path
 
 from curriculum.common.files import check_writable
 
-EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[large]", "mujoco": "[compare]"}
-EXTRAS |= dict.fromkeys(("exudyn", "pymunk"), "[peers]") | {"mpmath": "[reference]"}
+EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[compare]", "mujoco": "[compare]"}
+EXTRAS |= dict.fromkeys(("exudyn", "pymunk", "heyoka"), "[peers]") | {"mpmath": "[reference]"}
 FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # files of frames
 
 
