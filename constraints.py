@@ -25,7 +25,7 @@ from curriculum.common.elimination import eliminated, refined
 from curriculum.common.gauss import make_gauss
 from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.midpoint import make_midpoint
-from curriculum.common.ruler import settle
+from curriculum.common.ruler import settle, true_motion
 from curriculum.common.runs import Log
 from curriculum.common.steps import Compiled, Plain, each_state, followed
 from curriculum.common.trace import repeat
@@ -433,20 +433,21 @@ def main(argv=None):
         print(f"impulse left out: it does not fit {args.integrator}, {NOT_IMPULSE}")
     most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)
     rule, dt, steps, truth = attempt(settle, run, modes, rule, args.dt, steps, args.tol, most)
-    shown = frames(steps, dt, len(system["q0"]))
+    shown = frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
     look = max(1, steps // LOOKS)
     keep = [truth.step, *range(0, steps + 1, look), *shown]
     runs = {mode: run(mode, rule, dt, steps, keep) for mode in in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     forces = {mode: force_of(mode, dt) for mode in modes}
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
-    for mode, run in runs.items():
-        states = run.q[looks := run.kept % look == 0], run.v[looks]
+    for mode, done in runs.items():
+        states = done.q[looks := done.kept % look == 0], done.v[looks]
         most = 0.0 if many else np.max(unheld(system, *states, forces[mode].hold))
         rows[mode]["unheld"] = round(float(most), 6)
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    print(publish(args, used, system, runs, rows, fall, forces, shown, None))
+    ghost = None if most == 0 or not shown else true_motion(partial(run, "none"), steps * dt)
+    print(publish(args, used, system, runs, rows, fall, forces, shown, ghost))
     return 0
 
 

@@ -280,19 +280,21 @@ def library():
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
-    `lanes` members go in step, others one after the other. `opt` and `passes`: how much LLVM thinks
-    about registers, and about the whole, 0 to 3; a crowd is worth it.
+    `lanes` members go in step, others one after the other. `best`: LLVM takes its time to find
+    what this processor does in one instruction; else the code is made a few times sooner.
     """
 
-    def __init__(self, program, lanes=1, opt=1, passes=0):
+    def __init__(self, program, lanes=1, best=True):
         llvm = library()
         module = llvm.parse_assembly(assembly(program, lanes))
-        host = {"cpu": llvm.get_host_cpu_name()}
-        host["features"] = llvm.get_host_cpu_features().flatten()
-        target = llvm.Target.from_default_triple()
-        machine = target.create_target_machine(opt=opt, jit=True, **(host if lanes > 1 else {}))
-        if passes:
-            options = llvm.create_pipeline_tuning_options(speed_level=passes)
+        target, host = llvm.Target.from_default_triple(), {}
+        if best:
+            host = {"cpu": llvm.get_host_cpu_name()}
+            host["features"] = llvm.get_host_cpu_features().flatten()
+        machine = target.create_target_machine(opt=2 * best, jit=True, **host)
+        if best:
+            options = llvm.create_pipeline_tuning_options(speed_level=1)
+            options.slp_vectorization = True
             builder = llvm.create_pass_builder(machine, options)
             builder.getModulePassManager().run(module, builder)
         self.engine = llvm.create_mcjit_compiler(module, machine)

@@ -299,7 +299,7 @@ class Crowd:
         except Untraceable:
             return self.put(q, v)
         if native.available():
-            self.machine = native.Native(self.traced.program, native.LANES, 1, 2)
+            self.machine = native.Native(self.traced.program, native.LANES)
         else:
             self.function = ArrayFunction(self.traced.program)
         self.put(q, v)
@@ -420,12 +420,12 @@ class Compiled:
         cost = COMPILING * size * (1.0 + (size / LARGE) ** 2)
         cost += LOADING * ("llvmlite.binding" not in sys.modules)
         if native.available() and self.steps * pace > 1.5 * cost:
-            self.to_machine(1 if self.steps * pace > 50.0 * cost else 0)
+            self.to_machine(self.steps * pace > 50.0 * cost)
 
-    def to_machine(self, level=1):
-        """Machine code from here on; `level`: of LLVM, which takes its time to do better."""
+    def to_machine(self, best=True):
+        """Machine code from here on; the best takes a few times as long to make."""
         lanes = native.LANES if self.lead else 1
-        self.runner.machine = native.Native(self.alone.traced.program, lanes, level)
+        self.runner.machine = native.Native(self.alone.traced.program, lanes, best)
         self.taken, self.seconds, self.way = 0, 0.0, "compiled to machine code"
 
     def __call__(self, q, v, m, force, dt):
