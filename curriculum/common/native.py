@@ -53,7 +53,7 @@ class Writer:
         self.block = block
 
     def constant(self, x):
-        bits = "0x%016X" % struct.unpack("<Q", struct.pack("<d", float(x)))
+        bits = f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}"
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
     def value(self, env, s):

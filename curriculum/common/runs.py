@@ -43,6 +43,10 @@ class Run(NamedTuple):
         there = np.flatnonzero(self.kept == step)
         return self.q[there[0]] if len(there) else None
 
+    def every(self, steps):
+        """The kept states q, v (K, ..., N, 3) of each so many steps."""
+        return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
+
     def summary(self, scale, truth):
         """What a run of one member came to, rounded: m; its worst energy error as a share of scale.
 

@@ -16,7 +16,7 @@ from itertools import count
 import numpy as np
 
 # by these names numpy and math have them
-FUNCTIONS = "sqrt sin cos tan exp log expm1 log1p sinh cosh tanh".split()
+FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
 INLINE = 160  # operations: a routine of fewer is written out wherever it is called
 
 
