@@ -175,8 +175,9 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
     return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
 
 
-def linear_system(system, q, v, hold, f):
+def linear_system(system, q, v, hold, f=None):
     """J (..., C, 3N), A (..., C, C) and b (..., C) of A lambda = b, and g; f: the other forces."""
+    f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
@@ -185,8 +186,7 @@ def linear_system(system, q, v, hold, f):
 
 def multipliers(system, q, v, hold=0.0, f=None):
     """J (..., C, 3N), and Lagrange's multipliers lambda (..., C) in N/m, at q, v (..., N, 3)."""
-    f, turned = external_force(system, q, v) if f is None else f, 0.0
-    jac, a, b, g = linear_system(system, q, v, as_hold(hold), f)
+    (jac, a, b, g), turned = linear_system(system, q, v, as_hold(hold), f), 0.0
     if has_loop(tuple(system["pairs"])):  # rods that turn together come no nearer to losing rank
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     return jac, solve(system, a, b, statics.blur(system["lengths"], g, 0.0), turned)
@@ -204,16 +204,14 @@ def constraint_force(system, q, v, hold=0.0, f=None):
 
 def tensions(system, q, v, hold=0.0):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    f = each_state(partial(external_force, system), q, v)
-    _, lam = multipliers(system, q, v, hold, f)
+    _, lam = multipliers(system, q, v, hold)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
 def unheld(system, q, v, hold=0.0):
     """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
-    f = each_state(partial(external_force, system), q, v)
-    _, a, b, _ = linear_system(system, q, v, as_hold(hold), f)
-    _, lam = multipliers(system, q, v, hold, f)
+    _, lam = multipliers(system, q, v, hold)
+    _, a, b, _ = linear_system(system, q, v, as_hold(hold))
     return np.max(np.abs(b - dot(a, lam[..., None, :])) / system["lengths"], axis=-1)
 
 
@@ -290,9 +288,8 @@ def rk4_step(q, v, m, force, dt):
     return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8; and the ruler
-# for the others, Gauss-Legendre collocation, order 16, symplectic, implicit, exact to rounding at
-# 0.05 s here.
+# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8, and the ruler
+# for the others, Gauss-Legendre collocation, order 16, exact to rounding at 0.05 s here.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes

@@ -5,6 +5,7 @@ that takes a block of steps a call, and `Plain` runs it as it stands. Arrays (..
 that go in step, each as if it were alone. A step that raises Stop is tried in halves.
 """
 
+import contextlib
 import math
 import sys
 import time
@@ -266,6 +267,8 @@ def each_state(function, q, v):
 
     It is traced and done to all at once; if that gives something else, it is asked one by one.
     """
+    if q.ndim == 2:
+        return function(q, v)
     shape = q.shape[-2:]
     states = [x.reshape(-1, *shape) for x in (q, v)]
     given = list(zip(*states, strict=True))
@@ -294,13 +297,11 @@ class Crowd:
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.dt, self.given, self.measure = dt, (m, force, dt), measure
         self.plain, self.traced, self.machine = Plain(step_fn), None, None
-        try:
+        with contextlib.suppress(Untraceable):
             self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-        except Untraceable:
-            return self.put(q, v)
-        if native.available():
+        if self.traced and native.available():
             self.machine = native.Native(self.traced.program, native.LANES)
-        else:
+        elif self.traced:
             self.function = ArrayFunction(self.traced.program)
         self.put(q, v)
 
@@ -386,7 +387,8 @@ class Compiled:
             first = (x.reshape(-1, *x.shape[-2:])[0] for x in (q, v))
             Plain(self.step_fn)(*first, m, force, dt)  # a mistake shows here, in its own line
             memory.restore()
-            return self.give_up(why)
+            self.give_up(why)
+            return
 
         def plain(q, v, dt):
             return self.step_fn(q, v, m, force, dt)
