@@ -2,7 +2,6 @@
 rule and mode."""
 
 import constraints as c
-from curriculum.common.motion import followed
 
 import numpy as np
 
@@ -33,11 +32,9 @@ def scene(name):
 
 def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()):
     """The Run of a rule (or its name) with a Hold, the name of one, or a Baumgarte frequency."""
-    hold = c.as_hold(c.hold_table(dt)[hold] if isinstance(hold, str) else hold)
+    hold = c.hold_table(dt)[hold] if isinstance(hold, str) else hold
     rule = c.INTEGRATORS[rule] if isinstance(rule, str) else rule
-    return c.simulate(
-        followed(rule, hold.after, system), system, c.make_force(system, hold), dt, steps, keep
-    )
+    return c.simulate(rule, system, c.make_force(system, hold), dt, steps, keep)
 
 
 def energy_scale(system):
