@@ -27,8 +27,10 @@ def wrapped(operation):
     return method
 
 
-for name in "add sub mul truediv pow radd rsub rmul rtruediv rpow neg abs".split():
-    setattr(Number, f"__{name}__", wrapped(getattr(float, f"__{name}__")))
+for name in ("add", "sub", "mul", "truediv", "pow"):
+    for method in (f"__{name}__", f"__r{name}__"):
+        setattr(Number, method, wrapped(getattr(float, method)))
+Number.__neg__, Number.__abs__ = wrapped(float.__neg__), wrapped(float.__abs__)
 for name in FUNCTIONS:
     setattr(Number, name, wrapped(getattr(math, name)))
 
@@ -145,7 +147,7 @@ def program_of(function, *knobs):
 def by_python(program, x, count, *knobs):
     """`count` turns of a program, as Python: the states after each."""
     states = []
-    number_function(program, again)[0](tuple(x.flat), count, states.append, *knobs)
+    number_function(program, again)[0](tuple(x.ravel().tolist()), count, states.append, *knobs)
     return np.reshape(states, (count, 2, 3))
 
 
