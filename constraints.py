@@ -9,17 +9,23 @@ the lines that run, taken once on symbols and compiled (--show-step). Change one
 
 # --- region: setup ---
 import math
+from argparse import BooleanOptionalAction
 from collections import namedtuple
+from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
+from curriculum.ch3_4_constraints import publish as pub
+from curriculum.ch3_4_constraints.picture import write_motion
 from curriculum.ch3_4_constraints.recording import frames, record
-from curriculum.ch3_4_constraints.scene_files import direction, in_line, load_scene
-from curriculum.common.banner import banner
+from curriculum.ch3_4_constraints.scene_files import check_system, direction, load_scene
+from curriculum.ch3_4_constraints.statics import in_line
+from curriculum.ch3_4_constraints.tables import length, per_cent
+from curriculum.common.banner import banner, in_parts
 from curriculum.common.cli import chapter_parser, number, run_script
-from curriculum.common.files import publish
-from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.gauss import make_gauss
+from curriculum.common.graph import elimination_order, has_loop
+from curriculum.common.midpoint import make_midpoint
 from curriculum.common.ruler import settle
 from curriculum.common.runs import Log
 from curriculum.common.steps import Compiled, Plain, followed
@@ -29,6 +35,7 @@ import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
+INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
@@ -41,7 +48,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #     pairs            (i, j) a rod: it ties particle i to particle j or, where j is negative,
 #                      to an anchor, which stands still: -1 is the first, -2 the second
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  in m; without this key there is one, PIVOT
+#     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes, and how many rods
 
 
@@ -52,13 +59,13 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return load_scene(name, HERE / CHAPTER / "scenes")
+        return load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
     q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
-    rest = {"m": np.ones((count, 1)), "pairs": pairs, "lengths": np.ones(count)}
-    return {"q0": q0, "v0": np.zeros_like(q0), **rest}
+    rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
+    return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
 
 
 def external_force(system, q, v=None):
@@ -94,7 +101,7 @@ def constraint_terms(system, q, v):
             d, rate = d - q[..., j, :], rate - v[..., j, :]
             jac[..., k, j, :] = -d
         else:
-            d = d - system.get("anchors", [PIVOT])[-1 - j]
+            d = d - system.get("anchors", PIVOT[None])[-1 - j]
         jac[..., k, i, :] = d
         g[..., k] = 0.5 * (dot(d, d) - system["lengths"][k] * system["lengths"][k])
         gdot[..., k] = dot(d, rate)
@@ -112,38 +119,52 @@ def mobility(system, jac, along=None):
     return sum(j @ np.swapaxes(o, -1, -2) / m for j, o, m in terms)
 
 
-def solve(system, a, b, slack=1e-5, rounds=6):
+def solve(system, a, b, blur=0.0):
     """lambda (..., C) with a lambda = b: Gauss's elimination, rods with few neighbours first.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing: there the diagonal gets some slack, and each round after the first takes it
-    back a little more (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021).
+    rank in passing. There the diagonal grows by a share `blur` (...), and rounds take it back,
+    each solving for what is left of b, as long as they at least halve it (J. Carpentier, R.
+    Budhiraja, N. Mansard, RSS 2021). What b has along eigenvalues above `blur` of the diagonal is
+    met to rounding. What it has along those far below is left: `unheld` tells how much that is.
     """
     order = elimination_order(tuple(system["pairs"]))  # [(k, the rods still left that feel k)]
-    if not has_loop(tuple(system["pairs"])):
-        slack, rounds = 0.0, 1
-    a = np.moveaxis(a, (-2, -1), (0, 1)).copy()  # a[k, l]: a number, or one for each leading axis
-    b = np.moveaxis(b, -1, 0)
-    rods = np.arange(len(b))
-    spare = slack * a[rods, rods]
-    a[rods, rods] = a[rods, rods] + spare
+    loop = has_loop(tuple(system["pairs"]))
+    rows = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
+    rods = np.arange(len(rows))
+    own = np.moveaxis(rows[rods, rods], 0, -1)
+    if loop:
+        rows[rods, rods] = rows[rods, rods] * (1.0 + (1e-12 + blur))  # over rounding in any case
     for k, rest in order:
         for i in rest:
-            a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of lam[k]
+            rows[i, k] = rows[i, k] / rows[k, k]  # less so much of row k, row i is free of lam[k]
             for j in rest:
-                a[i, j] = a[i, j] - a[i, k] * a[k, j]
-    lam = 0.0 * b
-    for _ in range(rounds):
-        lam = b + spare * lam  # (a + spare) lam_next = b + spare lam: at rest where a lam = b
+                rows[i, j] = rows[i, j] - rows[i, k] * rows[k, j]
+
+    def sweep(b):
+        lam = np.moveaxis(b, -1, 0).copy()
         for k, rest in order:
             for i in rest:
-                lam[i] = lam[i] - a[i, k] * lam[k]
+                lam[i] = lam[i] - rows[i, k] * lam[k]
         for k, rest in reversed(order):
             for j in rest:
-                lam[k] = lam[k] - a[k, j] * lam[j]
-            lam[k] = lam[k] / a[k, k]
-    return np.moveaxis(lam, 0, -1)
+                lam[k] = lam[k] - rows[k, j] * lam[j]
+            lam[k] = lam[k] / rows[k, k]
+        return np.moveaxis(lam, 0, -1)
+
+    if not loop:
+        return sweep(b)
+
+    def another(x):  # lambda, and behind it the square of what was left before the last round
+        lam, before = x[..., :-1], x[..., -1]
+        rest = b - dot(a, lam[..., None, :])
+        left = dot(rest, rest / own)
+        following = np.concatenate([lam + sweep(rest), np.stack([left], axis=-1)], axis=-1)
+        return following, before / (4.0 * left + 1e-200)
+
+    start = np.concatenate([sweep(b), np.stack([dot(b, b / own)], axis=-1)], axis=-1)
+    return repeat(another, start, 100, "no finite tensions")[..., :-1]
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
@@ -186,18 +207,36 @@ def as_hold(hold):
     return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
+def right_side(hold, lengths, pushed, g, gdot, jdotv):
+    """b (..., C) of the linear system, where `pushed` is J M^-1 f."""
+    if hold.softness:
+        length = np.sqrt(2.0 * g + np.square(lengths))
+        g = length * (length - lengths)
+    return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
+
+
+def blur(lengths, g, jdotv):
+    """Which share (...) of A's diagonal an eigenvalue must have to mean anything, in a loop.
+
+    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
+    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    """
+    square = np.square(lengths)
+    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
+
+
 def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N) and lambda (..., C) in N/m at q, v (..., N, 3); f: the rest, if known."""
-    hold = as_hold(hold)
+    """J (..., C, 3N), and Lagrange's multipliers lambda (..., C) in N/m, at q, v (..., N, 3).
+
+    f: the other forces, if known.
+    """
+    hold, lengths = as_hold(hold), system["lengths"]
     f = external_force(system, q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
-    if hold.softness:
-        length = np.sqrt(2.0 * g + np.square(system["lengths"]))
-        g = length * (length - system["lengths"])
-    free = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
-    b = -(dot(jac, free) + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
-    a = mobility(system, jac)
-    return jac, solve(system, a * (1.0 + hold.softness * np.eye(len(system["pairs"]))), b)
+    accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
+    b = right_side(hold, lengths, dot(jac, accel), g, gdot, jdotv)
+    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(lengths)))
+    return jac, solve(system, a, b, blur(lengths, g, jdotv))
 
 
 def pull(jac, lam):
@@ -223,17 +262,28 @@ class Force(namedtuple("Force", "system hold")):
         f = external_force(self.system, q, v)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
-    def after(self, q_start, q, v, dt):
-        """What the hold wants done to a finished step."""
-        return self.hold.after(self.system, q_start, q, v, dt)
+    @property
+    def after(self):
+        """(q_start, q, v, dt) -> (q, v): what the hold does to a finished step, or None."""
+        return self.hold.after and partial(self.hold.after, self.system)
+
+    def tensions(self, q, v):
+        """Newtons (..., C) with which the rods pull at q, v (..., N, 3)."""
+        return tensions(self.system, q, v, self.hold)
 
 
 def make_force(system, hold, plain=False):
     """A Force; `hold` is a Hold, a mode's name, or Baumgarte's w in rad/s. Many rods need another."""
     hold = as_hold(hold)
     if large.takes(system) and not plain:
-        return large.LargeForce(system, hold, external_force)
+        return large.LargeForce(system, hold, external_force, right_side, blur, near)
     return Force(system, hold)
+
+
+def near(lengths, q):
+    """The g (..., C) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
+    far = np.mean(np.sum(np.abs(q), axis=-1), axis=-1, keepdims=True)
+    return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
 def project(system, q_start, q, v, dt):
@@ -242,22 +292,20 @@ def project(system, q_start, q, v, dt):
     Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: SHAKE (J.-P. Ryckaert et
     al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods, as in RATTLE (H.
     Andersen, ibid. 52 (1983) 24). RK4 keeps order 4, semi-implicit Euler 1; this one is symplectic,
-    and blows up along J(q), or if v is not told. FloatingPointError where Newton's method fails.
+    and blows up along J(q), or if v is not told. Stop where Newton's method finds no way.
     """
-    along = constraint_terms(system, q_start, v)[0]
-    far = np.mean(np.sum(np.abs(q_start), axis=-1), axis=-1, keepdims=True)  # (..., 1)
-    near = 1e-12 * np.square(system["lengths"]) + 1e-15 * far * system["lengths"]  # as g is rounded
+    along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
+    close = near(lengths, q_start)
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, 1e-9, 2)
-        return q - pull(along, mu) / system["m"], dot(g / near, g / near)
+        mu = solve(system, mobility(system, jac, along), g, blur(lengths, g, 0.0))
+        return q - pull(along, mu) / system["m"], dot(g / close, g / close)
 
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    lam = solve(system, mobility(system, jac), gdot, 1e-9, 2)
-    return end, v - pull(jac, lam) / system["m"]
+    return end, v - pull(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
 
 
 # --- endregion ---
@@ -277,24 +325,26 @@ def semi_implicit_step(q, v, m, force, dt):
 
 
 def rk4_step(q, v, m, force, dt):
-    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4; energy wanders."""
-    half = 0.5 * dt
-    a1 = force(q, v) / m
-    v2 = v + half * a1
-    a2 = force(q + half * v, v2) / m
-    v3 = v + half * a2
-    a3 = force(q + half * v2, v3) / m
-    v4 = v + dt * a3
-    a4 = force(q + dt * v3, v4) / m
-    q = q + (dt / 6.0) * (v + 2.0 * (v2 + v3) + v4)
-    return q, v + (dt / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
+    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4, four forces; energy wanders."""
+
+    def slope(q, v):
+        return v, force(q, v) / m
+
+    v1, a1 = slope(q, v)
+    v2, a2 = slope(q + 0.5 * dt * v1, v + 0.5 * dt * a1)
+    v3, a3 = slope(q + 0.5 * dt * v2, v + 0.5 * dt * a2)
+    v4, a4 = slope(q + dt * v3, v + dt * a3)
+    q = q + (dt / 6.0) * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+    return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-# The fourth is the ruler for the others: Gauss-Legendre collocation, order 16, symplectic, exact to
-# rounding at 0.05 s here. It is implicit: it iterates its stages by calls of the same force.
+# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8; and the ruler for
+# the others, Gauss-Legendre collocation, order 16, symplectic, exact to rounding at 0.05 s here. That
+# one is implicit: it iterates its stages by calls of the same force.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
-INTEGRATORS["gauss"] = make_gauss()
+INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes
+NOT_IMPULSE = "which does not end a step at q + dt (v + dt a)"
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
 # Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
@@ -320,7 +370,7 @@ def rod_vectors(system, x, fixed):
 
 def rod_errors(system, q):
     """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
-    d = rod_vectors(system, q, system.get("anchors", [PIVOT]))
+    d = rod_vectors(system, q, system.get("anchors", PIVOT[None]))
     return np.sqrt(dot(d, d)) - system["lengths"]
 
 
@@ -336,10 +386,12 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     violations (steps + 1, ...) in m; energies in J. `keep`: steps whose states it has as well.
     Members of leading axes in q0, v0 go in step. `way`: Compiled, or Plain, the lines as they stand.
     """
-    if force.hold.dt not in (None, dt):
-        raise ValueError(f"this force is for steps of {force.hold.dt:g} s, not of {dt:g} s")
+    hold = getattr(force, "hold", as_hold(0.0))  # any function (q, v) -> N will do
+    if hold.dt not in (None, dt):
+        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt:g} s")
+    system = check_system({"anchors": PIVOT[None], **system})
     q, v, m = system["q0"], system["v0"], system["m"]
-    step_fn = way(followed(step_fn, force.after if force.hold.after else None), steps)
+    step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
     log.note(q, v, constraint_violation(system, q), energy(system, q, v))
     with log:
@@ -353,43 +405,60 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- endregion ---
 # --- region: report ---
 def parse(argv):
-    """The command line, and the system it names."""
-    parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
-    what("--system", default="double", help="pendulum, double, triple, chain, scene, file (double)")
-    what("--links", type=number(int, 1, 20_000), default=10, help="rods of --system chain (10)")
-    what("--steps", type=number(int, 1), default=4000, help="drift is patient: run longer (4000)")
-    what("--dt", type=number(), default=0.005, help="s; halve it and see the rule's order (0.005)")
-    how("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who drifts, how fast?")
-    how("--stabilization", choices=["all", *hold_table()], default="all", help="the cures for it")
-    how("--baumgarte", type=number(float, 0), default=20.0, help="rad/s; too much blows up (20)")
-    how("--time-constant", type=number(), default=0.02, help="s; how soon soft mends a rod (0.02)")
-    how("--impedance", type=number(high=1), default=0.95, help="soft: hard rods near 1 (0.95)")
-    how("--tol", type=number(), help="m at 2 s; gauss then finds its stages and step")
-    how("--show-step", action="store_true", help="print the code that a step becomes, and no more")
+    """The command line; the system that it names; and whether it asks for a default run."""
+    about = {x: f"let go level, rods: {n}" for x, n in [*SYSTEMS.items(), ("chain", "--links")]}
+    parser, what, how, see = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
+    rules, modes = list(INTEGRATORS), ["all", *hold_table()]
+    what("--scenes", action=pub.SceneList, nargs=0, const=(about, HERE / CHAPTER), help="list them")
+    what("--system NAME", default="double", help="one that --scenes lists, or a file")
+    what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
+    what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
+    what("--dt S", type=number(), default=0.005, help="s; halve it and see the rule's order")
+    how("--integrator RULE", choices=rules, default="semi_implicit", help=", ".join(rules))
+    how("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
+    how("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
+    how("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
+    how("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
+    how("--tol M", type=number(), help="m at 2 s; gauss then finds its stages and step")
+    aim = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
+    how("--plain", action="store_true", help=aim)
+    see("--picture", action=BooleanOptionalAction, default=True, help="motion.svg; or none")
+    see("--show-step", action="store_true", help="print the code that a step becomes, no more")
     args = parser.parse_args(argv)
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
     if args.stabilization == "impulse" and args.integrator not in FOR_IMPULSE:
-        parser.error(f"argument --stabilization: impulse does not fit {args.integrator}")
-    return args, parser.attempt("--system", build_system, args.system, args.seed, args.links)
+        why = f"does not fit {args.integrator}, {NOT_IMPULSE}; give --integrator {FOR_IMPULSE[0]}"
+        parser.error(f"argument --stabilization: impulse {why}")
+    system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
+    usual = args == parser.parse_args(["--out", args.out])
+    if not args.show_step:  # last, so that every other mistake is told first
+        args.out = parser.attempt("--out", pub.results_folder, args.out)
+    return args, system, usual
 
 
 def report(args, system, rows, runs, dt, truth):
-    """Print the table, a sentence for each run that did not go straight to its end, the verdict."""
+    """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
-    at, limit = f"at {truth.step * dt:.3g} s, m", STABILITY_LIMIT.get(args.integrator, math.inf)
+    at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, math.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    print("                   rods off, m    energy  true error    tip ends at, m    a step")
-    print(f"mode           worst    at end  of m g L {at:>11}        x        y        us")
-    for mode, row in rows.items():
-        name = mode + "*" * bool(runs[mode].note)
-        rods = f"{row['max_violation']:9.2e} {row['final_violation']:9.2e}"
-        error = "-" if row["error"] is None else f"{row['error']:.2e}"
-        end = f"{row['tip_final'][0]:8.3f} {row['tip_final'][1]:8.3f} {runs[mode].pace:9.3g}"
-        print(f"{name:<10} {rods} {row['energy_rel_max']:9.1e} {error:>11} {end}")
+    print("               rods off by      energy off  from the truth    a step")
+    print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
+    for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
+        rods = f"{length(np.max(run.violations)):>9}  {length(run.violations[-1]):>9}"
+        error = "-" if row["error"] is None else length(row["error"])
+        rest = f"{per_cent(row['energy_rel_max']):>10}  {error:>14}  {run.pace:8.3g}"
+        print(f"{mode + '*' * bool(run.note):<10}{rods}  {rest}")
     for mode, run in runs.items():
         if run.note:
             print(f"* {mode} {run.note}{in_line(constraint_terms, system, run)}")
+    lost = [mode for mode, row in rows.items() if row["error"] is None]
+    if lost:
+        why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"
+        print(f"- {', '.join(lost)}: {why} {at}")
+    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (args.tol or math.inf)]
+    if args.tol and over:
+        print(f"--tol {args.tol:g} is the aim of the best mode; not met by {', '.join(over)}")
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}
@@ -401,41 +470,38 @@ def report(args, system, rows, runs, dt, truth):
 
 
 def main(argv=None):
-    """Run the comparison that `argv` asks for, print it, write metrics.json and the recording."""
-    args, system = parse(argv)
+    """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
+    args, system, usual = parse(argv)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    rule = INTEGRATORS[args.integrator]
-    steps = SMOKE_STEPS if args.smoke else args.steps
+    rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
-    def case(mode, rule, dt):
-        hold = hold_table(dt, *knobs)[mode]
-        return rule, system, make_force(system, hold), dt
+    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled):
+        force = make_force(system, hold_table(dt, *knobs)[mode], args.plain)
+        return simulate(rule, system, force, dt, steps, keep, way)
 
     if args.show_step:
-        first = Compiled(followed(rule, make_force(system, modes[0]).after), check=False)
-        first.trace(system["q0"], system["v0"], system["m"], case(modes[0], rule, args.dt)[2], args.dt)
-        print(first.source)
+        print(run(modes[0], rule, args.dt, 1).source)
         return 0
-    print(banner("ch3.4", "constraints", args.device))
+    print(banner("ch3.4", "constraints", args.device, usual))
     if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
-        print(f"impulse left out: {args.integrator} does not take q to q + dt (v + dt a)")
-
-    def run(mode, rule, dt, steps, keep=(), way=Compiled):
-        return simulate(*case(mode, rule, dt), steps, keep, way)
-
+        print(f"impulse left out: it does not fit {args.integrator}, {NOT_IMPULSE}")
     most = 0 if large.takes(system) else 5000 // (len(system["pairs"]) + 5)
     rule, dt, steps, truth = settle(run, modes, rule, args.dt, steps, args.tol, most)
-    keep = [truth.step, *(frames(steps, dt, len(system["q0"])) if args.rerun else ())]
-    runs = {mode: run(mode, rule, dt, steps, keep) for mode in modes}
+    shown = frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
+    runs = {mode: run(mode, rule, dt, steps, [truth.step, *shown]) for mode in in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
     report(args, system, rows, runs, dt, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    holds = hold_table(dt, *knobs)
-    scene = args, used, system, runs, rows, fall, lambda: {mode: tensions(system, runs[mode].q, runs[mode].v, holds[mode]) for mode in runs}
-    print(publish(args, used, rows, lambda path: record(path, *scene)))
+    holds, scene, writers = hold_table(dt, *knobs), (args, used, system, runs), {}
+    if args.picture:
+        writers[pub.PICTURE] = lambda path: write_motion(path, *scene, shown)
+    if args.rerun:
+        pulls = {mode: tensions(system, run.q, run.v, holds[mode]) for mode, run in runs.items()}
+        writers[pub.RECORDING] = lambda path: record(path, *scene, rows, fall, pulls)
+    print(pub.publish(args, used, rows, writers))
     return 0
 
 

@@ -28,11 +28,12 @@ FORCE, MOTION, UNROLL, RULER = (
     "tests/test_unroll.py",
     "tests/test_ruler.py",
 )
-LINE, MISTAKES, RESULTS = (
+LINE, FILES, RESULTS = (
     "tests/test_command_line.py",
-    "tests/test_mistakes.py",
+    "tests/test_files.py",
     "tests/test_results.py",
 )
+LARGE = "tests/test_large.py"
 SCENES, RECORDING = "tests/test_scenes.py", "tests/test_recording.py"
 
 MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what takes its place, who should notice)]
@@ -56,6 +57,9 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("--smoke ignored", "SMOKE_STEPS if args.smoke else args.steps", "args.steps", RESULTS),
         ("--tol accepted without gauss", 'args.tol and args.integrator != "gauss"', "False", LINE),
         ("a verdict on short runs", 'len(runs["none"].tip) > SMOKE_STEPS', "True", RESULTS),
+        ("error_at by the asked step", '"error_at": truth.step * dt', '"error_at": truth.step * args.dt', RESULTS),
+        ("the out folder not tried before the run",
+            'args.out = parser.attempt("--out", results_folder, args.out)', "args.out = Path(args.out)", LINE),
         ("the verdict upside down", "none > 3.0 * helped", "none < 3.0 * helped", RESULTS),
     ],
     "curriculum/common/trace.py": [
@@ -67,7 +71,7 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
         ("a buffer is used again too soon", " == k and x not in kept}", " >= 0}", UNROLL),
     ],
     "curriculum/common/motion.py": [
-        ("a block begins where the last began", "self.columns = states[-1]", "self.columns = states[0]", MISTAKES),
+        ("a block begins where the last began", "self.columns = states[-1]", "self.columns = states[0]", MOTION),
         ("the pace is off by one step", "max(1, len(self.tip) - 1)", "len(self.tip)", MOTION),
         ("a step is never tried in halves", "if level == HALVINGS or", "if level == 0 or", RULER),
     ],
@@ -77,16 +81,17 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
     ],
     "curriculum/common/ruler.py": [
         ("the ruler accepts a millimetre", "KNOWN = 1e-9", "KNOWN = 1e-3", RULER),
-        ("a budget without end", "self.left -= 1", "self.left -= 0", MISTAKES),
-        ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:", LINE),
+        ("a budget without end", "self.left -= 1", "self.left -= 0", RULER),
+        ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:", RESULTS),
+        ("a step lost", "math.ceil(seconds / dt - 1e-9)", "math.floor(seconds / dt)", RESULTS),
     ],
     "curriculum/ch3_4_constraints/large.py": [
         ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += ", FORCE),
         ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up", FORCE),
-        ("loops without slack", "((slack, rounds) if rods.loop else (0.0, 1))", "(0.0, 1)", MISTAKES),
-        ("few rods, all tied, written out", "> FILL", "> 1e9", MISTAKES),
+        ("loops without slack", "((slack, rounds) if rods.loop else (0.0, 1))", "(0.0, 1)", LARGE),
+        ("few rods, all tied, written out", "> FILL", "> 1e9", LARGE),
         ("an endless way back for long chains", "np.all(np.abs(g) <= near)",
-            "np.all(np.sum(np.square(g / near), axis=-1) <= 1.0)", MISTAKES),
+            "np.all(np.sum(np.square(g / near), axis=-1) <= 1.0)", LARGE),
     ],
     "curriculum/ch3_4_constraints/recording.py": [
         ("one colour for all modes", "COLORS.get(mode, GREY)", "GREY", RECORDING),
@@ -100,30 +105,36 @@ MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what tak
     "curriculum/ch3_4_constraints/scene_files.py": [
         ("a taut cable let through", "if abs(row @ curl) > TAUT", "if abs(row @ curl) > 1e9", SCENES),
         ("the second of two equal keys counts", "if len(found) < len(items):", "if False:", SCENES),
-        ("any number of particles", "0 < len(rows) <= MOST", "0 < len(rows)", MISTAKES),
+        ("any number of particles", "0 < len(rows) <= MOST", "0 < len(rows)", SCENES),
         ("a pipe is read", "not path.is_file() or ", "", SCENES),
     ],
+    "curriculum/ch3_4_constraints/publish.py": [
+        ("tol missing from the metrics", '"impedance", "tol"', '"impedance"', RULER),
+        ("an old recording beside new numbers", ", RECORDING: None}", "}", FILES),
+        ("a full disk costs the old recording", "if (args.out / name).exists():", "if False:", FILES),
+        ("half a recording stays", "            path.unlink(missing_ok=True)\n", "", FILES),
+    ],
     "curriculum/common/files.py": [
-        ("metrics written in place", "write(temporary)\n        os.replace(temporary, path)", "write(path)", LINE),
-        ("a signal leaves half a file", "        temporary.unlink(missing_ok=True)\n", "        pass\n", MISTAKES),
-        ("NaN in JSON", "allow_nan=False", "allow_nan=True", LINE),
-        ("tol missing from the metrics", '"impedance", "tol")', '"impedance")', RULER),
-        ("an old recording beside new numbers", "    recording.unlink(missing_ok=True)\n", "", MISTAKES),
-        ("a device replaced by a file", "if path.exists() and not path.is_file():", "if path.is_dir():", MISTAKES),
-        ("what a killed run left stays", "    remove_left(path)\n", "", MISTAKES),
+        ("files written in place", "writers[name](aside / name)", "writers[name](folder / name)", FILES),
+        ("two runs at once", "fcntl.flock(handle, fcntl.LOCK_EX)", "pass", FILES),
+        ("Ctrl-C between two files", "stack.enter_context(ThreadPoolExecutor(1)).submit(rename).result()",
+            "rename()", FILES),
+        ("NaN in JSON", "allow_nan=False", "allow_nan=True", FILES),
+        ("a device replaced by a file", "if path.exists() and not path.is_file():", "if path.is_dir():", FILES),
+        ("what a killed run left stays", "shutil.rmtree(left, ignore_errors=True)", "pass", FILES),
     ],
     "curriculum/common/cli.py": [
-        ("a traceback at | head", "if not isinstance(error, BrokenPipeError):", "if True:", LINE),
-        ("a signal is not heeded", "(number) is not signal.SIG_IGN", "(number) is signal.SIG_IGN", MISTAKES),
-        ("digits of any script", ", text, re.ASCII)", ", text)", MISTAKES),
-        ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:", MISTAKES),
+        ("a traceback at | head", "isinstance(error, BrokenPipeError)", "False", LINE),
+        ("a signal is not heeded", "is not signal.SIG_IGN", "is signal.SIG_IGN", LINE),
+        ("digits of any script", ", text, re.ASCII)", ", text)", LINE),
+        ("1e-400 is zero", "if lost or not low", "if not low", LINE),
+        ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:", LINE),
+        ("frames of ours in a traceback", "shown.stack[:] = own or shown.stack", "pass", LINE),
     ],
     "curriculum/common/banner.py": [
-        ("the banner is never measured", '["status"] == "measured"', '["status"] == "ever"', MISTAKES),
-        ("the banner's tier is another", "if its == device)", "if its != device)", MISTAKES),
-        ("minutes as seconds", "* 60.0:.2g} s", ":.2g} s", MISTAKES),
-        ("the best instead of the median", "sorted(seconds)[2]", "sorted(seconds)[0]", MISTAKES),
-        ("progress at once", "taken > max(SURE, shown + 0.1)", "taken > shown + 0.1", MISTAKES),
+        ("every run is said to take so long", "if default else ()", "if True else ()", LINE),
+        ("progress at once", "taken > max(SURE, shown + 0.1)", "taken > shown + 0.1", LINE),
+        ("progress of one part", "(before + step / steps) / parts", "step / steps", LINE),
     ],
 }  # fmt: skip
 

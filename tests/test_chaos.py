@@ -1,14 +1,13 @@
-"""The study of many seeds: its starts, its members, what it counts, its exponent, its memory and
-its command."""
+"""Many seeds: their starts, members, exponent and command; and the map of when one turns over."""
 
 import json
 import math
-import tracemalloc
+import zlib
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import chaos
+from curriculum.ch3_4_constraints.studies import map as plane
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
-from curriculum.common import motion
 
 import numpy as np
 import pytest
@@ -16,42 +15,36 @@ import pytest
 DT = 0.005
 
 
-@pytest.mark.parametrize("name", ["pendulum", "double", "triple", "chain"])
-def test_the_starts_are_those_of_build_system(name):
-    system = chaos.ensemble(name, range(5, 20))
-    for k, seed in ((0, 5), (1, 6), (14, 19)):
-        alone = c.build_system(name, seed)
-        assert all(system[key][k].tobytes() == alone[key].tobytes() for key in ("q0", "v0"))
+def branching(system, q, v=None):
+    """Gravity, and drag on the way down."""
+    f = system["m"] * c.GRAVITY
+    return f - 0.1 * v if v[0, 1] < 0.0 else f
 
 
-@pytest.mark.parametrize(("name", "steps"), [("double", 1000), ("triple", 50)])
-def test_a_member_ends_where_it_ends_alone_bit_for_bit_in_batches_of_any_size(
-    name, steps, monkeypatch
-):
-    monkeypatch.setattr(motion, "BLOCK", 4096)  # so that there are many blocks of steps, too
+@pytest.mark.parametrize(("force", "steps"), [(None, 1000), (branching, 40)])
+def test_a_member_ends_where_it_ends_alone_bit_for_bit_in_batches(force, steps, monkeypatch):
+    """Whether a force can be traced or branches; starts are those that build_system draws."""
+    if force:
+        monkeypatch.setattr(c, "external_force", force)
     found = {}
     for size in (5, 9):
         monkeypatch.setattr(chaos, "BATCH", size)
-        found[size] = chaos.crowds(name, range(3, 12), DT, steps)
+        found[size] = chaos.crowds("double", range(3, 12), DT, steps)
     for rule, mode in chaos.RUNS:
-        ends = found[9][rule, mode]
-        assert all(
-            a.tobytes() == b.tobytes() for a, b in zip(ends, found[5][rule, mode], strict=True)
-        )
+        parts = zip(found[9][rule, mode], found[5][rule, mode], strict=True)
+        assert all(a.tobytes() == b.tobytes() for a, b in parts)
         for k in (0, 5, 8):
-            system = c.build_system(name, 3 + k)
+            system = c.build_system("double", 3 + k)
             alone = run(system, rule, mode, DT, steps)
             gained = (alone.energies[-1] - alone.energies[0]) / energy_scale(system)
             expected = alone.violations.max(), drift(system, alone), gained, alone.tip[-1]
-            assert all(
-                x[k].tobytes() == e.tobytes() for x, e in zip(ends, expected, strict=True)
-            ), (rule, mode, k)
+            ends = [x[k] for x in found[9][rule, mode]]
+            assert all(x.tobytes() == e.tobytes() for x, e in zip(ends, expected, strict=True))
 
 
 def test_the_tables_say_what_the_ends_are_and_count_who_is_lost():
-    nan = math.nan
-    none, baumgarte = np.array([1.0, 5.0, 7.0, 9.0, nan]), np.array([2.0, 2.0, 2.0, 2.0, 1.0])
-    tips = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0], [nan] * 3])
+    none, baumgarte = np.array([1.0, 5, 7, 9, math.nan]), np.array([2.0, 2, 2, 2, 1])
+    tips = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0], [math.nan] * 3])
     runs = zip(chaos.RUNS, (none, baumgarte, baumgarte), strict=True)
     found = {key: chaos.Ends(rods, 0.5 * rods, -0.5 * rods, tips) for key, rods in runs}
     row = chaos.ordering(found)
@@ -61,6 +54,7 @@ def test_the_tables_say_what_the_ends_are_and_count_who_is_lost():
     assert (row["lost"], row["rods m"], row["worst"], other["lost"]) == (1, 6.0, 9.0, 0)
     assert (row["energy off, worst"], row["gained"]) == (4.5, -3.0)
     assert row["tips spread m"] == pytest.approx(math.sqrt(0.5 + 2.0))
+    assert chaos.standard_error([1.0, 2.0, 3.0]) == pytest.approx(1.0 / math.sqrt(3.0))
 
 
 def test_a_member_that_flies_apart_is_lost_alone():
@@ -73,66 +67,50 @@ def test_a_member_that_flies_apart_is_lost_alone():
         assert np.delete(once, 2, axis=0).tobytes() == np.delete(then, 2, axis=0).tobytes()
 
 
-@pytest.mark.parametrize(("name", "square"), [("pendulum", 1.0), ("double", 2.0 + math.sqrt(2.0))])
-def test_neighbours_of_a_pendulum_on_end_part_as_the_linear_equations_say(name, square):
-    upright = chaos.ensemble(name, range(4))
-    upright["q0"] = np.zeros_like(upright["q0"]) + np.arange(1.0, c.SYSTEMS[name] + 1.0)[
-        :, None
-    ] * [0.0, 1.0, 0.0]
-    rates, rods, lost = chaos.growth(upright, 4.0, 2.0, DT)
-    assert rates.shape == (4, 4)
-    assert rates == pytest.approx(math.sqrt(9.81 * square), rel=1e-6)
-    assert max(rods, lost) < 1e-12
-
-
-def test_neighbours_of_a_pendulum_part_in_proportion_to_time_and_no_faster():
+def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion_to_time():
+    for name, square in (("pendulum", 1.0), ("double", 2.0 + math.sqrt(2.0))):
+        upright = chaos.ensemble(name, range(4))
+        upright["q0"][:] = np.arange(1.0, c.SYSTEMS[name] + 1.0)[:, None] * [0.0, 1.0, 0.0]
+        rates, rods, lost = chaos.growth(upright, 4.0, 2.0, DT)
+        assert rates == pytest.approx(np.full((4, 4), math.sqrt(9.81 * square)), rel=1e-6)
+        assert max(rods, lost) < 1e-12
     rates, _, _ = chaos.growth(chaos.ensemble("pendulum", range(10)), 20.0, 140.0, 4 * DT)
     assert chaos.RENEW * rates.sum(axis=1).mean() == pytest.approx(math.log(160.0 / 20.0), abs=0.5)
 
 
-def test_memory_grows_neither_with_steps_nor_with_batches(monkeypatch):
-    monkeypatch.setattr(chaos, "BATCH", 200)
-    monkeypatch.setattr(chaos, "RUNS", chaos.RUNS[:1])
-    peaks = []
-    for seeds, steps in ((200, 200), (200, 1000), (400, 200)):
-        tracemalloc.start()
-        chaos.crowds("double", range(seeds), DT, steps)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert max(peaks) < 1.1 * peaks[0], peaks
-
-
 def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch, tmp_path, capsys):
-    drawn, flags = [], ["--quick", "--seeds", "3", "--first", "2", "--seconds", "0.1"]
-    less = {
-        "WORK": 4000,
-        "SIZES": (1000,),
-        "growth": lambda system, *_: (np.ones((3, 20)), 1.23e-10, 4.56e-10),
-    }
-    for name, value in less.items():
+    flags = ["--quick", "--seeds", "3", "--first", "2", "--seconds", "0.1", "--out"]
+    known = {"WORK": 4000, "SIZES": (1000,), "growth": lambda *_: (np.ones((3, 20)), 1e-9, 4e-9)}
+    for name, value in known.items():
         monkeypatch.setattr(chaos, name, value)
-    monkeypatch.setattr(chaos, "record", lambda path, *scene: drawn.append(scene) or path.touch())
-    for folder in ("a", "b"):
-        assert chaos.main([*flags, "--out", str(tmp_path / folder)]) == 0
-    printed = capsys.readouterr().out
-    assert max(map(len, printed.replace(str(tmp_path), "").splitlines())) <= 100
-    texts = [(tmp_path / folder / "metrics.json").read_bytes() for folder in ("a", "b")]
+    texts = []
+    for name in "ab":
+        assert chaos.main([*flags, str(tmp_path / name)]) == 0
+        texts.append((tmp_path / name / "metrics.json").read_bytes())
     assert texts[0] == texts[1]
-    metrics = json.loads(texts[0])
-    assert (metrics["first"], metrics["seeds"], metrics["steps"]) == (2, 3, 20)
-    assert metrics["answers"][0]["rows"] == [
-        chaos.ordering(chaos.crowds("double", range(2, 5), DT, 20))
-    ]
+    metrics, found = json.loads(texts[0]), chaos.crowds("double", range(2, 5), DT, 20)
+    assert metrics["answers"][0]["rows"] == [chaos.ordering(found)]
+    lines = capsys.readouterr().out.replace(str(tmp_path), "").splitlines()
+    assert max(map(len, lines)) <= 100
 
-    _, _, linkage, runs, _, _, pulls = drawn[0]
-    pulls = pulls()
-    for (rule, mode), (key, found) in zip(chaos.RUNS, runs.items(), strict=True):
-        system, hold = c.build_system("double", 3), c.hold_table(DT)[mode]
-        alone = run(system, rule, mode, DT, 20, found.kept)
-        assert (key, linkage["pairs"][2:4]) == (f"{rule}_{mode}", [(2, -1), (3, 2)])
-        assert np.array_equal(found.q[:, 2:4], alone.q)
-        assert np.allclose(
-            pulls[key][:, 2:4], c.tensions(system, alone.q, alone.v, hold), rtol=1e-12
-        )
-    chaos.main([*flags, "--no-rerun", "--out", str(tmp_path / "a")])
-    assert [path.name for path in (tmp_path / "a").iterdir()] == ["metrics.json"]
+
+def test_a_rod_turns_over_when_its_angle_passes_the_upright(tmp_path):
+    """Beside the angles of single runs, unwrapped; half is mirrored, and none is seen to leak."""
+    angles = plane.angle(8)[np.stack(np.meshgrid(range(8), range(8), indexing="ij"), -1)].reshape(
+        -1, 2
+    )
+    turns = plane.first_turns(angles, "impulse", 5.0)
+    for start, turn in zip(angles, turns, strict=True):
+        system = c.build_system("double") | {"q0": plane.starts(start[None])[0]}
+        q = run(system, hold="impulse", steps=1000, keep=range(0, 1001, plane.LOOK)).q
+        d = q[:, 1] - q[:, 0]
+        turned = np.abs(np.unwrap(np.arctan2(d[:, 0], -d[:, 1]))) > math.pi
+        assert turn == (np.argmax(turned) if turned.any() else 0)
+    assert 0 < np.count_nonzero(turns) < 64 and np.array_equal(turns, turns[::-1])
+    paths = [tmp_path / name for name in ("a.png", "b.png")]
+    for path in paths:
+        plane.main(["--size", "16", "--seconds", "5", "--out", str(path)])
+    data = paths[0].read_bytes()
+    assert data == paths[1].read_bytes() and data[:8] == b"\x89PNG\r\n\x1a\n"
+    rows = zlib.decompress(data[data.index(b"IDAT") + 4 :])
+    assert len(rows) == 17 * (16 + 1 + 16 // plane.STRIP)

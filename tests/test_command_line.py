@@ -1,33 +1,34 @@
-"""The command line: mistakes answered by one line, results whole or not at all, and no work that
-was not asked for."""
+"""The command line: a mistake is answered by one line, a run by sentences that fit a terminal."""
 
-import itertools
-import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
-import constraints
-from curriculum.common import banner as device
-from curriculum.common.files import write_json, write_whole
+import constraints as c
+from curriculum.ch3_4_constraints import publish
+from curriculum.common import banner, cli
 
 import pytest
 
+posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
+SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
 VALUES = {  # a space between two of them
     "--dt": "0 -1 nan inf abc 1e-320 1e308",
-    "--steps": "0 -5 1.5 999999999999999999999999",
-    "--seed": "-1 x",
-    "--baumgarte": "-1 nan 1e300",
+    "--steps": "0 -5 1.5 1e3 \u0663 1_000 0x10 999999999999999999999999",
+    "--seed": "-1 x --",
+    "--baumgarte": "-1 nan 1e300 1e-400",
     "--time-constant": "0 1e-320 1e308",
     "--impedance": "0 1 2 1e-320",
-    "--links": "0 99999999999",
-    "--system": "nosuch two\nlines",
-    "--integrator": "nosuch",
+    "--links": "0 99999999999 --",
+    "--system": "nosuch two\nlines --",
+    "--integrator": "nosuch --",
     "--stabilization": "nosuch",
     "--device": "gpu",
 }
@@ -35,231 +36,260 @@ FLAGS = {  # and what the line must repeat
     "--nosuch 1": "--nosuch 1",
     "--no\nsuch 1": r"--no\nsuch 1",
     "--integ rk4": "--integ rk4",
-    "--stabilization impulse --integrator rk4": "--stabilization impulse rk4",
-    "--stabilization impulse --integrator euler": "--stabilization impulse euler",
+    "--stabilization impulse --integrator rk4": "impulse rk4 q + dt (v + dt a) semi_implicit",
+    "--stabilization impulse --integrator euler": "impulse euler",
     "--tol 0.001": "--tol 0.001 --integrator gauss",
     "--tol 0.001 --integrator rk4": "--tol 0.001 --integrator gauss",
+    "--integrator RK4": "mean rk4?",
+    "--SYSTEM double": "mean --system?",
+    "--system Triple": "mean 'triple'?",
 }
-TOO_FINE = [
-    "--links 40 --system chain",
-    "--system heavy_tip",
-]  # where the ruler ends: too many rods, too hard
 
 
-@pytest.fixture
-def out(tmp_path):
-    """A folder that holds the results of an earlier run, and nothing else before and after."""
-    results = tmp_path / "out" / "metrics.json"
-    results.parent.mkdir()
-    results.write_text("as it was")
-    yield results.parent
-    assert set(tmp_path.rglob("*")) == {results.parent, results}
-    assert results.read_text() == "as it was"
+def program(*words, before=None, **settings):
+    """A process of its own that runs constraints.py, or python with `words` that begin with -c."""
+    command = [sys.executable, *([] if words[0] == "-c" else [c.__file__]), *map(str, words)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
+    return subprocess.run(command, preexec_fn=before, **{"cwd": c.HERE} | pipes | settings)
 
 
-def refusal(capsys, *flags):
-    """The one line with which main refuses `flags`."""
-    with pytest.raises(SystemExit) as stop:
-        constraints.main([str(flag) for flag in flags])
+def script(lines, before=None):
+    """What a process of its own says whose main is `lines`."""
+    body = "".join(f"    {line}\n" for line in lines.splitlines())
+    start = "import os, signal, sys, numpy\nfrom curriculum.common.cli import run_script\n"
+    return program("-c", f"{start}def main():\n{body}run_script(main)", before=before)
+
+
+def refusal(capsys, *words):
+    """The one line with which main refuses `words`; no folder can be written: that comes last."""
+    with pytest.raises(SystemExit) as end:
+        c.main(["--out", "/dev/null/below", *map(str, words)])
     printed, line = capsys.readouterr()
-    assert (stop.value.code, printed) == (2, "")
-    assert re.fullmatch(r"constraints\.py: error: [^\n]+\n", line)
+    assert (end.value.code, printed) == (2, "")
+    assert re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
     return line
 
 
 @pytest.mark.parametrize(
     ("flag", "value"), [(flag, x) for flag, values in VALUES.items() for x in values.split(" ")]
 )
-def test_a_bad_value_is_one_line_with_flag_and_value(flag, value, out, capsys):
-    line = refusal(capsys, "--out", out, flag, value)
-    assert f"argument {flag}: " in line
-    assert repr(value) in line
+def test_a_bad_value_is_one_line_with_flag_and_value(flag, value, capsys):
+    line = refusal(capsys, f"{flag}={value}")
+    assert f"argument {flag}: " in line and repr(value) in line
 
 
 @pytest.mark.parametrize(("flags", "repeated"), FLAGS.items())
-def test_a_bad_flag_or_combination_is_one_line_that_repeats_it(flags, repeated, out, capsys):
-    line = refusal(capsys, "--out", out, *flags.split(" "))
+def test_a_bad_flag_or_combination_is_one_line_that_repeats_it(flags, repeated, capsys):
+    line = refusal(capsys, *flags.split(" "))
     assert all(word in line for word in repeated.split(" "))
 
 
-def test_an_out_that_cannot_be_a_folder(out, capsys):
-    for path in (out / "metrics.json", out / "metrics.json" / "below"):
-        assert f"--out: cannot write into '{path}'" in refusal(capsys, "--out", path)
+def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
+    (tmp_path / "constraints.rrd").mkdir()
+    for out in (tmp_path, tmp_path / "constraints.rrd" / ("x" * 5000), "/dev/null", ""):
+        line = refusal(capsys, *SHORT, "--out", out)
+        assert f"argument --out: cannot write to {str(out)[:60]!r}"[:-1] in line
+    assert c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"]) == 0
 
 
-@pytest.mark.parametrize("name", ["metrics.json", "constraints.rrd"])
-def test_a_folder_where_a_result_should_go(name, tmp_path, capsys):
-    (tmp_path / name).mkdir()
-    assert f"--out: cannot write into '{tmp_path}': {name} is a folder" in refusal(
-        capsys, "--out", tmp_path
-    )
-    assert [path.name for path in tmp_path.rglob("*")] == [name]
+def test_scenes_are_listed_a_line_each(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        c.main(["--scenes"])
+    lines = capsys.readouterr().out.splitlines()
+    files = {path.stem for path in (c.HERE / c.CHAPTER / "scenes").glob("*.json")}
+    assert {line.split()[0] for line in lines} == files | {*c.SYSTEMS, "chain"}
+    assert all(len(line.split()) > 3 and len(line) <= 80 for line in lines)
 
 
-@pytest.mark.parametrize("flags", TOO_FINE)
-def test_a_tolerance_that_nobody_could_judge_is_refused(flags, out):
-    command = [
-        sys.executable,
-        constraints.__file__,
-        "--integrator",
-        "gauss",
-        "--tol",
-        "0.001",
-        "--steps",
-        "400",
-    ]
-    command += [*flags.split(), "--out", str(out)]
-    done = subprocess.run(command, cwd=constraints.HERE, capture_output=True, text=True)
-    assert re.fullmatch(r"[^\n]*error: argument --tol: [^\n]* 0\.001 m[^\n]*\n", done.stderr)
-    assert done.returncode == 2
+def test_help_is_a_screenful_in_groups_and_ends_by_naming_the_studies(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit, match="0"):
+        c.main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 40 and max(map(len, lines)) <= 80
+    assert {"which system:", "which method:", "results:", "for CI:"} <= set(lines)
+    studies = {path.stem for path in (c.HERE / c.CHAPTER / "studies").glob("[!_]*.py")}
+    assert {"benchmark"} < studies <= set(re.findall(r"\w+", "".join(lines[-4:])))
 
 
-def results(capsys, folder, *flags):
-    """The lines that main prints and the results that it writes, which must be JSON without NaN and
-    Infinity."""
-    assert constraints.main(["--no-rerun", "--out", str(folder), *flags]) == 0
-    content = json.loads(
-        (folder / "metrics.json").read_text(), parse_constant=lambda name: pytest.fail(name)
-    )
-    return capsys.readouterr().out.splitlines(), content["results"]
+def test_importing_does_nothing_and_a_run_without_a_recording_never_imports_rerun(tmp_path):
+    code = f"import sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
+    for work in ("", "; c.main(sys.argv[1:])"):
+        done = program(
+            "-c", f"{code}{work}; assert 'rerun' not in sys.modules", *SHORT, cwd=tmp_path
+        )
+        assert (done.returncode, done.stderr, bool(done.stdout)) == (0, "", bool(work))
+        assert bool(list(tmp_path.iterdir())) == bool(work)
 
 
-def test_a_run_that_diverges_says_where_and_why(tmp_path, capsys):
-    lines, content = results(capsys, tmp_path, "--dt", "0.05", "--baumgarte", "40")
-    assert any(line.startswith("baumgarte* ") for line in lines)
-    (line,) = (line for line in lines if line.startswith("* baumgarte "))
-    assert re.fullmatch(r"diverged at step [1-9]\d?", content["baumgarte"]["stopped"])
-    assert content["baumgarte"]["stopped"] in line
-    assert any("dt*omega 2 is past the limit 0.828" in line for line in lines)
+# --- what ends a program ---
+def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
+    wrong = "import numpy\ndef wrong(path):\n    numpy.stack([numpy.ones(2), numpy.ones(3)])\n"
+    (tmp_path / "mine.py").write_text(wrong)
+    lines = f"sys.path.insert(0, {str(tmp_path)!r})\nfrom mine import wrong\nfrom curriculum.common"
+    done = script(f"{lines}.files import write_whole\nwrite_whole({str(tmp_path / 'a')!r}, wrong)")
+    files = re.findall(r'File "(.+?)", line (\d+)', done.stderr)
+    assert files[-1] == (str(tmp_path / "mine.py"), "3") and len(files) <= 2
+    assert done.stderr.splitlines()[-1].startswith("ValueError: ") and done.returncode == 1
 
 
-@pytest.mark.parametrize("integrator", constraints.INTEGRATORS)
-def test_a_hopeless_step_still_gives_results(integrator, tmp_path, capsys):
-    lines, content = results(
-        capsys, tmp_path, "--dt", "100", "--steps", "10", "--integrator", integrator
-    )
-    for mode, row in content.items():
-        told = [
-            line
-            for line in lines
-            if line.startswith(f"* {mode} ") and line.endswith(str(row["stopped"]))
-        ]
-        assert len(told) == (row["stopped"] is not None)
-    assert content["none"]["stopped"] and content["baumgarte"]["stopped"]
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        ("MemoryError", "-c: error: not enough memory; ask for fewer rods, members or steps"),
+        ("OSError(28, 'Full', 'a.json')", "-c: error: Full: a.json"),
+        ("BrokenPipeError", ""),
+        ("SystemExit('so be it')", "so be it"),
+        ("ImportError", None),
+    ],
+)
+def test_an_end_to_be_expected_is_one_line(error, line):
+    done = script(f"raise {error}")
+    assert (done.stderr.strip() == line) if line is not None else "Traceback" in done.stderr
+    assert done.returncode == 1
 
 
-@pytest.mark.skipif(os.name == "nt", reason="an interrupt is no signal there")
-def test_an_interrupted_run_leaves_nothing(out):
-    command = [
-        sys.executable,
-        "-u",
-        constraints.__file__,
-        "--steps",
-        "1000000000",
-        "--out",
-        str(out),
-    ]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    heed = partial(
-        signal.signal, signal.SIGINT, signal.SIG_DFL
-    )  # a job in the background is born ignoring it
-    with subprocess.Popen(command, cwd=constraints.HERE, preexec_fn=heed, **pipes) as process:
+def test_a_missing_package_is_one_line_that_names_what_brings_it():
+    extras = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
+    known = {"": extras["dependencies"], **extras["optional-dependencies"]}
+    for package, extra in cli.EXTRAS.items():
+        assert any(x.startswith(package) for x in known.get(extra.strip("[]"), [package]))
+        done = script(f"sys.modules[{package!r}] = None\nimport {package}")
+        assert done.stderr == f"-c: error: {package} is not installed: pip install -e '.{extra}'\n"
+    bare = {"env": os.environ | {"PYTHONPATH": ""}, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-S", c.__file__], **bare)
+    assert done.returncode == 1 and re.fullmatch("numpy is not installed: [^\n]+\n", done.stderr)
+
+
+@posix
+def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
+    import resource
+
+    command = [sys.executable, "-u", c.__file__, "--steps", "1000000000", "--out", tmp_path / "x"]
+    # a job in the background is born ignoring the signal
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, preexec_fn=heed, stdout=pipe, stderr=pipe, text=True) as process:
         process.stdout.readline()  # imports done, main at work
-        time.sleep(1.0)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate()
-    assert process.returncode
-    assert re.fullmatch(r"\n?constraints\.py: interrupted[^\n]*\n", err)
+        _, said = process.communicate()
+    assert process.returncode and re.fullmatch(r"\n?constraints\.py: interrupted[^\n]*\n", said)
+    little = partial(resource.setrlimit, resource.RLIMIT_AS, (4 << 30, 4 << 30))
+    done = program("--steps", 10**9, "--no-rerun", "--out", tmp_path / "x", before=little)
+    assert "not enough memory" in done.stderr and done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupted_write_leaves_the_file_as_it_was(out):
-    def half(temporary):
-        temporary.write_text("half of the resu")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_whole(out / "metrics.json", half)
+@posix
+def test_a_hangup_ends_a_program_but_not_under_nohup():
+    for how, status in ((signal.SIG_DFL, 128 + signal.SIGHUP), (signal.SIG_IGN, 0)):
+        heed = partial(signal.signal, signal.SIGHUP, how)
+        assert script("os.kill(os.getpid(), signal.SIGHUP)", heed).returncode == status
 
 
-@pytest.mark.skipif(os.name == "nt", reason="an open file cannot be replaced there")
-def test_who_reads_the_metrics_sees_the_old_or_the_new_ones(tmp_path, capsys):
-    constraints.main(["--no-rerun", "--steps", "1", "--out", str(tmp_path)])
-    with open(tmp_path / "metrics.json") as reader:
-        old = (tmp_path / "metrics.json").read_text()
-        constraints.main(["--no-rerun", "--steps", "2", "--out", str(tmp_path)])
-        assert reader.read() == old != (tmp_path / "metrics.json").read_text()
-    assert [path.name for path in tmp_path.iterdir()] == ["metrics.json"]
-
-
-@pytest.mark.skipif(os.name == "nt", reason="a closed pipe is another error there")
-@pytest.mark.parametrize("python", [["python"], ["python", "-u"]], ids=["buffered", "unbuffered"])
+@posix
+@pytest.mark.parametrize("python", [[], ["-u"]], ids=["buffered", "unbuffered"])
 def test_a_reader_that_has_seen_enough_is_no_error(python, tmp_path):
-    """As `| head -0` does: the other end of standard output is closed before anything is
-    printed."""
+    """As `| head -0` does: standard output is closed before anything is printed."""
     read, write = os.pipe()
     os.close(read)
-    command = [
-        sys.executable,
-        *python[1:],
-        constraints.__file__,
-        "--smoke",
-        "--no-rerun",
-        "--out",
-        str(tmp_path),
-    ]
-    done = subprocess.run(command, cwd=constraints.HERE, stdout=write, stderr=subprocess.PIPE)
+    command = [sys.executable, *python, c.__file__, *SHORT, "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=c.HERE, stdout=write, stderr=subprocess.PIPE)
     os.close(write)
     assert done.stderr == b"" and done.returncode == 1
 
 
-def test_nothing_that_is_no_json_is_written(out):
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        write_json(out / "metrics.json", {"error": float("nan")})
+@posix
+def test_a_full_or_closed_or_narrow_terminal(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = program(*SHORT, "--out", tmp_path, stdout=full)
+    assert (done.returncode, done.stderr) == (1, "constraints.py: error: No space left on device\n")
+    for closed in ((1,), (0, 1, 2)):
+        shut = partial(lambda closed: [os.close(k) for k in closed], closed)
+        done = program(*SHORT, "--out", tmp_path, before=shut)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    narrow = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = program(*SHORT, "--out", tmp_path / "\u00e4", env=narrow)
+    assert done.returncode == 0 and done.stdout.rstrip().endswith("\\xe4/metrics.json")
+    # or what a library writes to a closed stream would be in a file that took its number
+    assert script("numpy.ones(1) / 0.0").stderr == ""  # a warning of numpy's is for nobody
+    done = script("return os.open(os.devnull, 0)", lambda: [os.close(k) for k in range(3)])
+    assert done.returncode > 2
 
 
-def test_help_ends_by_naming_the_studies(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        constraints.main(["--help"])
-    ending = capsys.readouterr().out.split("\n\n")[-1]
-    studies = {
-        path.stem for path in (constraints.HERE / constraints.CHAPTER / "studies").glob("[!_]*.py")
-    }
-    assert {"benchmark"} < studies <= set(re.findall(r"\w+", ending))
+# --- the banner, and what takes long ---
+def test_only_a_default_run_begins_with_how_long_one_took(tmp_path, capsys):
+    for flags, told in (([], True), (["--seed", "1"], False), (["--smoke"], False)):
+        _, _, usual = c.parse([*flags, "--out", str(tmp_path)])
+        line = banner.banner("ch3.4", "constraints", "cpu", usual)
+        assert bool(re.search(r"a default run took [\d.]+ s, \d{4}-", line)) == told
+        assert line.startswith("ch3.4 constraints | device cpu") and len(line) <= 80
+    c.main([*SHORT, "--out", str(tmp_path)])
+    assert capsys.readouterr().out.splitlines()[0] == "ch3.4 constraints | device cpu"
 
 
-def test_importing_does_nothing(tmp_path):
-    code = "import constraints, sys; assert not {'rerun', 'pyarrow'} & set(sys.modules)"
-    environment = os.environ | {"PYTHONPATH": str(constraints.HERE)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
-    assert not list(tmp_path.iterdir())
+@pytest.fixture
+def shown(monkeypatch, capsys):
+    """shown(names, times): what a terminal shows, part by part, after half of it and after it."""
+
+    def of(names, *times):
+        clock = iter(times)
+        monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=clock.__next__))
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+        for _ in banner.in_parts(names):
+            tick = banner.progress("swinging", 1000)
+            for step in (500, 1000):
+                tick(step)
+                yield capsys.readouterr().err.replace("\x1b[K", "").strip()
+
+    return of
 
 
-def test_without_a_recording_rerun_is_never_imported(tmp_path):
-    code = "import constraints, sys; constraints.main(sys.argv[1:]); assert not {'rerun', 'pyarrow'} & set(sys.modules)"
-    command = [sys.executable, "-c", code, "--smoke", "--no-rerun", "--out", str(tmp_path)]
-    subprocess.run(command, cwd=constraints.HERE, check=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["metrics.json"]
+def test_progress_is_told_of_all_parts_by_name(shown):
+    told = [
+        "swinging soft: 25% of all, about 15 s left",
+        "",
+        "swinging none: 75% of all, about 7 s left",
+        "",
+    ]
+    assert list(shown(["soft", "none"], 0.0, 5.0, 10.0, 20.0, 30.0)) == told
 
 
-def test_a_run_begins_with_the_banner(tmp_path, capsys):
-    lines, _ = results(capsys, tmp_path, "--smoke")
-    assert lines[0] == device.banner("ch3.4", "constraints", "cpu")
+def test_what_is_short_or_has_hardly_begun_or_is_no_terminal_shows_no_progress(
+    shown, capsys, monkeypatch
+):
+    assert list(shown(["soft", "none"], 0.0, 0.1, 0.4, 1.0, 1.5)) == [""] * 4
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: False, raising=False)
+    banner.progress("swinging", 1000)(500)
+    assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("terminal", [False, True])
-def test_only_a_terminal_sees_progress(terminal, tmp_path, monkeypatch, capsys):
-    ticks = itertools.count(
-        step=10.0
-    )  # a clock on which every block takes long enough to be told of
-    monkeypatch.setattr(device, "time", SimpleNamespace(monotonic=lambda: next(ticks)))
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
-    constraints.main(
-        ["--steps", "40000", "--stabilization", "none", "--no-rerun", "--out", str(tmp_path)]
-    )
-    out, err = capsys.readouterr()
-    assert "\r" not in out
-    assert ("\r" in err) == terminal
-    assert bool(err) == terminal
+def test_an_estimate_has_no_false_digits():
+    words = {0.2: "1 s", 45: "45 s", 170: "3 min", 8000: "2 h", 1e6: "278 h"}
+    assert all(banner.about(seconds) == f"about {text}" for seconds, text in words.items())
+
+
+@posix
+def test_the_command_that_shows_a_recording_works_as_pasted(tmp_path, monkeypatch):
+    """With whichever python ran, and where there is no display, by opening a browser."""
+    pytest.importorskip("rerun", reason="the viewer: pip install -e .")
+    c.main(["--smoke", "--out", str(tmp_path / "a b")])
+    monkeypatch.chdir(Path(sys.executable).parents[2])
+    monkeypatch.setenv("DISPLAY", ":0")
+    window = publish.look(tmp_path / "a b" / publish.RECORDING)
+    assert not window.startswith("/") and "--web-viewer" not in window
+    assert subprocess.run(f"{window} --version", shell=True, capture_output=True).returncode == 0
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    opened = tmp_path / "opened"
+    (tmp_path / "browser").write_text(f"#!/bin/sh\necho $1 > {opened}\n")
+    (tmp_path / "browser").chmod(0o700)
+    monkeypatch.setenv("BROWSER", str(tmp_path / "browser"))
+    ports = "exec {} --port 0 --web-viewer-port 0"  # the usual ones may be taken
+    command = ports.format(publish.look(tmp_path / "a b" / publish.RECORDING))
+    with subprocess.Popen(command, shell=True, stderr=subprocess.DEVNULL) as viewer:
+        end = time.monotonic() + 30.0
+        while time.monotonic() < end and viewer.poll() is None and not opened.exists():
+            time.sleep(0.1)
+        viewer.terminate()
+    assert opened.read_text().startswith("http://")

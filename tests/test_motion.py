@@ -246,3 +246,15 @@ def test_an_ensemble_is_its_members(rule, mode):
         alone = run(c.build_system("triple", seed), rule, mode, steps=200)
         for many, single in zip((*together[:3], together.q), (*alone[:3], alone.q), strict=True):
             assert np.abs(many[:, seed] - single).max() < 1e-12
+
+
+@pytest.mark.parametrize("rule", ["semi_implicit", "gauss"])
+def test_the_edges_of_blocks_change_nothing(rule, monkeypatch):
+    """A single run, and members in step; by numbers, by arrays, and step by step."""
+    alone, both = c.build_system("double"), c.build_system("double")
+    both |= {key: np.stack([both[key], both[key]]) for key in ("q0", "v0")}
+    whole = [run(system, rule, steps=100) for system in (alone, both)]
+    monkeypatch.setattr(motion, "BLOCK", 100)
+    for system, found in zip((alone, both), whole, strict=True):
+        pieces = run(system, rule, steps=100)
+        assert all(np.array_equal(a, b) for a, b in zip(pieces[:6], found[:6], strict=True))

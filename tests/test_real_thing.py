@@ -1,17 +1,13 @@
-"""Beside the real thing: other engines' models of our systems, and the rules and truths that the
-studies race with."""
+"""Other engines' models of our systems, the rules that race, and what the tables make of a race."""
 
 import json
-import subprocess
-import sys
-from functools import partial
 from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import real_thing, speed_vs_error
-from curriculum.ch3_4_constraints.studies._race import extrapolated_midpoint, run_ours
+from curriculum.ch3_4_constraints.studies import _race, benchmark, real_thing, speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.ch3_4_constraints.tables import spread
 
 import numpy as np
 import pytest
@@ -19,69 +15,55 @@ import pytest
 REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies/reference.json").read_text(encoding="utf-8"))
 
 
-def needs(package, extra):
+def needs(package):
     """The mark of a test that cannot run without a package."""
-    return pytest.mark.skipif(
-        not find_spec(package), reason=f"needs {package}: pip install -e '.[{extra}]'"
-    )
+    extra = real_thing.ENGINES[package]
+    why = f"needs {package}: pip install -e '.[{extra}]'"
+    return pytest.mark.skipif(not find_spec(package), reason=why)
 
 
-@needs("mujoco", "compare")
-@pytest.mark.parametrize(
-    ("rods", "dt"), [(1, 0.005), (2, 0.005), (4, 0.005), (25, 0.005), (3, 0.05)]
-)
-def test_soft_is_mujocos_tendon_equality(rods, dt):
-    """Every field of mj_forward that has a name here, some per cent off the rods; at 0.05 s both
-    take two steps."""
+@needs("mujoco")
+@pytest.mark.parametrize("rods, dt", [(1, 0.005), (2, 0.005), (4, 0.005), (25, 0.005), (3, 0.05)])
+def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
+    """All fields with a name here, some per cent off the rods; at 0.05 s both take two steps."""
     rng = np.random.default_rng(rods)
     for _ in range(10):
         system = peers.random_chain(rng, rods)
         ours = {field: value for (_, field), value in real_thing.ours_named(system, dt).items()}
         theirs = peers.named(system, dt, {field: value.shape for field, value in ours.items()})
-        for field, value in ours.items():
-            np.testing.assert_allclose(
-                value, theirs[field], rtol=0, atol=1e-12 * np.abs(value).max(), err_msg=field
-            )
+        for field, x in ours.items():
+            np.testing.assert_allclose(x, theirs[field], 0, 1e-12 * np.abs(x).max(), err_msg=field)
 
 
-@needs("mujoco", "compare")
+@needs("mujoco")
 @pytest.mark.parametrize("name", c.SYSTEMS)
 def test_mujocos_joint_angles_give_the_same_motion(name):
-    """MuJoCo's hinges cannot stretch a rod; within a second both are where they should be, to 1e-9
-    m."""
     task = peers.Task(c.build_system(name), 4, 0.25, None)
-    theirs, ours = peers.run_hinges(task, 1000)[1], run_ours(task, 5, "none", "gauss")[1]
+    theirs, ours = peers.run_hinges(task, 1000)[1], _race.run_ours(task, 5, "none", "gauss")[1]
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
 
 
-@needs("pymunk", "peers")
-def test_chipmunk_comes_to_the_same_motion_as_its_steps_get_shorter():
+@pytest.mark.parametrize(
+    ("job", "coarse", "fine", "share"),
+    [
+        pytest.param(peers.run_pymunk, (100,), (1000,), 0.15, marks=needs("pymunk")),
+        pytest.param(peers.run_exudyn, (50, 1e-8), (500, 1e-8), 0.02, marks=needs("exudyn")),
+        pytest.param(peers.run_scipy, (1e-6,), (1e-13,), 1e-4, marks=needs("scipy")),
+        pytest.param(peers.run_heyoka, (1e-3,), (1e-16,), 1e-8, marks=needs("heyoka")),
+    ],
+)
+def test_a_peer_comes_to_the_same_motion_the_finer_it_goes(job, coarse, fine, share):
     task = real_thing.double()
-    far, near = (task.error(peers.run_pymunk(task, per)[1]) for per in (100, 1000))
-    assert near < 0.15 * far < 0.01
+    far, near = (task.error(job(task, *setting)[1]) for setting in (coarse, fine))
+    assert near < share * far
 
 
-@needs("scipy", "compare")
+@needs("scipy")
 def test_the_truth_of_a01_is_the_swing():
-    """Jacobi's functions against gauss over a few seconds, and against themselves half a period
-    later."""
     truth, doubt = real_thing.swing((0.5 * np.arange(1, 11)).tolist())
     assert doubt < 1e-14
     found = run(real_thing.level(), "gauss", "none", 0.05, 100, range(10, 101, 10))
     np.testing.assert_allclose(found.q[..., :2], truth, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("make", "order"),
-    [
-        *[(partial(extrapolated_midpoint, order), order) for order in (4, 6, 8)],
-        pytest.param(peers.dop853, 8, marks=needs("scipy", "compare")),
-    ],
-)
-def test_the_rules_that_race_with_ours_are_of_their_order(make, order):
-    task = real_thing.double()
-    coarse, fine = (task.error(run_ours(task, per, "none", make())[1]) for per in (10, 20))
-    assert order - 0.2 < np.log2(coarse / fine) < order + 0.2
 
 
 def test_the_cost_that_is_counted_is_linear_systems_solved():
@@ -89,44 +71,50 @@ def test_the_cost_that_is_counted_is_linear_systems_solved():
     for the velocities."""
     system = c.build_system("double")
     for rule, forces in (("rk4", 4.0), ("midpoint6", 10.0)):
-        step = speed_vs_error.RULES[rule]
-        none, project = (
-            speed_vs_error.solves(system, step, mode, 0.01, 20) for mode in ("none", "project")
-        )
-        assert none == forces and 2.0 <= project - none <= 5.0
+        none, both = (speed_vs_error.solves(system, rule, m, 0.01, 20) for m in ("none", "project"))
+        assert none == forces and 2.0 <= both - none <= 5.0
 
 
 @pytest.mark.parametrize("name", ["fourbar_coupler", "jansen_leg"])
 def test_loops_move_as_their_one_angle_says(name):
-    """studies/reference.py has no multiplier: gauss with project ends within rounding of it, rk4 at
-    its order."""
+    """gauss with project ends within rounding of studies/reference.py, rk4 at its order."""
     system, truth = c.build_system(name), np.array(REFERENCE["cases"][name]["positions"])
 
-    def error(rule, per, samples):
-        found = run(
-            system, rule, "project", 0.25 / per, per * samples, range(per, per * samples + 1, per)
-        )
-        return np.abs(found.q[..., :2] - truth[:samples]).max()
+    def error(rule, per, n):
+        found = run(system, rule, "project", 0.25 / per, per * n, range(per, per * n + 1, per))
+        return np.abs(found.q[..., :2] - truth[:n]).max()
 
     assert error("gauss", 10, len(truth)) < 1e-13
     coarse, fine = (error("rk4", per, 8) for per in (100, 200))
     assert fine < 1e-8 and 3.5 < np.log2(coarse / fine) < 4.5
 
 
-def test_the_study_needs_no_engine_to_be_imported():
-    code = (
-        "import sys, curriculum.ch3_4_constraints.studies.real_thing; print(*sorted(sys.modules))"
-    )
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], cwd=c.HERE, check=True, capture_output=True, text=True
-    ).stdout
-    assert not set(real_thing.ENGINES) & set(loaded.split())
+def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monkeypatch):
+    clock = iter(np.arange(0.0, 1000.0, 0.008))  # s: between two looks, what a job takes in all
+    monkeypatch.setattr(_race.time, "perf_counter", lambda: next(clock))
+    task = peers.Task(c.build_system("pendulum"), 1, 1.0, lambda q: float(q[0, 0, 0]))
+    spot = np.array([[[1e-4, 0.0]]])
+    seconds = {"ours, quick": 1.0, "ours, slow": 2.0, "peer": 4.0}
+    ladders = {who: {"x": lambda s=s: (s, spot)} for who, s in seconds.items()}
+    targets = {"near": (1e-3, {"peer": (0.3, 1.5)}), "far": (1e-5, {})}
+    _, rows, bars = _race.race("", task, ladders, targets, 9.0, 2)
+    assert [row["ours/it"] for row in rows] == [1.0, 0.5, 0.25] and rows[2]["who"] == "peer"
+    assert [(share, limit) for _, share, limit in bars] == [(0.25, 0.3), (pytest.approx(1.0), 1.5)]
+
+
+def test_tables_say_quartiles_shares_and_who_is_ahead():
+    assert list(spread([1.0, 2, 3, 4, 9], "ms").values()) == [3.0, 2.0, 4.0]
+    assert benchmark.shares({"us": [1.0, 2.0], "MuJoCo": [4.0, 8.0]}, "us") == {"us/MuJoCo": 0.25}
+    both = ((1, 9), (2, 5), (3, 7), (0.1, 20), (0.2, 20))
+    rows = [{"method": "", "error": error, "solves": solves} for error, solves in both]
+    assert speed_vs_error.ahead(rows, 0.0) == [rows[0], rows[1], rows[3]]
+    assert speed_vs_error.ahead(rows, 0.5) == [rows[0], rows[1], *rows[3:]]
+    assert [speed_vs_error.cheapest(rows, target)["solves"] for target in (3, 1)] == [5, 9]
 
 
 def test_without_mujoco_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setattr(real_thing, "has", lambda name: name != "mujoco")
     with pytest.raises(SystemExit) as end:
         real_thing.main(["--quick"])
-    assert end.value.code == 2
     out, err = capsys.readouterr()
-    assert not out and err.count("\n") == 1 and "pip install -e '.[compare]'" in err
+    assert end.value.code == 2 and not out and "pip install -e '.[compare]'" in err

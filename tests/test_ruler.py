@@ -4,10 +4,11 @@ rule."""
 import json
 
 import constraints as c
+from curriculum.ch3_4_constraints import large
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common.gauss import collocation, make_gauss
 from curriculum.common.motion import Pieces, distance
-from curriculum.common.ruler import true_position
+from curriculum.common.ruler import settle, true_position
 
 import numpy as np
 import pytest
@@ -159,3 +160,38 @@ def test_tol_is_met_and_noted(tol, capsys, tmp_path):
         5.0, abs=found["dt"]
     )
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("dt", [1e3, 9e11])
+def test_the_ruler_does_not_follow_a_step_that_is_too_long_for_it(dt, tmp_path):
+    c.main(["--no-rerun", "--dt", str(dt), "--steps", "2", "--out", str(tmp_path)])
+    rows = json.loads((tmp_path / "metrics.json").read_text())["results"].values()
+    assert [row["error"] for row in rows] == [None] * 5
+
+
+def test_the_rulers_budget_counts_every_step_and_every_half_of_one():
+    """At 10 m/s and more the first rung takes nearly all its steps in halves, and there is no
+    second."""
+    system, asked = c.build_system("spin"), []
+
+    def counted(rule, dt, steps):
+        asked.append(steps)
+        found = run(system, rule, "project", dt, steps)
+        assert found.halved or found.stopped
+        return found
+
+    assert true_position(counted, 2.0, 125) == (None, np.inf)
+    assert asked == [40] and true_position(counted, 2.0, 119) == (None, np.inf) and asked == [40]
+
+
+def test_the_ruler_leaves_out_what_is_done_by_arrays():
+    system = c.build_system("chain", links=large.CHAIN + 1)
+
+    def simulate(*_):
+        raise AssertionError("a run of the ruler")
+
+    def case(mode, rule, dt):
+        return None, system, None, dt
+
+    rule, dt, steps, truth = settle(simulate, case, ["none"], "rk4", 0.005, 400, None)
+    assert (rule, dt, steps, truth) == ("rk4", 0.005, 400, (400, None, np.inf))

@@ -1,5 +1,4 @@
-"""Equal runs give equal bytes: from process to process, and whatever the processor lets numpy and
-its BLAS choose."""
+"""Equal runs give equal bytes, whatever the processor lets numpy and its BLAS choose."""
 
 import json
 import os
@@ -15,11 +14,9 @@ from curriculum.ch3_4_constraints.studies._runs import SCENES
 import numpy as np
 import pytest
 
-# what numpy found here beyond its baseline, by its own listing: naming anything else would only
-# earn a warning
+# what numpy found here beyond its baseline: naming anything else would only earn a warning
 FEATURES = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ()))
-# kernels of OpenBLAS and what they need: one that the processor lacks ends in an illegal
-# instruction
+# kernels of OpenBLAS and what they need: without it they end in an illegal instruction
 KERNELS = {"Prescott": "sse2", "Nehalem": "sse4_2", "Haswell": "avx2", "SkylakeX": "avx512f"}
 RUNS = """
 import hashlib, json, sys, constraints
@@ -39,22 +36,19 @@ print(numbers.hexdigest())
 
 
 def environments():
-    """The default; then each kernel, by turns with one thread and numpy's features off, or with two
-    and on."""
+    """The default; then kernels, by turns with one thread and numpy's features off, or neither."""
     cpuinfo = Path("/proc/cpuinfo")
     flags = cpuinfo.read_text(encoding="utf-8").split() if cpuinfo.exists() else []
     fit = [kernel for kernel, needs in KERNELS.items() if needs in flags]
     off = {"NPY_DISABLE_CPU_FEATURES": FEATURES}
     yield from ({},) if fit else ({}, off)
     for k, kernel in enumerate(fit):
-        yield {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": str(1 + k % 2)} | (
-            off if k % 2 == 0 else {}
-        )
+        threads = {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": str(1 + k % 2)}
+        yield threads | ({} if k % 2 else off)
 
 
 def cases():
-    """Flags by name: scenes by the rules, short, and where chaos makes a last bit large, long; and
-    many rods."""
+    """Flags by name: scenes short, and where chaos makes a last bit large, long; many rods."""
     for rule in ("semi_implicit", "rk4", "gauss"):
         flags = ["--integrator", rule, "--stabilization", "project", "--dt", "0.02", "--steps"]
         yield f"triple_{rule}", ["--system", "triple", *flags, "1000"]
@@ -67,13 +61,9 @@ def cases():
 
 def python(*arguments, **variables):
     """What a process of its own prints; nothing of it may be meant for a terminal."""
-    command = [sys.executable, *arguments]
-    done = subprocess.run(
-        command, capture_output=True, env=os.environ | variables, cwd=constraints.HERE
-    )
-    assert done.returncode == 0, done.stderr.decode()
-    assert not done.stderr
-    assert b"\r" not in done.stdout
+    settings = {"env": os.environ | variables, "cwd": constraints.HERE, "text": True}
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, **settings)
+    assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
     return done.stdout
 
 
@@ -97,14 +87,16 @@ def test_metrics_are_the_same_bytes_everywhere(tmp_path):
         assert found == numbers, variables
 
 
-def test_smoke_twice_is_the_same_metrics_and_the_same_recording(tmp_path):
+def test_smoke_twice_is_the_same_files_and_the_same_recording(tmp_path):
     rerun = shutil.which("rerun", path=str(Path(sys.executable).parent))
     if rerun is None:
         pytest.skip("no rerun command beside this python, to compare recordings with")
     one, two = (tmp_path / name for name in ("one", "two"))
     for folder in (one, two):
         python(constraints.__file__, "--smoke", "--out", str(folder))
-    assert (one / "metrics.json").read_bytes() == (two / "metrics.json").read_bytes()
-    command = [rerun, "rrd", "compare", str(one / "constraints.rrd"), str(two / "constraints.rrd")]
+    recording, *others = sorted(path.name for path in one.iterdir())
+    assert recording.endswith(".rrd") and "metrics.json" in others
+    assert all((one / name).read_bytes() == (two / name).read_bytes() for name in others)
+    command = [rerun, "rrd", "compare", *(str(folder / recording) for folder in (one, two))]
     same = subprocess.run(command, capture_output=True, text=True)
     assert same.returncode == 0, same.stderr

@@ -1,38 +1,42 @@
-"""Scenes of many rods, by whole arrays: the chapter's formulas again, A stored as what of it is not
-zero.
+"""Scenes of many rods: the chapter's equation once more, on whole arrays.
 
-Straight-line code takes its time to be made, and more the larger the scene. 4000 steps of more than
-CHAIN rods in a row, or of more than LINKAGE otherwise, are done sooner like this, and so are those
-of few rods that all feel each other. A chain's A has three diagonals, which are halved by cyclic
-reduction; that of any other linkage goes to a dense solve up to LINKAGE rods, beyond that to
-scipy's sparse LU or, without scipy, up to DENSE rods to the dense one.
+Straight-line code takes its time to be made, and more the larger the scene. From CHAIN rods in a
+row on, or LINKAGE others, arrays are done sooner, and so are few rods that all feel each other.
+A = J M^-1 J^T is stored as what of it is not zero. A chain's has three diagonals: cyclic reduction.
+Any other linkage's stands near the diagonal once its rods are well ordered: elimination by blocks.
+What a Hold asks for, and when a rod is right, is the chapter's to say: it hands these in.
 """
 
 from functools import lru_cache
-from importlib.util import find_spec
-from typing import NamedTuple
+from itertools import groupby, product
 
-from curriculum.common.graph import elimination_order, has_loop
+from curriculum.common.graph import band_order, elimination_order, has_loop
+from curriculum.common.trace import Stop, repeat
 
 import numpy as np
 
-CHAIN, LINKAGE, DENSE = 40, 64, 1000  # rods
+CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
-SHORT = 80  # unknowns: below, walking through costs less than halving
+SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
+BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
+EXACT = 1e-15  # a solve is done when it leaves this of A's diagonal times lambda,
+NEARLY = 1e-3  # and where it can do no more, this of what b is made of must do
+NO_TENSIONS = "no finite tensions hold the rods in this pose"
 
 
-class Structure(NamedTuple):
-    """What the pairs of a scene say of A: entries (rows, columns) with the particle they are due
-    to, and its sign."""
+def takes(system):
+    """Whether a system is for this module: many rods or particles, or many that feel each other."""
+    pairs, n = tuple(map(tuple, system["pairs"])), len(system["m"])
+    if len(pairs) > LINKAGE or n > 2 * LINKAGE:
+        return True
+    fill = sum(len(rest) ** 2 for _, rest in elimination_order(pairs))
+    return fill > FILL or (len(pairs) > CHAIN and isinstance(arranged(pairs, n), Chain))
 
-    chain: bool
-    loop: bool
-    i: np.ndarray
-    j: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-    particles: np.ndarray
-    signs: np.ndarray
+
+@lru_cache(8)
+def arranged(pairs, n):
+    """The Chain or the Linkage of rods (i, j), a tuple of tuples, among n particles."""
+    return Chain() if pairs == tuple((k, k - 1) for k in range(n)) else Linkage(pairs, n)
 
 
 def leading_first(a, axes):
@@ -40,92 +44,13 @@ def leading_first(a, axes):
     return a.transpose(*range(axes, a.ndim), *range(axes))
 
 
-@lru_cache(8)
-def structure(pairs, n):
-    """The Structure of rods (i, j), a tuple of tuples, among n particles."""
-    i, j = np.transpose(pairs)
-    if len(pairs) == n and all(pair == (k, k - 1) for k, pair in enumerate(pairs)):
-        return Structure(True, False, i, j, *[np.empty(0)] * 4)
-    at = {}
-    for k, pair in enumerate(pairs):
-        for particle, sign in zip(pair, (1.0, -1.0), strict=True):
-            if particle >= 0:
-                at.setdefault(particle, []).append((k, sign))
-    entries = [(k, o, p, s * t) for p, rods in at.items() for k, s in rods for o, t in rods]
-    rows, columns, particles, signs = (np.array(column) for column in zip(*entries, strict=True))
-    return Structure(False, has_loop(pairs), i, j, rows, columns, particles, signs)
+# Here x, y and z come first: rods d are (3, ..., C), particles (3, ..., N), so that every array is
+# contiguous. The rods stand in an order of their own, `order`.
 
 
-def of(system, last=[None, None, None]):  # noqa: B006
-    """The Structure of a system. Whether it is still the last one's costs a comparison, which sees
-    every edit."""
-    if system["pairs"] != last[0] or len(system["m"]) != last[1]:
-        pairs, n = [tuple(pair) for pair in system["pairs"]], len(system["m"])
-        last[:] = pairs, n, structure(tuple(pairs), n)
-    return last[2]
-
-
-@lru_cache(64)
-def fill(pairs):
-    """What an elimination of the rods `pairs` takes, in subtractions of entries."""
-    return sum(len(rest) ** 2 for _, rest in elimination_order(pairs))
-
-
-def takes(system):
-    """Whether a system is for this module: many rods, or many that feel each other, or many
-    particles on few rods."""
-    rods, n = len(system["pairs"]), len(system["m"])
-    if rods > LINKAGE or n > 2 * LINKAGE:
-        return True
-    return (rods > CHAIN and of(system).chain) or fill(tuple(map(tuple, system["pairs"]))) > FILL
-
-
-def dense(rods):
-    """Whether so many rods that are no chain go to a dense solve."""
-    return rods <= LINKAGE or not find_spec("scipy")
-
-
-def way(system):
-    """In words, how the forces of this scene are found; None if that takes scipy, which is not
-    installed."""
-    rods = len(system["pairs"])
-    if of(system).chain:
-        return "by arrays: cyclic reduction"
-    if not dense(rods):
-        return "by arrays: sparse LU"
-    if rods <= LINKAGE:
-        return "by arrays: dense LU"
-    return "by arrays: dense LU, as scipy is not installed" if rods <= DENSE else None
-
-
-# Here x, y and z come first: rod vectors are (3, ..., C), particles (3, ..., N), so that every
-# array is contiguous.
-
-
-def components_first(x, shape=None):
-    """(..., N, 3) -> (3, ..., N), contiguous; `shape`: what x is to be broadcast to."""
-    first = x.transpose(-1, *range(x.ndim - 1))
-    if first.flags.c_contiguous and shape is None:
-        return first
-    first = np.empty((3, *(shape or x.shape)[:-1]))
-    first.transpose(*range(1, first.ndim), 0)[...] = x
-    return first
-
-
-def rod_vectors(rods, x, anchors=None):
-    """x_i - x_j of every rod, of x (3, ..., N), which at the anchors is `anchors` (K, 3), or
-    zero."""
-    if rods.chain:
-        d = np.empty_like(x)
-        np.subtract(x[..., 1:], x[..., :-1], out=d[..., 1:])
-        d[..., 0] = x[..., 0] - (
-            0.0 if anchors is None else np.reshape(anchors[0], (3, *[1] * (x.ndim - 2)))
-        )
-        return d
-    fixed = np.zeros((-min(-1, rods.j.min()), 3)) if anchors is None else np.asarray(anchors)
-    fixed = fixed[::-1].T.reshape(3, *[1] * (x.ndim - 2), -1)
-    ends = np.concatenate([x, np.broadcast_to(fixed, (*x.shape[:-1], fixed.shape[-1]))], axis=-1)
-    return x[..., rods.i] - ends[..., rods.j]
+def components_first(x):
+    """(..., N, 3) -> (3, ..., N), contiguous."""
+    return np.ascontiguousarray(x.transpose(-1, *range(x.ndim - 1)))
 
 
 def dot(a, b):
@@ -134,113 +59,156 @@ def dot(a, b):
     return x + y + z
 
 
-def multipliers(rods, m, d, along, b, softness=0.0, slack=1e-5, rounds=6):
-    """lambda (..., C), where (A + softness diag A) lambda = b, A = J M^-1 J_along^T, J made of
-    d."""
-    if rods.chain:
+class Chain:
+    """Rods in a row, each tied to the one before it, the first to the first anchor."""
+
+    order, way = slice(None), "by arrays: cyclic reduction"
+
+    def vectors(self, x, anchors):
+        """x_i - x_j of every rod (3, ..., C), of x (3, ..., N), which at the anchors is (K, 3)."""
+        d = np.empty_like(x)
+        np.subtract(x[..., 1:], x[..., :-1], out=d[..., 1:])
+        d[..., 0] = x[..., 0] - anchors[0].reshape(3, *[1] * (x.ndim - 2))
+        return d
+
+    def pull(self, along, lam):
+        """J^T lambda (3, ..., N), J made of `along`."""
+        felt = lam * along
+        felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle, and back the one before it
+        return felt
+
+    def multipliers(self, m, d, along, b, x, slack, softness=0.0):
+        """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
         w = 1.0 / m
-        diagonal = dot(d, along)
         ends = w.copy()
         ends[1:] += w[:-1]
+        diagonal = dot(d, along)
         diagonal *= (1.0 + softness) * ends
         upper = w[:-1] * dot(d[..., :-1], along[..., 1:])  # of -A
         lower = upper if d is along else w[:-1] * dot(d[..., 1:], along[..., :-1])
-        return halve(diagonal, upper, lower, b)
-    if d.ndim > 2:  # a sparse matrix has no leading axes
-        members = zip(
-            *(np.moveaxis(x, axis, 0) for x, axis in ((d, 1), (along, 1), (b, 0))), strict=True
-        )
-        return np.stack(
-            [multipliers(rods, m, *member, softness, slack, rounds) for member in members]
-        )
-    values = rods.signs / m[rods.particles] * dot(d[:, rods.rows], along[:, rods.columns])
-    return loaded(rods, values, b, softness, *((slack, rounds) if rods.loop else (0.0, 1)))
+        return cyclic_reduction(diagonal, upper, lower, b)
 
 
-def pull(rods, along, lam, n):
-    """J_along^T lambda (3, ..., N)."""
-    felt = lam * along
-    if rods.chain:
-        felt[..., :-1] -= felt[
-            ..., 1:
-        ]  # a rod pulls its particle back and the one before it forward
-        return felt
-    if felt.ndim > 2:
-        return np.stack(
-            [pull(rods, a, x, n) for a, x in zip(np.moveaxis(along, 1, 0), lam, strict=True)],
-            axis=1,
-        )
-    tied = rods.j >= 0
-    return np.stack(
-        [np.bincount(rods.i, x, n) - np.bincount(rods.j[tied], x[tied], n) for x in felt]
-    )
+class Linkage:
+    """Any other rods, in an order in which those that feel each other stand near one another.
 
-
-def loaded(rods, values, b, softness, slack, rounds):
-    """lambda (C,) for the entries `values` of A, the slack of the first round taken back by the
-    others."""
-    own = np.bincount(rods.rows, np.where(rods.rows == rods.columns, values, 0.0), len(b))
-    spare = slack * (1.0 + softness) * own
-    if dense(len(b)):
-        a = np.zeros((len(b), len(b)))
-        np.add.at(a, (rods.rows, rods.columns), values)
-        solve = np.linalg.inv(a + np.diag(softness * own + spare)).dot
-    else:
-        from scipy.sparse import csc_array, diags_array
-        from scipy.sparse.linalg import splu
-
-        a = csc_array((values, (rods.rows, rods.columns)), shape=(len(b), len(b)))
-        try:
-            solve = splu(
-                csc_array(a + diags_array(softness * own + spare)), permc_spec="MMD_AT_PLUS_A"
-            ).solve
-        except RuntimeError as singular:
-            raise FloatingPointError(f"no finite tensions: {singular}") from None
-    lam = 0.0 * b
-    for _ in range(rounds):
-        lam = solve(b + spare * lam)
-    return lam
-
-
-def halve(diagonal, upper, lower, b):
-    """x (..., n) with diagonal_k x_k - upper_k x_k+1 - lower_k-1 x_k-1 = b_k: eliminate every other
-    x, and again.
-
-    Cyclic reduction (R. W. Hockney, J. ACM 12 (1965) 95): elementwise + - * / alone, the same on
-    every processor; stable where elimination without pivots is, as for J M^-1 J^T.
+    `rows`, `columns`: where A has entries, ordered. One is a sum over the particles that both rods
+    are tied to, `particles` from `first` on, with `signs`. `places`: the entries' in the blocks
+    (3, count, size, size), which stand on A's diagonal, right of it and, at -1, below it.
     """
-    n, halvings = diagonal.shape[-1], 0
-    while n >> halvings > SHORT:
-        halvings += 1
-    if (
-        more := -(n + 1) % 2**halvings
-    ):  # unknowns tied to nothing, so that each odd one always has two even neighbours
+
+    def __init__(self, pairs, n):
+        self.order, self.n = band_order(pairs), n
+        self.i, self.j = np.array(pairs)[self.order].T
+        sides = (1, self.i), (-1, self.j)
+        ends = sorted((p, k, s) for s, side in sides for k, p in enumerate(side) if p >= 0)
+        meet = (product(tuple(tied), repeat=2) for _, tied in groupby(ends, lambda end: end[0]))
+        meet = sorted((k, o, p, s * t) for both in meet for (p, k, s), (_, o, t) in both)
+        rows, columns, self.particles, self.signs = np.array(meet).T
+        _, self.first = np.unique(rows * len(pairs) + columns, return_index=True)
+        self.rows, self.columns = rows[self.first], columns[self.first]
+        self.diagonal = np.flatnonzero(self.rows == self.columns)
+        _, self.first_column = np.unique(self.rows, return_index=True)
+        self.size = min(len(pairs), max(BLOCK, int(np.max(self.columns - self.rows))))
+        self.count = -(-len(pairs) // self.size)
+        (k, row), (o, column) = (np.divmod(x, self.size) for x in (self.rows, self.columns))
+        self.places = np.sign(o - k), np.minimum(k, o), row, column
+        self.loop = has_loop(pairs)
+        self.way = f"by arrays: blocks of {self.size} rods"
+
+    def vectors(self, x, anchors):
+        """As a Chain's."""
+        fixed = np.reshape(anchors[::-1].T, (3, *[1] * (x.ndim - 2), -1))
+        ends = np.concatenate([x, np.broadcast_to(fixed, (*x.shape[:-1], len(anchors)))], axis=-1)
+        return x[..., self.i] - ends[..., self.j]
+
+    def pull(self, along, lam):
+        """As a Chain's."""
+        felt, anchors = lam * along, max(0, -np.min(self.j))
+        force = np.zeros((*felt.shape[:-1], self.n + anchors))
+        np.add.at(force, (..., self.i), felt)
+        np.subtract.at(force, (..., self.j), felt)
+        return force[..., : self.n]
+
+    def multipliers(self, m, d, along, b, x, slack, softness=0.0):
+        """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
+        a share `slack` (...) more, and rounds take it back for as long as they help. Raises Stop
+        where b, made of d and differences of x (3, ..., N), is not met then.
+        """
+        if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
+            lam = np.empty_like(b)
+            for at in np.ndindex(b.shape[:-1]):
+                part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at]
+                lam[at] = self.multipliers(m, *part, softness)
+            return lam
+        values = np.add.reduceat(self.signs / m[self.particles], self.first)
+        values *= dot(d[:, self.rows], along[:, self.columns])
+        values[self.diagonal] *= 1.0 + softness
+        own, solve = values[self.diagonal], self.eliminated(values, slack * self.loop)
+        lam, last = solve(b), np.inf
+        while True:
+            left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
+            size = np.max(np.abs(left))
+            if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.9 * last:
+                break
+            lam, last = lam + solve(left), size
+        if not size <= NEARLY * (np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))):
+            raise Stop(NO_TENSIONS)
+        return lam
+
+    def eliminated(self, values, slack):
+        """x(b) with A x = b, A of `values` and slack: Gauss's elimination, its pivots blocks."""
+        blocks = np.zeros((3, self.count, self.size, self.size))
+        blocks[0] = one = np.eye(self.size)  # what is no rod stays alone
+        blocks[self.places] = values
+        own, right, below = blocks
+        own *= 1.0 + slack * one
+        try:
+            inverses, ratios = [np.linalg.inv(own[0])], []
+            for k in range(1, self.count):
+                ratios.append(below[k - 1] @ inverses[-1])
+                inverses.append(np.linalg.inv(own[k] - ratios[-1] @ right[k - 1]))
+        except np.linalg.LinAlgError:
+            raise Stop(NO_TENSIONS) from None
+
+        def solve(b):
+            x = np.append(b, np.zeros(own[:, 0].size - len(b))).reshape(own[:, 0].shape)
+            for k, ratio in enumerate(ratios):
+                x[k + 1] -= ratio @ x[k]
+            x[-1] = inverses[-1] @ x[-1]
+            for k in reversed(range(len(ratios))):
+                x[k] = inverses[k] @ (x[k] - right[k] @ x[k + 1])
+            return x.ravel()[: len(b)]
+
+        return solve
+
+
+def cyclic_reduction(diagonal, upper, lower, b):
+    """x (..., n) with diagonal_k x_k - upper_k x_k+1 - lower_k-1 x_k-1 = b_k.
+
+    Every other x is eliminated, and again: R. W. Hockney, J. ACM 12 (1965) 95. By + - * / alone:
+    the same on every processor.
+    """
+    n, times = b.shape[-1], 0
+    while n >> times > SWEEP:
+        times += 1
+    if not times:
+        return swept(diagonal, upper, lower, b)
+    if more := -(n + 1) % 2**times:  # unknowns tied to nothing: each odd one gets two neighbours
         padded = np.zeros((4, *b.shape[:-1], n + more))
         padded[0, ..., n:] = 1.0
         for whole, x in zip(padded, (diagonal, upper, lower, b), strict=True):
             whole[..., : x.shape[-1]] = x
-        diagonal, upper, lower, b = padded[0], padded[1, ..., :-1], padded[2, ..., :-1], padded[3]
-    return halved(diagonal, upper, lower, b, halvings)[..., :n]
-
-
-def halved(diagonal, upper, lower, b, times):
-    """As `halve`, so many times; n + 1 is divisible by 2 to that power."""
-    if times == 0:
-        return sweep(
-            *(
-                x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0))
-                for x in (diagonal, upper, lower, b)
-            )
-        )
+        diagonal, upper, lower, b = padded
+        return cyclic_reduction(diagonal, upper[..., :-1], lower[..., :-1], b)[..., :n]
     even, y, down, up = diagonal[..., ::2], b[..., ::2], upper[..., ::2], lower[..., 1::2]
     left, right = lower[..., ::2] / even[..., :-1], upper[..., 1::2] / even[..., 1:]
     half = diagonal[..., 1::2] - left * down
     half -= right * up
     known = b[..., 1::2] + left * y[..., :-1]
     known += right * y[..., 1:]
-    odd = halved(
-        half, right[..., :-1] * down[..., 1:], left[..., 1:] * up[..., :-1], known, times - 1
-    )
+    to_right, to_left = right[..., :-1] * down[..., 1:], left[..., 1:] * up[..., :-1]
+    odd = cyclic_reduction(half, to_right, to_left, known)
     x = np.empty_like(b)
     x[..., 1::2], x[..., ::2] = odd, y
     x[..., 2::2] += up * odd
@@ -249,8 +217,10 @@ def halved(diagonal, upper, lower, b, times):
     return x
 
 
-def sweep(diagonal, upper, lower, b):
-    """As `halve`, of lists of numbers or of arrays (...): one sweep out and one back."""
+def swept(*arrays):
+    """As cyclic_reduction: one sweep out and one back, of numbers or arrays (...)."""
+    lists = (x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in arrays)
+    diagonal, upper, lower, b = lists
     d, y = diagonal[0], b[0]
     pivots, known = [d], [y]
     for low, up, own, right in zip(lower, upper, diagonal[1:], b[1:], strict=True):
@@ -264,69 +234,69 @@ def sweep(diagonal, upper, lower, b):
     return leading_first(np.array(x[::-1]), 1)
 
 
-def rods_answer(system, hold, f, q, v):
-    """Rods, their vectors d (3, ..., C) and lambda (..., C) that answer to forces f (3, ..., N) at
-    q, v (..., N, 3)."""
-    rods, m, lengths = of(system), system["m"][:, 0], np.asarray(system["lengths"])
-    d, rate = (
-        rod_vectors(rods, components_first(q), system.get("anchors")),
-        rod_vectors(rods, components_first(v)),
-    )
-    b = -dot(d, rod_vectors(rods, f / m)) - hold.use_jdotv * dot(rate, rate)
-    if hold.damping or hold.stiffness:
-        dd = dot(d, d)
-        g = dd - lengths * np.sqrt(dd) if hold.softness else 0.5 * (dd - lengths * lengths)
-        b = b - hold.damping * dot(d, rate) - hold.stiffness * g
-    return rods, d, multipliers(rods, m, d, d, b, hold.softness)
+class LargeForce:
+    """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
+    Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
+    A lambda = b, where free is J M^-1 f; slack(lengths, jdotv) a share (...) of A's diagonal;
+    near(lengths, q_start) the |g| (..., C) at which rods are back on their lengths.
+    `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
+    """
 
-def make_force(system, hold, external_force):
-    """force(q, v) -> N (..., N, 3), the chapter's, for a Hold."""
+    def __init__(self, system, hold, external_force, right_side, slack, near):
+        self.system, self.hold, self.external_force = system, hold, external_force
+        self.right_side, self.slack, self.near = right_side, slack, near
+        self.rods = arranged(tuple(map(tuple, system["pairs"])), len(system["m"]))
+        self.m, self.lengths = system["m"][:, 0], np.asarray(system["lengths"])[self.rods.order]
+        self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
+        self.way, self.after = self.rods.way, self.project if hold.after else None
 
-    def force(q, v):
-        f = components_first(external_force(system, q, v), q.shape)
-        rods, d, lam = rods_answer(system, hold, f, q, v)
-        return leading_first(f + pull(rods, d, lam, len(system["m"])), 1)
+    def rates(self, x):
+        """The difference (3, ..., C) over each rod of velocities or accelerations (3, ..., N)."""
+        return self.rods.vectors(x, 0.0 * self.anchors)
 
-    force.dt, force.way = hold.dt, way(system)
-    return force
+    def answer(self, q, v):
+        """f (3, ..., N), rods d (3, ..., C) and their lambda (..., C) at q, v (..., N, 3)."""
+        f = self.external_force(self.system, q, v)
+        if np.shape(f) != q.shape:  # a list, a number, one force for all members
+            f = np.broadcast_to(np.multiply(f, 1.0), q.shape)
+        f = components_first(f)
+        d, a = self.rods.vectors(components_first(q), self.anchors), f / self.m
+        rate = self.rates(components_first(v))
+        g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
+        terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
+        b, slack = self.right_side(self.hold, self.lengths, *terms), self.slack(self.lengths, jdotv)
+        return f, d, self.rods.multipliers(self.m, d, d, b, a, slack, self.hold.softness)
 
+    def __call__(self, q, v):
+        f, d, lam = self.answer(q, v)
+        return leading_first(f + self.rods.pull(d, lam), 1)
 
-def tensions(system, q, v, hold, f):
-    """-lambda |d| (..., C) in N, the chapter's; f: the other forces (..., N, 3)."""
-    _, d, lam = rods_answer(system, hold, components_first(f, q.shape), q, v)
-    return -lam * np.sqrt(dot(d, d))
+    def tensions(self, q, v):
+        """Newtons (..., C) with which the rods pull; below zero they push."""
+        _, d, lam = self.answer(q, v)
+        pulls = np.empty_like(lam)
+        pulls[..., self.rods.order] = -lam * np.sqrt(dot(d, d))
+        return pulls
 
+    def project(self, q_start, q, v, dt):
+        """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
+        start, end, v = (components_first(x) for x in (q_start, q, v))
+        along, near = self.rods.vectors(start, self.anchors), self.near(self.lengths, q_start)
+        rate = self.rates(v)
+        slack = self.slack(self.lengths, dot(rate, rate))
 
-def project(system, q_start, q, v, dt):
-    """As the chapter's: back to g = 0 and J v = 0."""
-    rods, m, lengths, anchors = (
-        of(system),
-        system["m"][:, 0],
-        np.asarray(system["lengths"]),
-        system.get("anchors"),
-    )
-    start, free, v = (components_first(x) for x in (q_start, q, v))
-    along, x = rod_vectors(rods, start, anchors), free
-    far = np.mean(np.sum(np.abs(start), axis=0), axis=-1, keepdims=True)
-    near = 1e-12 * lengths * lengths + 1e-15 * far * lengths
-
-    def impulse(d, along, b):
-        return pull(rods, along, multipliers(rods, m, d, along, b, 0.0, 1e-9, 2), len(m)) / m
-
-    for _ in range(20):
-        d = rod_vectors(rods, x, anchors)
-        g = 0.5 * (dot(d, d) - lengths * lengths)
-        if np.all(np.abs(g) <= near):
-            v = v + (x - free) / dt
-            return leading_first(x, 1), leading_first(
-                v - impulse(d, d, dot(d, rod_vectors(rods, v))), 1
+        def impulse(d, along, b, x):
+            return (
+                self.rods.pull(along, self.rods.multipliers(self.m, d, along, b, x, slack)) / self.m
             )
-        x = x - impulse(d, along, g)
-    raise FloatingPointError("no way back onto the rods")
 
+        def newton(x):
+            d = self.rods.vectors(x, self.anchors)
+            g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
+            return x - impulse(d, along, g, x), np.max(np.abs(g) / near)
 
-def rod_errors(system, q):
-    """|d| - L of every rod (..., C), m."""
-    d = rod_vectors(of(system), components_first(q), system.get("anchors"))
-    return np.sqrt(dot(d, d)) - system["lengths"]
+        x = repeat(newton, end, 20, "no way back onto the rods")
+        v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)
+        v = v - impulse(d, d, dot(d, self.rates(v)), v)
+        return leading_first(x, 1), leading_first(v, 1)

@@ -1,14 +1,28 @@
-"""What studies measure and print: jobs timed in turns, and tables with the bars they are held
-to."""
+"""What runs and studies print: numbers with units, tables, and the bars they are held to."""
 
 import textwrap
 
 import numpy as np
 
+UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
+
+
+def length(x):
+    """Metres x in two digits and a unit, 0.384 as "38 cm"; below Newton's tolerance "< 1 pm"."""
+    if x < 1e-12:
+        return "< 1 pm"
+    x = float(f"{x:.2g}")
+    size, unit = next(((size, unit) for least, size, unit in UNITS if x >= least), (1e-12, "pm"))
+    return f"{x / size:g} {unit}"
+
+
+def per_cent(share):
+    """A share in per cent, two digits."""
+    return f"{float(f'{100.0 * share:.2g}'):g} %"
+
 
 def in_turns(jobs, repeats):
-    """{name: [results]}: what jobs called A B A B return, the first round, which warms up, not
-    counted."""
+    """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
     found = {name: [] for name in jobs}
     for turn in range(repeats + 1):
         for name, job in jobs.items():
@@ -19,13 +33,8 @@ def in_turns(jobs, repeats):
 
 def spread(samples, unit):
     """Median and quartiles of `samples` as columns of a table."""
-    return dict(
-        zip(
-            (unit, f"{unit} q1", f"{unit} q3"),
-            np.percentile(samples, [50, 25, 75]).tolist(),
-            strict=True,
-        )
-    )
+    columns = (unit, f"{unit} q1", f"{unit} q3")
+    return dict(zip(columns, np.percentile(samples, [50, 25, 75]).tolist(), strict=True))
 
 
 def say(text):
@@ -40,12 +49,9 @@ def show(title, rows, bars=()):
     print(f"\n{title}")
     for row in (rows[0], *cells):
         print("  ".join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
-    bars = [
-        {"bar": text, "value": x, "at most": limit, "met": bool(x <= limit)}
-        for text, x, limit in bars
-    ]
+    keys = "bar", "value", "at most", "met"
+    bars = [dict(zip(keys, (*bar, bool(bar[1] <= bar[2])), strict=True)) for bar in bars]
     for bar in bars:
-        print(
-            f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {'met' if bar['met'] else 'MISSED'}"
-        )
+        verdict = "met" if bar["met"] else "MISSED"
+        print(f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {verdict}")
     return {"table": title, "rows": rows, "bars": bars}

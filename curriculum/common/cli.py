@@ -1,48 +1,59 @@
 """Command lines that answer a mistake with one line: the flag, the value, and what is allowed."""
 
 import argparse
+import contextlib
 import math
 import os
 import re
 import signal
 import sys
 import textwrap
+import traceback
 import warnings
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.scene_files import SceneError, shorten
-from curriculum.common.files import check_writable, results_folder
+from curriculum.common.files import check_writable
+
+EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[large]", "mujoco": "[compare]"}
+EXTRAS |= dict.fromkeys(("exudyn", "pymunk"), "[peers]") | {"mpmath": "[reference]"}
+FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # files of frames
+
+
+def shorten(text):
+    """The text, or its beginning."""
+    return text if len(text) < 60 else text[:57] + "..."
 
 
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is a single line and no flag may be abbreviated."""
 
-    def __init__(self, **settings):
-        super().__init__(allow_abbrev=False, **settings)
+    def parse_known_args(self, args=None, namespace=None):
+        """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
+        self.allow_abbrev, args = False, sys.argv[1:] if args is None else list(args)
+        if empty := re.search(r"^(--[\w-]+)=--$", "\n".join(args).partition("\n--\n")[0], re.M):
+            self.error(f"argument {empty[1]}: '--' is no value")
+        return super().parse_known_args(args, namespace)
 
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
-        if wrong := re.search(
-            r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)",
-            message,
-        ):
-            known = (
-                re.findall(r"[\w-]+", wrong[2])
-                if wrong[2]
-                else re.findall(r"--[\w-]+", self.format_help())
+        choice = r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)"
+        if wrong := re.search(choice, message):
+            known = re.findall(
+                r"[\w-]+" if wrong[2] else r"--[\w-]+", wrong[2] or self.format_help()
             )
             near = get_close_matches((wrong[1] or wrong[3] or "").lower(), known, 1)
             message += f"; did you mean {near[0]}?" if near else ""
-        message = re.sub(r"\S{100,}", lambda long: long[0][:97] + "...", message)
+        message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         self.exit(2, f"{self.prog}: error: {message}\n")
 
     def attempt(self, flag, function, *args):
-        """function(*args), whose SceneError becomes the error of the argument `flag`."""
+        """function(*args), whose ValueError becomes the error of the argument `flag`."""
         try:
             return function(*args)
-        except SceneError as error:
+        except (ValueError, argparse.ArgumentTypeError) as error:
             self.error(f"argument {flag}: {error}")
 
 
@@ -54,102 +65,90 @@ def number(kind=float, low=1e-12, high=1e12):
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):
-        try:
-            value = kind(text) if re.fullmatch(r"[-+.\deE]+", text, re.ASCII) else math.nan
-        except ValueError:
-            value = math.nan
-        if not low <= value < high:
+        value = math.nan
+        with contextlib.suppress(ValueError):
+            value = kind(text) if re.fullmatch(r"[-+.\deE]+", text, re.ASCII) else value
+        lost = value == 0 and re.match(r"[-+.0]*[1-9]", text)  # 1e-400 is not meant as zero
+        if lost or not low <= value < high:
             raise argparse.ArgumentTypeError(f"must be {allowed}, not {shorten(text)!r}")
         return value
 
     return parse
 
 
-def writable(text):
-    """An argparse type: the path of a file that can be written."""
+def writable(text, names=("",)):
+    """An argparse type: the path of a file that can be written, or of a folder for such `names`."""
     try:
         if not text:
             raise ValueError("the name is empty")
-        check_writable(text)
+        for name in names:
+            check_writable(Path(text, name))
     except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(
-            f"cannot write {text!r}: {getattr(error, 'strerror', error)}"
-        ) from None
+        why = getattr(error, "strerror", None) or error
+        raise argparse.ArgumentTypeError(f"cannot write to {text!r}: {why}") from None
     return Path(text)
 
 
 def chapter_parser(prog, folder, out, examples):
-    """A Parser with the flags of every chapter, and the groups for what is simulated and how:
-    (parser, what, how)."""
-    scenes, studies = (
-        ", ".join(sorted(path.stem for path in folder.glob(pattern)))
-        for pattern in ("scenes/*.json", "studies/[!_]*.py")
-    )
-    parser = Parser(
-        prog=prog,
-        usage=f"python {prog} [flags]",
-        description="Every flag is a question: turn it, guess what it does, and look.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="\n".join(
-            ["examples:", *(f"  python {prog} {example}" for example in examples)]
-            + textwrap.wrap(f"scenes, each for --system: {scenes}", 80, subsequent_indent="  ")
-            + textwrap.wrap(f"studies, a question each: {studies}", 80, subsequent_indent="  ")
-            + [f"  python -m {'.'.join(folder.parts[-2:])}.studies.NAME"]
-        ),
-    )
-    titles = "what is simulated", "how", "where results go"
-    what, how, where = (parser.add_argument_group(title).add_argument for title in titles)
-    what(
-        "--seed",
-        type=number(int, 0),
-        default=0,
-        help="draws the start: a hair apart may end metres apart (0)",
-    )
-    how(
-        "--smoke",
-        action="store_true",
-        help="few steps whatever --steps says: quick, for a byte-diff in CI",
-    )
-    how(
-        "--device",
-        choices=["cpu"],
-        default="cpu",
-        help="the same in every chapter; here nothing needs another",
-    )
-    where(
-        "--out",
-        type=results_folder,
-        default=out,
-        metavar="FOLDER",
-        help=f"one a run, to compare them ({out})",
-    )
-    where(
-        "--rerun",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="the recording; or only numbers (on)",
-    )
-    return parser, what, how
+    """(parser, system, method, results): with every chapter's flags, and what adds to its groups.
+
+    They take "--flag METAVAR" and the settings of argparse's add_argument.
+    """
+    studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
+    studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies.NAME: {studies}"
+    lines = ["examples:", *(f"  python {prog} {example}" for example in examples)]
+    lines += textwrap.wrap(studies, 80, subsequent_indent="  ")
+    use = f"python {prog} [flags]: each is a question, turn it and look"
+    form = partial(argparse.RawDescriptionHelpFormatter, max_help_position=27, width=80)
+    parser = Parser(prog=prog, usage=use, epilog="\n".join(lines), add_help=False)
+    parser.formatter_class = form
+
+    def group(title):
+        def add(flag, **settings):
+            names = flag.split()
+            if names[-1].isupper():
+                settings["metavar"] = names.pop()
+                settings["help"] += "" if settings.get("default") is None else " (%(default)s)"
+            flags.add_argument(*names, **settings)
+
+        flags = parser.add_argument_group(title)
+        return add
+
+    system, method, results, ci = map(group, ("which system", "which method", "results", "for CI"))
+    system("--seed K", type=number(int, 0), default=0, help="a hair apart may end metres apart")
+    results("-h --help", action="help", help="these lines")
+    results("--out DIR", default=out, help="a folder")
+    switch = argparse.BooleanOptionalAction
+    results("--rerun", action=switch, default=True, help="the recording; or only numbers")
+    ci("--smoke", action="store_true", help="few steps whatever --steps says: for a byte-diff")
+    ci("--device", choices=["cpu"], default="cpu", help="here nothing needs another")
+    return parser, system, method, results
+
+
+def mistake(error):
+    """The traceback of an exception, without frames of this package, of libraries, of made code."""
+    shown = whole = traceback.TracebackException.from_exception(error)
+    while shown:
+        own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]
+        shown.stack[:] = own or shown.stack
+        shown.__context__, shown = None, shown.__cause__
+    return "".join(whole.format()).rstrip()
 
 
 def run_script(main):
-    """Exit with main's status; what stops it from outside is one line, and a reader that has seen
-    enough is none."""
+    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     # a standard stream that is closed is opened again, lest a file take its place
     while (spare := os.open(os.devnull, os.O_RDWR)) < 3:
         pass
     os.close(spare)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
-        number = getattr(signal, name)
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
-            signal.signal(
-                number, lambda number, _: sys.exit(128 + number)
-            )  # leave no temporary file
+        if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
+            # leave no temporary file
+            signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
-    streams = [stream for stream in (sys.stdout, sys.stderr) if stream]
+    prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:
         stream.reconfigure(errors="backslashreplace")
-    name = Path(sys.argv[0]).name
     try:
         try:
             status = main()
@@ -158,15 +157,17 @@ def run_script(main):
         for stream in streams:
             stream.flush()
     except KeyboardInterrupt:
-        status = f"\n{name}: interrupted; files are as they were, or whole"
+        status = f"\n{prog}: interrupted; files are as they were, or whole"
     except MemoryError:
-        status = f"{name}: error: not enough memory; ask for fewer rods, members or steps"
+        status = f"{prog}: error: not enough memory; ask for fewer rods, members or steps"
     except OSError as error:
-        if sys.stdout:
-            os.dup2(
-                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-            )  # or the exit would fail to flush, too
-        status = 1
-        if not isinstance(error, BrokenPipeError):
-            status = f"{name}: error: {error.strerror or error}{f': {error.filename}' if error.filename else ''}"
+        if sys.stdout:  # or the exit would fail to flush, too
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        where = f": {error.filename}" if error.filename else ""
+        line = f"{prog}: error: {error.strerror or error}{where}"
+        status = 1 if isinstance(error, BrokenPipeError) else line
+    except Exception as error:
+        name = error.name if isinstance(error, ModuleNotFoundError) else None
+        line = f"{prog}: error: {name} is not installed: pip install -e '.{EXTRAS.get(name)}'"
+        status = line if name in EXTRAS else mistake(error)
     sys.exit(status)

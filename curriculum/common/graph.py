@@ -1,23 +1,25 @@
-"""Which rods feel each other: the order in which to eliminate them, and whether they close a
-loop."""
+"""Which rods feel each other: orders to eliminate them in, and whether they close a loop."""
 
 from functools import lru_cache
 
 
-@lru_cache(64)
-def elimination_order(pairs):
-    """[(k, rest)] for rods `pairs` (i, j), j < 0 an anchor: always the one with the fewest
-    neighbours left is next.
-
-    `rest`: the rods not yet eliminated that share a particle with rod k, or have come to through
-    those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
-    """
+def neighbours(pairs):
+    """For each rod (i, j) of `pairs`, j < 0 an anchor, the set of those that share a particle."""
     at = {}
     for k, pair in enumerate(pairs):
         for i in pair:
             at.setdefault(i, set()).add(k)
-    near = [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
-    left, order = set(range(len(pairs))), []
+    return [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
+
+
+@lru_cache(64)
+def elimination_order(pairs):
+    """[(k, rest)]: always the rod with the fewest neighbours left is next.
+
+    `rest`: the rods not yet eliminated that share a particle with rod k, or have come to through
+    those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
+    """
+    near, left, order = neighbours(pairs), set(range(len(pairs))), []
     while left:
         k = min(left, key=lambda k: (len(near[k]), k))
         left.remove(k)
@@ -28,21 +30,34 @@ def elimination_order(pairs):
     return order
 
 
+def band_order(pairs):
+    """All rods, those that share a particle near one another: level by level from a far end.
+
+    E. Cuthill, J. McKee, ACM National Conference (1969) 157.
+    """
+    near, left, order = neighbours(pairs), set(range(len(pairs))), []
+
+    def walk(start):
+        found, seen = [start], {start}
+        for k in found:
+            found += sorted(near[k] - seen, key=lambda o: (len(near[o]), o))
+            seen |= near[k]
+        return found
+
+    while left:
+        order += walk(walk(min(left))[-1])
+        left -= set(order)
+    return order
+
+
 @lru_cache(64)
 def has_loop(pairs):
-    """Whether rods close a loop, maybe through the ground: then one may be too many, or J lose rank
-    in some pose."""
-    leader = {}
-
-    def find(i):
-        while i in leader:
-            leader[i] = leader.get(leader[i], leader[i])  # the way is shorter next time
-            i = leader[i]
-        return i
-
+    """Whether rods close a loop, maybe through the ground: one may be too many, or J lose rank."""
+    trees = {}
     for i, j in pairs:
-        a, b = find(i), find(max(j, -1))
-        if a == b:
+        less, more = sorted((trees.setdefault(x, {x}) for x in (i, max(j, -1))), key=len)
+        if less is more:
             return True
-        leader[max(a, b)] = min(a, b)
+        more |= less
+        trees |= dict.fromkeys(less, more)
     return False

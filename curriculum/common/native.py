@@ -17,7 +17,7 @@ import numpy as np
 
 ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 LIBRARY = {name: name for name in FUNCTIONS if name != "sqrt"} | {"**": "pow"}
-LANES = 8  # doubles, a vector register or two
+LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
 
 
@@ -206,8 +206,9 @@ def routine(program, name, lanes, routines):
 def assembly(program, lanes):
     """i64 run(state, count, out, members, knobs): the steps done, of `lanes` members out of many.
 
-    state (entries, members), where they begin, and then where they end; out (count, entries,
-    members), every state, or null. A single member ends before a step that has trouble.
+    state (entries, members), where they begin, and then where they end; out (count, rows,
+    members), or null: every state, or what the program makes besides, if it does. A single member
+    ends before a step that has trouble.
     """
     routines, tape = {}, program.tape
     w, n = Writer(lanes, routines), range(len(program.inputs))
@@ -232,13 +233,14 @@ def assembly(program, lanes):
     w.begin("good")
     w.lines.append("  br i1 %silent, label %next, label %write")
     w.begin("write")
-    row = w.line(f"mul i64 %done, {len(n)}")
+    rows = out[len(n) :] or out
+    row = w.line(f"mul i64 %done, {len(rows)}")
 
     def place(k):
         entry = w.line(f"mul i64 {w.line(f'add i64 {row}, {k}')}, %members")
         return w.line(f"getelementptr double, ptr %out, i64 {entry}")
 
-    stores(w, out, place)
+    stores(w, rows, place)
     w.lines.append("  br label %next")
     w.begin("next")
     w.lines += ["  %after = add i64 %done, 1", "  %more = icmp slt i64 %after, %count"]
@@ -274,7 +276,8 @@ def library():
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
-    `lanes` members go in step, others one after the other. `opt`: LLVM's level, 0 to 3.
+    `lanes` members go in step, others one after the other. `opt` and `passes`: how much LLVM thinks
+    about registers, and about the whole, 0 to 3; a crowd is worth it.
     """
 
     def __init__(self, program, lanes=1, opt=1, passes=0):
@@ -293,24 +296,23 @@ class Native:
         word, pointer = ctypes.c_int64, ctypes.c_void_p
         kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer)
         self.function = kind(self.engine.get_function_address("run"))
-        self.entries, self.lanes = len(program.inputs), lanes
+        self.rows, self.lanes = len(program.out[len(program.inputs) :] or program.out), lanes
 
     def __call__(self, state, count, out, *knobs):
-        """The steps done. state (entries, members) becomes where it ends.
+        """The steps done. state (entries, members), which is part of an array, becomes the end.
 
-        out (count, entries, members), or None, becomes all states.
+        out (count, rows, members), or None, becomes all states, or what is measured of them.
         """
         members, knobs = state.shape[1], np.array(knobs, dtype=float)
-        whole = members - members % self.lanes
-        done = count
+        whole, apart, done = members - members % self.lanes, state.strides[0] // 8, count
         for first in range(0, whole, self.lanes):
-            at = 8 * first
-            place = None if out is None else out.ctypes.data + at
-            done = self.function(state.ctypes.data + at, count, place, members, knobs.ctypes.data)
+            place = None if out is None else out.ctypes.data + 8 * first
+            begin = state.ctypes.data + 8 * first
+            done = self.function(begin, count, place, apart, knobs.ctypes.data)
         if whole < members:  # the last lanes are filled with the last member
             some = np.minimum(np.arange(whole, whole + self.lanes), members - 1)
             few = state[:, some].copy()
-            rows = None if out is None else np.empty((count, self.entries, self.lanes))
+            rows = None if out is None else np.empty((count, self.rows, self.lanes))
             self(few, count, rows, *knobs)
             state[:, whole:] = few[:, : members - whole]
             if out is not None:

@@ -26,6 +26,7 @@ class Run(NamedTuple):
     halved: int  # steps that were taken in halves
     seconds: float  # of the steps alone
     way: str  # how the steps were computed
+    source: str  # the code that a step has become
 
     @property
     def pace(self):
@@ -126,4 +127,4 @@ class Log:
         series = [x[: self.done + 1] for x in self.series]
         seconds = stepper.seconds * self.done / max(1, stepper.taken)
         ended = self.stopped, self.kind, stepper.halved
-        return Run(*series, steps[once], q[once], v[once], *ended, seconds, stepper.way)
+        return Run(*series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source)

@@ -8,6 +8,7 @@ that go in step, each as if it were alone. A step that raises Stop is tried in h
 import math
 import sys
 import time
+from functools import cache
 from itertools import chain
 
 from curriculum.common import native
@@ -19,10 +20,11 @@ from curriculum.common.trace import Program, Routine, Stop, Untraceable
 import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
-FIRST = 64  # steps in the first block, after which one knows what a step costs
+FIRST = 16  # steps in the first block, after which one knows what a step costs
 HALVINGS = 8  # of a step that fails, at most
 PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress can be told
-LOADING, COMPILING = 0.06, 30e-6  # s: what llvmlite takes to load, and for each operation
+# s: what llvmlite takes to load, and for each operation; of LARGE it is twice that, and grows
+LOADING, COMPILING, LARGE = 0.06, 30e-6, 8000
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes
 
 
@@ -52,7 +54,7 @@ def in_halves(step, state, dt, level=1):
 class Plain:
     """step_fn as it stands, in numpy, one state at a time: q, v (..., N, 3) -> q, v."""
 
-    way = "in plain numpy: the lines as they stand"
+    way = source = "in plain numpy: the lines as they stand"
 
     def __init__(self, step_fn, steps=0):
         self.step_fn, self.halved, self.taken, self.seconds = step_fn, 0, 0, 0.0
@@ -81,13 +83,14 @@ class Plain:
 class Traced:
     """A step as a Program of what does not stay zero, at `live` places in (q, v)."""
 
-    def __init__(self, step_fn, m, force, dt, q, v):
+    def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         zero = [np.all(a == 0.0, axis=tuple(range(a.ndim - 2))) for a in (q, v)]
         still, routine, knobs = [zero[0] & zero[1]] * 2, Routine(force), ["dt"]
         self.shape, self.dt = q.shape[-2:], dt
 
         def step(q, v, dt=dt):
-            return step_fn(q, v, m, routine, dt)
+            end = step_fn(q, v, m, routine, dt)
+            return (*end, *measure(*end)) if measure else end
 
         while True:
             try:
@@ -97,16 +100,18 @@ class Traced:
                     raise
                 knobs = []  # perhaps it asks how long the step is
                 continue
-            if [x.shape for x in program.results] != [self.shape] * 2:
+            if [x.shape for x in program.results[:2]] != [self.shape] * 2:
                 raise Untraceable(f"a step must return q and v of shape {self.shape}")
-            zero = [np.array([s.x == 0.0 for s in x.flat]) for x in program.results]
+            zero = [np.array([s.x == 0.0 for s in x.flat]) for x in program.results[:2]]
             stays = [mask & z.reshape(self.shape) for mask, z in zip(still, zero, strict=True)]
             if all(map(np.array_equal, still, stays)):
                 break
             still = stays
-        program.results = [np.array([program.results[k][at] for k, at in program.live])]
+        end = np.array([program.results[k][at] for k, at in program.live])
+        program.results = [end, *program.results[2:]]
         self.program, self.live = program, program.live
-        self.function, self.source = number_function(program, again)
+        if not measure:
+            self.function, self.source = number_function(program, again)
 
     def knobs(self, dt):
         """What the function takes for a step of length dt; Stop where it is made for another."""
@@ -238,21 +243,81 @@ class Many:
 
 def in_threads(machine, state, count, knobs, rows=None):
     """Members on all processors: machine code lets go of the interpreter. state becomes the end."""
-    from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
-
-    cut = -(-state.shape[1] // (native.CORES * machine.lanes)) * machine.lanes
+    many = -(-state.shape[1] // machine.lanes)
+    cut = -(-many // native.CORES) * machine.lanes
 
     def some(first):
         piece = slice(first, first + cut)
-        part = np.ascontiguousarray(state[:, piece])
-        out = None if rows is None else np.empty((count, *part.shape))
-        machine(part, count, out, *knobs)
-        state[:, piece] = part
-        if rows is not None:
-            rows[:, :, piece] = out
+        machine(state[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
 
-    with ThreadPoolExecutor(native.CORES) as pool:
-        list(pool.map(some, range(0, state.shape[1], cut)))
+    list(pool().map(some, range(0, state.shape[1], cut)))
+
+
+@cache
+def pool():
+    """Threads, a processor each."""
+    from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
+
+    return ThreadPoolExecutor(native.CORES)
+
+
+class Crowd:
+    """Many members (R, N, 3) of one system: `advance` them, look at their `states`, `put` others.
+
+    Each is, to the last bit, where it would be alone; one that cannot go on is NaN. `measure`: a
+    function of one state (N, 3), (q, v) -> tuple of arrays, asked at every step. A step that cannot
+    be traced is taken plainly, member by member.
+    """
+
+    def __init__(self, step_fn, m, force, dt, q, v, measure=None):
+        self.dt, self.given, self.measure = dt, (m, force, dt), measure
+        self.plain, self.traced, self.machine = Plain(step_fn), None, None
+        try:
+            self.traced = Traced(step_fn, m, force, dt, q, v, measure)
+        except Untraceable:
+            return self.put(q, v)
+        if native.available():
+            self.machine = native.Native(self.traced.program, native.LANES, 1, 2)
+        else:
+            self.function = ArrayFunction(self.traced.program)
+        self.put(q, v)
+
+    def put(self, q, v):
+        """Go on from q, v (R, N, 3)."""
+        self.columns = self.traced.columns(q, v) if self.traced else (q, v)
+
+    def states(self):
+        """q, v (R, N, 3)."""
+        if not self.traced:
+            return self.columns
+        return tuple(x[0] for x in self.traced.states(self.columns[None], self.columns.shape[1:]))
+
+    def advance(self, count):
+        """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
+        if not self.traced:
+            return self.by_plain(count)
+        knobs, entries = self.traced.knobs(self.dt), len(self.columns)
+        made, members = len(self.traced.program.out), self.columns.shape[1]
+        if self.machine:
+            rows = np.empty((count, made - entries, members)) if self.measure else None
+            in_threads(self.machine, self.columns, count, knobs, rows)
+            return rows
+        rows, before = np.empty((count, made, members)), list(self.columns)
+        for row in rows:
+            self.function(before, list(row), *knobs)
+            before = list(row[:entries])
+        self.columns = rows[-1, :entries].copy()
+        return rows[:, entries:] if self.measure else None
+
+    def by_plain(self, count):
+        """Steps of one member after the other."""
+        rows = []
+        for _ in range(count):
+            self.columns = self.plain(*self.columns, *self.given)
+            if self.measure:
+                both = zip(*self.columns, strict=True)
+                rows.append([np.concatenate([*map(np.ravel, self.measure(*x))]) for x in both])
+        return np.swapaxes(rows, 1, 2) if self.measure else None
 
 
 class Compiled:
@@ -327,7 +392,8 @@ class Compiled:
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it."""
         size = sum(len(tape.nodes) for tape in self.alone.traced.program.tapes())
-        cost = COMPILING * size + LOADING * ("llvmlite.binding" not in sys.modules)
+        cost = COMPILING * size * (1.0 + (size / LARGE) ** 2)
+        cost += LOADING * ("llvmlite.binding" not in sys.modules)
         if native.available() and self.steps * pace > 1.5 * cost:
             self.to_machine(1 if self.steps * pace > 50.0 * cost else 0)
 

@@ -1,9 +1,8 @@
-"""The pictures of the chapter, made again:  python -m
-curriculum.ch3_4_constraints.pictures.make_pictures [NAME ...]
+"""Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures [NAME ...]
 
-The drawings (SVG) are computed, and are the same bytes each time. The recordings (PNG) are what
-Rerun's viewer shows, without a window: rerun-sdk 0.41, and a graphics card or, on Debian, the
-package mesa-vulkan-drivers.
+Drawings and moving pictures (SVG) are computed, and are the same bytes each time. The recording
+(PNG) is what Rerun's viewer shows, without a window: rerun-sdk 0.41, and a graphics card or, on
+Debian, the package mesa-vulkan-drivers.
 """
 
 import contextlib
@@ -19,234 +18,265 @@ from functools import partial
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.pictures.svg import GREY, INK, LINE, Axis, Chart, Drawing
+from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.recording import TIMELINE
 from curriculum.ch3_4_constraints.studies import speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
+from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PALE, PULL, Drawing
 from curriculum.common.cli import Parser, run_script
-from curriculum.common.files import RECORDING, write_whole
+from curriculum.common.files import write_whole
 
 import numpy as np
 
-FOLDER = Path(__file__).parent
-COLORS = {
-    "none": "#c8430f",
-    "baumgarte": "#0b7d57",
-    "impulse": "#1b73b8",
-    "soft": "#7d7a00",
-    "project": "#a83a7a",
-}
-WEIGHT, PULL = "#1b73b8", "#d9560b"
-LABELS = {"midpoint8": "midpoint, order 8,", "gauss12": "gauss, 12 stages,"}
-METHODS = [
-    ("euler", "none"),
-    *(("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")),
-]
-METHODS += [("rk4", "soft"), ("rk4", "baumgarte"), *((rule, "project") for rule in LABELS)]
-TOP_BAR, NOTICES = 37, 8.0  # pixels of the viewer's menu; seconds until its notices are gone
-LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 \u00b5m", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
+FOLDER, TOP_BAR = Path(__file__).parent, 37  # pixels of the viewer's menu
+STARTS, NOTICES = 12.0, 8.0  # s, until the viewer is there, and until its notices are gone
+SCENES = {path.stem for path in (FOLDER.parent / "scenes").glob("*.json")} - {"taut_cable"}
+NAMES = {"midpoint8": "midpoint 8", "gauss12": "gauss 12"}
+METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
+METHODS += [("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")]
+METHODS += [(rule, "project") for rule in NAMES]
+SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
+LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
 
 
-def swinging(angle):
-    """A bob of 1 kg on a rod of 1 m, `angle` rad from the vertical, as fast as a release at level
-    makes it."""
-    out, along = (
-        np.array([np.sin(angle), -np.cos(angle), 0.0]),
-        np.array([-np.cos(angle), -np.sin(angle), 0.0]),
-    )
-    speed = np.sqrt(2.0 * -c.GRAVITY[1] * max(0.0, np.cos(angle)))
-    return make_system([out], [speed * along], 1.0, [(0, -1)], [1.0])
+def turned(degrees, length=1.0):
+    """(x, y) on a sheet, y down, of an arrow that hangs down and is then turned to the right."""
+    return length * np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])
+
+
+def arc(sheet, middle, radius, begin=-180, end=180):
+    """A dashed circle, or the part of it between two angles, and then its middle."""
+    points = [middle + turned(a, radius) for a in np.linspace(begin, end, 90)]
+    sheet.line(points, GREY, 1.5, "2 6")
+    sheet.dot(middle, 7 if end < 180 else 0, GREY)
+
+
+def two_pendulums():
+    """The same pendulum held by two modes, after the same time."""
+    sheet, metre, dt, steps = Drawing(480, 260, "Two pendulums after 19 s"), 120, 0.005, 3800
+    for x, mode in ((120, "project"), (350, "none")):
+        end = run(c.build_system("pendulum"), "semi_implicit", mode, dt, steps).q[-1][0, :2]
+        size, pivot = np.linalg.norm(end), (x, 30)
+        right, bob = (pivot + metre * end * [1, -1] / over for over in (size, 1.0))
+        arc(sheet, pivot, metre, -85, 85)
+        sheet.line([right, bob], EXCESS, 8)
+        sheet.line([pivot, right], MODES[mode], 5)
+        sheet.dot(bob, 11, MODES[mode])
+        words = f"after {dt * steps:.0f} s: {size:.2f} m"
+        sheet.words(x, 240, words, MODES[mode], "middle", 19, "bold")
+    return sheet.text()
+
+
+def names():
+    """What belongs to a rod: its ends, d, L and the force."""
+    sheet, size = Drawing(480, 370, "An anchor, two bobs, two rods, and what they are called"), 165
+    ends = np.cumsum([(110.0, 56.0), turned(50, size), turned(10, size)], axis=0)
+    for tail, head, aside in ((*ends[:2], (16, -20)), (*ends[1:], (-26, 4))):
+        sheet.line([tail, head], GREY, 6)
+        sheet.arrow(tail + aside, head + aside, INK, 2.5)
+        middle = (tail + head) / 2 + np.multiply(1.8, aside)
+        sheet.words(*middle, "d", anchor="middle", size=22, weight="bold")
+    for end, label, radius in zip(ends, ("anchor -1", "bob 0", "bob 1"), (7, 12, 12), strict=True):
+        sheet.dot(end, radius, INK if radius > 7 else GREY)
+        sheet.words(
+            end[0] + (22 if radius > 7 else -90),
+            end[1] + (8 if radius > 7 else -16),
+            label,
+            size=20,
+        )
+    for end, share, label in ((ends[2], -0.4, "lambda d"), (ends[1], 0.4, "-lambda d")):
+        force = share * (ends[2] - ends[1])
+        sheet.arrow(end, end + force, PULL, 5, 16)
+        at = end + 0.75 * force + [18, 6]
+        sheet.words(*at, label, PULL, size=20, weight="bold")
+    for k, words in enumerate(
+        ("d goes from the", "partner to the particle;", "it should be L long")
+    ):
+        sheet.words(16, 280 + 26 * k, words, size=18)
+    return sheet.text()
+
+
+def tangent():
+    """Three steps along tangents, each from farther outside the circle."""
+    sheet, middle, radius = Drawing(480, 400, "Three steps, each farther outside"), (70, 30), 270.0
+    arc(sheet, middle, radius, -12, 100)
+    d = turned(80, radius)
+    for k in range(3):
+        across = np.array([-d[1], d[0]])
+        sheet.line([middle, middle + d], GREY, 2)
+        corner = d + 0.05 * across, 0.95 * d + 0.05 * across, 0.95 * d
+        sheet.line([middle + x for x in corner], GREY)
+        ahead = d + 0.42 * radius * across / np.linalg.norm(d)
+        sheet.arrow(middle + d, middle + ahead, MODES["none"], 4, 14)
+        sheet.line([middle + ahead * radius / np.linalg.norm(ahead), middle + ahead], EXCESS, 7)
+        sheet.words(*(middle + ahead * 1.06 + [0, 14]), f"{k + 1}", size=20, weight="bold")
+        d = ahead
+    sheet.words(250, 380, "red: how far outside", EXCESS, size=18)
+    return sheet.text()
+
+
+def jacobian():
+    """Where J holds d, -d and zeros, for a double pendulum."""
+    sheet = Drawing(480, 240, "The rows of J: d for the particle, -d for its partner")
+    for k, name in enumerate(("vx0", "vy0", "vx1", "vy1")):
+        sheet.words(137 + 95 * k, 66, name, GREY, "middle", 18)
+    for x, name in ((184, "bob 0"), (374, "bob 1")):
+        sheet.words(x, 36, name, INK, "middle", 20, "bold")
+    for y, row, cells in ((84, "rod 0", ("d", "0    0")), (156, "rod 1", ("-d", "d"))):
+        sheet.words(16, y + 38, row, size=20)
+        for x, cell in zip((92, 282), cells, strict=True):
+            color = {"d": PULL, "-d": MODES["none"]}.get(cell, GREY)
+            frame = [(x, y), (x + 182, y), (x + 182, y + 60), (x, y + 60), (x, y)]
+            sheet.line(frame, color if "d" in cell else PALE, 3)
+            sheet.words(x + 91, y + 39, cell, color, "middle", 26, "bold")
+    return sheet.text()
+
+
+def shake():
+    """Two ways from the end of a step back onto the circle."""
+    sheet, middle, radius = Drawing(480, 450, "Two ways back onto the circle"), (80, 30), 290.0
+    arc(sheet, middle, radius, -14, 90)
+    d = turned(68, radius)
+    off = d + 0.75 * np.array([-d[1], d[0]])
+    mu = (off @ d - np.sqrt((off @ d) ** 2 - (d @ d) * (off @ off - d @ d))) / (d @ d)
+    ways = {"project": off - mu * d, "soft": off * radius / np.linalg.norm(off)}
+    sheet.line([middle, middle + d], GREY, 5)
+    sheet.arrow(middle + d, middle + off, MODES["none"], 4, 14)
+    for mode, end in ways.items():
+        sheet.line([middle, middle + end], PALE, 2)
+        sheet.arrow(middle + off, middle + end, MODES[mode], 5, 14)
+        sheet.dot(middle + end, 9, MODES[mode])
+    for at, name in ((d, "start"), (off, "q*")):
+        sheet.dot(middle + at, 9)
+        sheet.words(*(middle + at + [16, 8]), name, size=20, weight="bold")
+    sheet.words(16, 404, "SHAKE: along the rod at the start", MODES["project"], size=19)
+    sheet.words(16, 432, "shortest: along the rod as it is now", MODES["soft"], size=19)
+    return sheet.text()
+
+
+def eigenvalue():
+    """The eigenvalues of Baumgarte's spring under semi-implicit Euler, in the complex plane."""
+    sheet, x, y, radius = Drawing(480, 380, "An eigenvalue leaves through -1"), 256, 190, 160
+    arc(sheet, (x, y), radius)
+    sheet.line([(16, y), (464, y)], GREY, 1)
+    sheet.line([(x, 10), (x, 370)], GREY, 1)
+    for z in (0.2, 0.4, 0.6, c.STABILITY_LIMIT["semi_implicit"], 0.9):
+        step = [[1.0 - z * z, 1.0 - 2.0 * z], [-z * z, 1.0 - 2.0 * z]]
+        first, other = sorted(np.linalg.eigvals(step).real)
+        color = EXCESS if first < -1.0 - 1e-9 else INK
+        sheet.dot((x + radius * first, y), 9, color)
+        sheet.dot((x + radius * other, y), 5, GREY)
+        sheet.words(
+            x + radius * first, y + (34 if z > 0.85 else -18), f"{z:.3g}", color, "middle", 19
+        )
+    sheet.words(x + radius + 6, y + 56, "1", GREY, size=20)
+    sheet.words(x - radius + 6, y + 56, "-1", GREY, size=20)
+    sheet.words(16, 32, "numbers: dt w", size=19)
+    return sheet.text()
 
 
 def forces():
-    """Weight, pull and their sum at four angles of a pendulum."""
-    sheet = Drawing(
-        760, 500, "Which force does the rod apply? 1 kg on a rod of 1 m, released level"
-    )
-    pivot, down = np.array([392.0, 86.0]), np.array([1.0, -1.0])  # the y of a sheet points down
-    metre, newton = 310.0, 6.6  # pixels
-    arc = [
-        pivot + metre * np.array([np.sin(a), np.cos(a)])
-        for a in np.radians(np.arange(-18.0, 90.1, 2.0))
-    ]
-    sheet.line(arc, GREY, 1, "2 5")
-    rows = [
-        ("angle from", "pull found", "3 m g cos"),
-        ("the vertical", "by the solve", "of the angle"),
-    ]
+    """Weight, pull and their sum at four angles of a pendulum, with the numbers."""
+    sheet, metre, newton = Drawing(480, 500, "Which force does the rod apply?"), 235, 5.0  # pixels
+    pivot = np.array([60.0, 60.0])
+    arc(sheet, pivot, metre, -12, 90)
     for degrees in (90, 60, 30, 0):
-        system = swinging(np.radians(degrees))
-        q, v = system["q0"], system["v0"]
-        weight, pull = c.external_force(system, q)[0], c.constraint_force(system, q, v)[0]
-        rows.append(
-            (
-                f"{degrees}\u00b0",
-                *(f"{x:.2f} N" for x in (np.linalg.norm(pull), 3.0 * weight[1] * q[0, 1])),
-            )
-        )
-        bob = pivot + metre * q[0, :2] * down
-        by_weight, by_pull, by_both = (
-            newton * force[:2] * down for force in (weight, pull, weight + pull)
-        )
+        (x, y), bob = turned(degrees), pivot + turned(degrees, metre)
+        speed = np.sqrt(2.0 * 9.81 * y)
+        system = make_system([[x, -y, 0]], [[-speed * y, -speed * x, 0]], [1.0], [(0, -1)])
+        weight = c.external_force(system, system["q0"])[0]
+        pull = c.constraint_force(system, system["q0"], system["v0"])[0]
+        aside = [10 * (degrees in (0, 90)), 0]  # there they are on one line
         sheet.line([pivot, bob], GREY, 2)
-        if 0 < degrees < 90:
-            sheet.line([bob + by_weight, bob + by_both, bob + by_pull], GREY, 1, "4 4")
-        aside = np.array([12.0 * (degrees in (0, 90)), 0.0])  # there they are on one line
-        sheet.arrow(bob, bob + by_pull, PULL)
-        sheet.arrow(bob, bob + by_weight, WEIGHT)
-        sheet.arrow(bob + aside, bob + aside + by_both, INK)
+        for force, color, at in ((pull, PULL, 0), (weight, GREY, 0), (pull + weight, INK, aside)):
+            sheet.arrow(bob + at, bob + at + newton * force[:2] * [1, -1], color, 4, 12)
         sheet.dot(bob, 8, INK)
-        sheet.words(
-            bob[0] + 16, bob[1] + (18 if degrees < 90 else -8), f"{degrees}\u00b0", weight="bold"
-        )
-    sheet.dot(pivot, 5, GREY)
-    for k, (name, color) in enumerate(
-        {"weight, m g": WEIGHT, "pull of the rod": PULL, "their sum, m a": INK}.items()
-    ):
-        sheet.arrow((24, 86 + 24 * k), (72, 86 + 24 * k), color)
-        sheet.words(84, 90 + 24 * k, name, color, weight="bold")
-    for k, row in enumerate(rows):
-        for x, words in zip((104, 204, 304), row, strict=True):
-            sheet.words(
-                x, 206 + (LINE * k if k < 2 else 22 * k), words, GREY if k < 2 else INK, "end"
-            )
-    sheet.words(24, 358, "The pull is at right angles to the path:")
-    sheet.words(24, 358 + LINE + 2, "it bends the path and does no work.")
+        words = f"{degrees}\u00b0: {np.linalg.norm(pull):.2f} N"
+        sheet.words(bob[0] + 16, bob[1] + (22 if degrees < 90 else -10), words, size=19)
+    what = {"weight, m g": GREY, "pull of the rod": PULL, "their sum, m a": INK}
+    for k, (name, color) in enumerate(what.items()):
+        sheet.words(270, 420 + 28 * k, name, color, size=20, weight="bold")
     return sheet.text()
 
 
 def drift():
     """The worst rod error of the five modes over the default run."""
-    dt, steps, every = 0.005, 4000, 20
-    x = Axis("time, s", (0.0, steps * dt), (84, 640), {float(t): f"{t}" for t in range(0, 21, 5)})
-    y = Axis(
-        "worst rod error in each tenth of a second", (1e-16, 3.0), (420, 90), LENGTHS, log=True
-    )
-    chart = Chart(
-        760, 480, f"Who keeps the rods? Double pendulum, semi_implicit, steps of {dt} s", x, y
-    )
+    dt, steps, every, curves = 0.005, 4000, 20, {}
+    times = dt * every * np.arange(1, steps // every + 1)
     for mode in c.hold_table():
         found = run(c.build_system("double"), "semi_implicit", mode, dt, steps).violations[1:]
-        worst = np.maximum(np.max(found.reshape(-1, every), axis=1), 1e-16)
-        chart.curve(
-            mode, zip(dt * every * np.arange(1, len(worst) + 1), worst, strict=True), COLORS[mode]
-        )
-    return chart.text()
+        worst = np.maximum(
+            np.max(found.reshape(-1, every), axis=1), 1e-12
+        )  # what project takes for nothing
+        curves[mode] = MODES[mode], list(zip(times, worst, strict=True))
+    x = "time, s", (0.0, 20.0), {float(t): f"{t}" for t in range(0, 21, 5)}
+    return svg.chart("Who keeps the rods?", x, ("worst rod error", (1e-13, 3.0), LENGTHS), curves)
 
 
 def cost():
     """Error against counted cost, from the study speed_vs_error."""
-    system = c.build_system("double")
+    system, curves = c.build_system("double"), {}
     seconds, _, truth, known = speed_vs_error.horizon(system)
-    solves = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
-    x = Axis(
-        "linear systems solved for a simulated second",
-        (28.0, 20_000.0),
-        (84, 560),
-        solves,
-        log=True,
-    )
-    y = Axis(
-        f"largest error of a particle within {seconds:g} s",
-        (1e-14, 20.0),
-        (470, 90),
-        LENGTHS,
-        log=True,
-    )
-    chart = Chart(760, 530, "What does an error cost? Double pendulum, ever shorter steps", x, y)
     for rule, mode in METHODS:
         rows = speed_vs_error.ladder(system, seconds, rule, mode, truth)
-        spots = [
-            (row["solves"], row["error"])
-            for row in rows
-            if row["solves"] > 28.0 and row["error"] < 20.0
-        ]
-        last = next(
-            (k for k, spot in enumerate(spots) if spot[1] < 10.0 * known), len(spots)
-        )  # then all is rounding
-        chart.curve(f"{LABELS.get(rule, rule)} {mode}", spots[: last + 1], COLORS[mode], dots=True)
-    return chart.text()
+        spots = [(row["solves"], row["error"]) for row in rows]
+        spots = [spot for spot in spots if spot[0] > 28.0 and known < spot[1] < 20.0]
+        curves[f"{NAMES.get(rule, rule)} {mode}"] = MODES[mode], spots
+    x = "linear systems solved for a simulated second", (28.0, 20_000.0), SOLVES
+    y = f"largest error of a particle within {seconds:g} s", (1e-14, 20.0), LENGTHS
+    return svg.chart("What does an error cost?", x, y, curves, (600, 520), 190)
 
 
-def viewed(words, seconds):
-    """A PNG of the recording of constraints.py `words`, at a time in s, as the viewer shows it in
-    1400 x 900."""
+def moving(name):
+    """The moving picture that a run of a scene writes."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        steps = "4000" if name == "double" else "1000"  # a gallery is to be light
+        c.main(["--system", name, "--steps", steps, "--no-rerun", "--out", folder])
+        return Path(folder, "motion.svg").read_text(encoding="utf-8")
+
+
+def viewed():
+    """A PNG of the default run's recording at its end, as the viewer shows it."""
     from PIL import Image  # which Rerun brings along
+    from rerun.experimental import ViewerClient
 
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        c.main([*words, "--out", folder])
+        c.main(["--out", folder])
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = str(free.getsockname()[1])
-        command = [
-            sys.executable,
-            "-m",
-            "rerun",
-            "--headless",
-            "--window-size",
-            "1400x900",
-            "--port",
-            port,
-        ]
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        viewer = subprocess.Popen(
-            [*command, f"{folder}/{RECORDING}"], start_new_session=True, **quiet
-        )
+        how = ["--headless", "--window-size", "1400x900", "--port", port]
+        words = [sys.executable, "-m", "rerun", *how, f"{folder}/constraints.rrd"]
+        viewer = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
         try:
-            client = connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.set_time(TIMELINE, duration=seconds, play_state="paused")
+            time.sleep(STARTS)
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.set_time(TIMELINE, duration=20.0, play_state="paused")
             time.sleep(NOTICES)
-            picture = Image.open(io.BytesIO(client.take_screenshot()))
+            picture, file = Image.open(io.BytesIO(client.take_screenshot())), io.BytesIO()
         finally:
-            os.killpg(
-                viewer.pid, signal.SIGTERM
-            )  # it is a process that Python started, and the one that that started
+            os.killpg(viewer.pid, signal.SIGTERM)  # it, and the process that it has started
             viewer.wait()
-    file = io.BytesIO()
-    picture.convert("RGB").crop((0, TOP_BAR, *picture.size)).quantize(128).save(
-        file, "png", optimize=True
-    )
+    picture = picture.convert("RGB").crop((0, TOP_BAR, *picture.size)).quantize(128)
+    picture.save(file, "png", optimize=True)
     return file.getvalue()
 
 
-def connect(url):
-    """A client of the viewer at `url`, once it shows a recording."""
-    from rerun.experimental import ViewerClient
-
-    for _ in range(150):
-        with contextlib.suppress(ConnectionError, RuntimeError):
-            client = ViewerClient.connect(url)
-            if client.get_state().active_recording:
-                return client
-        time.sleep(0.2)
-    raise SystemExit(
-        "make_pictures: the viewer does not start; the first lines of this script say what it needs"
-    )
-
-
-PICTURES = {
-    "forces.svg": forces,
-    "drift.svg": drift,
-    "cost.svg": cost,
-    "recording.png": partial(viewed, [], 20.0),
-    "jansen_leg.png": partial(viewed, ["--system", "jansen_leg"], 3.0),
-}
+DRAWINGS = two_pendulums, names, tangent, jacobian, shake, eigenvalue, forces, drift, cost
+PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS} | {"recording.png": viewed}
+PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *sorted(SCENES))}
 
 
 def main(argv=None):
     """Make the pictures that `argv` names, or all."""
     parser = Parser(prog="make_pictures", description=__doc__)
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"some of {', '.join(PICTURES)} (all)"
-    )
-    names = parser.parse_args(argv).names or list(PICTURES)
-    for name in names:
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"some of {', '.join(PICTURES)}")
+    for name in parser.parse_args(argv).names or PICTURES:
         if name not in PICTURES:
             parser.error(f"argument NAME: no picture {name!r}, but {', '.join(PICTURES)}")
-    for name in names:
         made = PICTURES[name]()
-        content = made if isinstance(made, bytes) else made.encode()
-        write_whole(FOLDER / name, lambda path, content=content: path.write_bytes(content))
-        print(f"wrote {os.path.relpath(FOLDER / name)}, {len(content) / 1e3:.0f} kB")
+        made = made if isinstance(made, bytes) else made.encode()
+        write_whole(FOLDER / name, lambda path, made=made: path.write_bytes(made))
+        print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
     return 0
 
 

@@ -1,28 +1,36 @@
-"""What studies and tests do again and again: a system from arrays, and a run of it by the names of
-rule and mode."""
+"""What studies and tests do again and again: systems, runs, crowds, and a command line."""
+
+import sys
+from argparse import RawDescriptionHelpFormatter
+from unittest.mock import patch
 
 import constraints as c
+from curriculum.ch3_4_constraints.tables import say
+from curriculum.common import native
+from curriculum.common.banner import processor
+from curriculum.common.cli import Parser, number, writable
+from curriculum.common.files import write_json
+from curriculum.common.gauss import make_gauss
+from curriculum.common.midpoint import make_midpoint
+from curriculum.common.steps import Compiled, Crowd, Plain, followed
 
 import numpy as np
 
+NATIVE = native.available()  # whether steps are compiled to machine code, and not to Python only
 SCENES = c.HERE / c.CHAPTER / "scenes"
+RULES = {name: rule for name, rule in c.INTEGRATORS.items() if name not in ("gauss", "midpoint")}
+RULES |= {f"midpoint{order}": make_midpoint(order) for order in (6, 8, 10, 12)}
+for stages, tol in ((6, 1e-6), (8, 5e-8), (10, 1e-11), (12, 1e-13)):
+    RULES[f"gauss{stages}"] = make_gauss(stages, tol=tol)
 
 
 def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     """A system dict; masses m (N,) kg, lengths (C,) m by default as in q0."""
     q0, v0, anchors = (np.asarray(x, dtype=float) for x in (q0, v0, anchors))
-    system = {
-        "q0": q0,
-        "v0": v0,
-        "m": np.reshape(m, (-1, 1)).astype(float),
-        "pairs": list(pairs),
-        "anchors": anchors,
-    }
-    ends = [anchors[-1 - j] if j < 0 else q0[j] for _, j in pairs]
-    found = np.array(
-        [np.sqrt(c.dot(q0[i] - end, q0[i] - end)) for (i, _), end in zip(pairs, ends, strict=True)]
-    )
-    return system | {"lengths": found if lengths is None else np.asarray(lengths, dtype=float)}
+    ends = [(q0[i], anchors[-1 - j] if j < 0 else q0[j]) for i, j in pairs]
+    found = [np.sqrt(c.dot(a - b, a - b)) for a, b in ends] if lengths is None else lengths
+    system = {"q0": q0, "v0": v0, "m": np.reshape(m, (-1, 1)).astype(float)}
+    return system | {"pairs": list(pairs), "lengths": np.array(found, float), "anchors": anchors}
 
 
 def scene(name):
@@ -30,11 +38,43 @@ def scene(name):
     return c.build_system(str(SCENES / f"{name}.json"))
 
 
-def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()):
-    """The Run of a rule (or its name) with a Hold, the name of one, or a Baumgarte frequency."""
+def case(system, rule, hold, dt):
+    """(rule, force) of a rule (or its name) with a Hold, the name of one, or Baumgarte's w."""
     hold = c.hold_table(dt)[hold] if isinstance(hold, str) else hold
-    rule = c.INTEGRATORS[rule] if isinstance(rule, str) else rule
-    return c.simulate(rule, system, c.make_force(system, hold), dt, steps, keep)
+    rule = (c.INTEGRATORS | RULES)[rule] if isinstance(rule, str) else rule
+    return rule, c.make_force(system, hold)
+
+
+def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=(), way=Compiled):
+    """The Run of a case."""
+    rule, force = case(system, rule, hold, dt)
+    return c.simulate(rule, system, force, dt, steps, keep, way)
+
+
+def python_run(*settings):
+    """The Run of `run`, its step compiled to Python alone."""
+    with patch.object(native, "available", bool):
+        return run(*settings)
+
+
+def whole_step(system, rule, hold, dt):
+    """(step, force) of a case, where the step ends with what the hold does to it."""
+    rule, force = case(system, rule, hold, dt)
+    return followed(rule, force.after), force
+
+
+def code(system, rule, hold, dt):
+    """The code that a step becomes."""
+    step, force = whole_step(system, rule, hold, dt)
+    compiled = Compiled(step, check=False)
+    compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
+    return compiled.source
+
+
+def crowd(system, rule, hold, dt, measure=None):
+    """A Crowd of the members of a system with q0, v0 (R, N, 3)."""
+    step, force = whole_step(system, rule, hold, dt)
+    return Crowd(step, system["m"], force, dt, system["q0"], system["v0"], measure)
 
 
 def energy_scale(system):
@@ -45,3 +85,27 @@ def energy_scale(system):
 def drift(system, run):
     """The largest energy error (...) of a run, as a share of that."""
     return np.max(np.abs(run.energies - run.energies[0]), axis=0) / energy_scale(system)
+
+
+def study_parser(name, doc, repeats=None):
+    """A study's Parser, with --json, and --repeats where something is timed."""
+    parser = Parser(prog=name, description=doc, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=writable, metavar="PATH", help="write the same as JSON")
+    if repeats:
+        settings = {"type": number(int, 1, 1000), "default": repeats}
+        parser.add_argument("--repeats", **settings, help=f"timings of each ({repeats})")
+    return parser
+
+
+def host(**more):
+    """What ran on what; printed, and returned for the JSON."""
+    what = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__}
+    say(", ".join(f"{key} {value}" for key, value in (what | more).items()))
+    return what | more
+
+
+def finish(args, content):
+    """Write the JSON, if that is asked for. Returns the exit status."""
+    if args.json:
+        write_json(args.json, content)
+    return 0

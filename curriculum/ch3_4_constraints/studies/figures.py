@@ -3,14 +3,16 @@ the block below it.
 
 A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with
 `$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD: the studies of
-speed take minutes, and want a machine that does nothing else. The quick commands, whose digits are
-the same everywhere, are run by tests/test_texts.py, too.
+speed take minutes, and want a machine that does nothing else. A text is written after each of its
+blocks; a command that fails leaves its block as it was, is told of, and makes the exit status 1.
+The quick commands, whose digits are the same everywhere, are run by tests/test_texts.py, too.
 """
 
 import re
 import shlex
 import subprocess
 import sys
+import time
 from functools import cache
 from pathlib import Path
 
@@ -29,11 +31,13 @@ TIMES = ("us",)  # headers of columns that belong to the machine
 
 @cache
 def printed(command):
-    """What `command`, a line that starts with `python`, prints."""
-    words = [sys.executable, *shlex.split(command)[1:]]
+    """What `command`, a line that starts with `python`, prints; None if it fails."""
+    words, clock = [sys.executable, *shlex.split(command)[1:]], time.perf_counter()
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    print(f"{time.perf_counter() - clock:6.1f} s  {command}", flush=True)
     if done.returncode:
-        sys.exit(f"figures: {command}: {done.stderr.strip() or 'failed'}")
+        print(f"figures: {command}: {done.stderr.strip() or 'failed'}", file=sys.stderr)
+        return None
     return done.stdout.strip("\n") + "\n"
 
 
@@ -53,34 +57,25 @@ def machine_free(text):
 
 def main(argv=None):
     """Rewrite the blocks."""
-    parser = Parser(
-        prog="figures", description="Make the figures in the texts what their commands print."
-    )
-    parser.add_argument(
-        "--only", default="", metavar="WORD", help="only the commands that contain this"
-    )
-    args = parser.parse_args(argv)
-    for path in TEXTS:
-
-        def renewed(match, path=path):
-            if args.only not in match["command"]:
-                return match[0]
-            output = printed(match["command"])
-            changed = machine_free(output) != machine_free(match["body"])
-            print(
-                f"{path.relative_to(ROOT)}: {match['command']}{': changed' if changed else ''}",
-                flush=True,
-            )
-            asked = f"$ {match['command']}\n" if match[3] else ""
-            return match[1] + asked + output + match[5]
-
-        before = path.read_text(encoding="utf-8")
-        text = BLOCK.sub(renewed, before)
-        if text != before:
-            write_whole(
-                path, lambda temporary, text=text: temporary.write_text(text, encoding="utf-8")
-            )
-    return 0
+    parser = Parser(prog="figures", description=__doc__.partition("\n\n")[0])
+    parser.add_argument("--only", default="", metavar="WORD", help="commands that contain this")
+    only, failed = parser.parse_args(argv).only, False
+    texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
+    blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
+    asked = [(path, match) for path, match in blocks if only in match["command"]]
+    if not asked:
+        parser.error(f"argument --only: no command in a text contains {only!r}")
+    for path, match in asked:
+        output = printed(match["command"])
+        failed |= output is None
+        if output is None or output == match["body"]:
+            continue
+        if machine_free(output) != machine_free(match["body"]):
+            print(f"{path.relative_to(ROOT)}: {match['command']}: changed", flush=True)
+        new = match[1] + (f"$ {match['command']}\n" if match[3] else "") + output + match[5]
+        texts[path] = text = texts[path].replace(match[0], new)
+        write_whole(path, lambda aside, text=text: aside.write_text(text, encoding="utf-8"))
+    return int(failed)
 
 
 if __name__ == "__main__":

@@ -72,16 +72,11 @@ def linkage(system):
     n, m = len(system["q0"]), [mp.mpf(x) for x in system["m"][:, 0].tolist()]
     (_, pivot), *pairs = system["pairs"]
     length, *lengths = map(mp.mpf, system["lengths"].tolist())
-    rods = [
-        [(j, size) for (i, j), size in zip(pairs, lengths, strict=True) if i == k] for k in range(n)
-    ]
+    sizes = list(zip(pairs, lengths, strict=True))
+    rods = [[(j, size) for (i, j), size in sizes if i == k] for k in range(n)]
 
     def motion(angle, rate):
-        z, first, second = (
-            start[:],
-            [mp.zero] * len(start),
-            [mp.zero] * len(start),
-        )  # derivatives by th
+        z, (first, second) = start[:], ([mp.zero] * len(start) for _ in range(2))  # d/dth, d2/dth2
         arm = length * mp.expj(angle[0])
         z[0], first[0], second[0] = z[pivot] + arm, 1j * arm, -arm
         for k in range(1, n):
@@ -101,11 +96,8 @@ def linkage(system):
             second[k] = corner(dot(p, second[a]) - spin[0], dot(q, second[b]) - spin[1])
         terms = list(zip(m, first, second, strict=False))  # of the particles, not the anchors
         pull = sum(w * (rate[0] ** 2 * dot(x, y) + GRAVITY * x.imag) for w, x, y in terms)
-        return (
-            z[:n],
-            [rate[0] * x for _, x, _ in terms],
-            [-pull / sum(w * dot(x, x) for w, x, _ in terms)],
-        )
+        speeds = [rate[0] * x for _, x, _ in terms]
+        return z[:n], speeds, [-pull / sum(w * dot(x, x) for w, x, _ in terms)]
 
     return [mp.arg(start[0] - start[pivot])], motion
 
@@ -115,60 +107,52 @@ def integrate(model, system, digits):
     with mp.workdps(digits):
         (start, motion), m = model(system), system["m"][:, 0].tolist()
         n = len(start)
-        flow = mp.odefun(
-            lambda t, y: [*y[n:], *motion(y[:n], y[n:])[2]], 0, [*start, *[mp.zero] * n]
-        )
+
+        def rates(_, y):
+            return [*y[n:], *motion(y[:n], y[n:])[2]]
+
+        flow = mp.odefun(rates, 0, [*start, *[mp.zero] * n])
         states = [motion(y[:n], y[n:])[:2] for y in map(flow, [0, *TIMES])]
-        energy = [
-            sum(w * (abs(v) ** 2 / 2 + GRAVITY * x.imag) for w, x, v in zip(m, *state, strict=True))
-            for state in states
-        ]
-        return np.array([[(x.real, x.imag) for x in z] for z, _ in states[1:]]), max(
-            abs(x - energy[0]) for x in energy
-        )
+        terms = [zip(m, *state, strict=True) for state in states]
+        energy = [sum(w * (abs(v) ** 2 / 2 + GRAVITY * x.imag) for w, x, v in t) for t in terms]
+        q = np.array([[(x.real, x.imag) for x in z] for z, _ in states[1:]])
+        return q, max(abs(x - energy[0]) for x in energy)
 
 
 def compute():
     """The whole document; prints a line a case."""
-    systems = {name: (chain, c.build_system(name)) for name in c.SYSTEMS}
-    systems |= {name: (linkage, c.build_system(name)) for name in ("fourbar_coupler", "jansen_leg")}
+    systems = dict.fromkeys(c.SYSTEMS, chain)
+    systems |= dict.fromkeys(("fourbar_coupler", "jansen_leg"), linkage)
     cases = {}
-    for name, case in systems.items():
-        (coarse, _), (fine, drift) = (integrate(*case, digits) for digits in (COARSE, FINE))
+    for name, model in systems.items():
+        both = (integrate(model, c.build_system(name), digits) for digits in (COARSE, FINE))
+        (coarse, _), (fine, drift) = both
         assert drift < 10.0**-COARSE, f"{name}: energy error {mp.nstr(drift, 2)} J"
         error = float(np.max(np.abs(fine - coarse)))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
         print(f"{name:15} error {error:.1e} m, energy error {mp.nstr(drift, 2)} J")
-    what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems and of two of its scenes."
+    what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems "
     made_by = "python -m curriculum.ch3_4_constraints.studies.reference"
-    return {"what": what, "made_by": made_by, "times": TIMES, "cases": cases}
+    what = {"what": f"{what}and of two of its scenes.", "made_by": made_by}
+    return what | {"times": TIMES, "cases": cases}
 
 
 def main(argv=None):
     """Write the file, or compare with it; returns 1 if they differ."""
-    parser = Parser(
-        prog="reference", description="Where are the particles, really?  Writes reference.json."
-    )
-    parser.add_argument(
-        "--check", action="store_true", help="write nothing; compare, exit 1 beyond 1e-14 m"
-    )
-    args = parser.parse_args(argv)
-    document = compute()
-    if args.check:
-        stored = json.loads(FILE.read_text(encoding="utf-8"))["cases"]
-        gaps = [
-            np.max(np.abs(np.subtract(stored[name]["positions"], case["positions"])))
-            for name, case in document["cases"].items()
-        ]
-        print(f"{FILE.name}: largest difference {max(gaps):.1e} m, {TOLERANCE:g} is allowed")
-        return int(max(gaps) > TOLERANCE)
+    parser = Parser(prog="reference", description=__doc__.partition("\n\n")[0])
+    parser.add_argument("--check", action="store_true", help="compare, exit 1 beyond 1e-14 m")
+    check, document = parser.parse_args(argv).check, compute()
+    if check:
+        stored, gap = json.loads(FILE.read_text(encoding="utf-8"))["cases"], 0.0
+        for name, case in document["cases"].items():
+            off = np.subtract(stored[name]["positions"], case["positions"])
+            gap = max(gap, float(np.max(np.abs(off))))
+        print(f"{FILE.name}: largest difference {gap:.1e} m, {TOLERANCE:g} is allowed")
+        return int(gap > TOLERANCE)
     # "]], [[" stands between two samples and nowhere else: one line a sample
-    text = (
-        json.dumps(document)
-        .replace("]], [[", "]],\n[[")
-        .replace('"positions": [', '"positions": [\n')
-    )
-    write_whole(FILE, lambda temporary: temporary.write_text(text + "\n", encoding="utf-8"))
+    text = json.dumps(document).replace("]], [[", "]],\n[[") + "\n"
+    text = text.replace('"positions": [', '"positions": [\n')
+    write_whole(FILE, lambda aside: aside.write_text(text, encoding="utf-8"))
     return 0
 
 

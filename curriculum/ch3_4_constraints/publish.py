@@ -1,0 +1,73 @@
+"""What a run hands over: numbers, a picture and a recording, all of one run, in one folder."""
+
+import argparse
+import json
+import os
+import shlex
+import sys
+import textwrap
+from functools import partial
+from pathlib import Path
+
+from curriculum.common.cli import shorten, writable
+from curriculum.common.files import write_json, write_together
+
+METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
+DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
+results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an argparse type
+
+
+class SceneList(argparse.Action):
+    """A flag that prints the systems, a line each, and ends the program.
+
+    `const`: {name: what it shows} of those without a file, and the chapter's folder.
+    """
+
+    def __call__(self, parser, *_):
+        named, folder = self.const
+        for path in sorted(folder.glob("scenes/*.json")):
+            named = named | {path.stem: json.loads(path.read_bytes())["about"]}
+        for name, text in named.items():
+            print(f"{name:<16} {textwrap.shorten(text, 63, placeholder=' ...')}")
+        parser.exit()
+
+
+def publish(args, used, rows, writers):
+    """Write the metrics, and what `writers` {file name: write(path)} make, into args.out; in words.
+
+    The metrics are `rows`, what was `used`, and those flags that decide them: equal runs are equal
+    bytes. Nothing of an earlier run stays beside them. A file that cannot be written is left out;
+    but where an earlier run has left it, all stays as it was, and the error is raised.
+    """
+    flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
+    metrics = partial(write_json, content=flags | used | {"results": rows})
+    lost = []
+
+    def attempt(name, path):
+        try:
+            writers[name](path)
+        except (OSError, ImportError, MemoryError) as error:
+            if (args.out / name).exists():
+                raise
+            path.unlink(missing_ok=True)
+            why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            lost.append(f", but no {name}: {shorten(why)}")
+
+    files = {METRICS: metrics, PICTURE: None, RECORDING: None}
+    files |= {name: partial(attempt, name) for name in writers}
+    write_together(args.out, files)
+    written = [args.out / name for name in files if (args.out / name).exists()]
+    text = f"wrote {', '.join(map(str, written))}{''.join(lost)}"
+    return text + (f"\nlook: {look(written[-1])}" if written[-1].name == RECORDING else "")
+
+
+def look(recording):
+    """The command that shows a recording, in a browser where there is no display."""
+    nearby = os.path.relpath(sys.executable)
+    short = os.sep in nearby and len(nearby) < len(sys.executable)
+    display = {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ) or sys.platform in (
+        "win32",
+        "darwin",
+    )
+    command = nearby if short else sys.executable, "-m", "rerun", "--web-viewer", str(recording)
+    return shlex.join(word for word in command if not (display and word == "--web-viewer"))

@@ -1,0 +1,129 @@
+"""When does a double pendulum turn over?  A picture of all starts at rest, a pixel each.
+
+From left to right the second rod's angle goes once round, from bottom to top the first's; in the
+middle both hang. The colour is the time at which the second rod first passes the upright: bright
+is early, black is never. Starts inside the white curve have too little energy to turn over. Below
+the line, as in a mirror, are the lowest rows once more by the mode `none`, whose rods let energy
+leak: what turns over late there does not turn over at all.
+
+A rod is looked at every LOOK steps. While rods hold and energy is kept, it turns by no more than
+sqrt(24 g / L), 15 rad/s: far less than a quarter turn. So a rod that went over stands left of its
+joint at one look and right of it at the next, and above it. What is missed is a rod that falls back
+before it is looked at, and that has not turned over.
+"""
+
+import math
+import struct
+import zlib
+
+import constraints as c
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.tables import show
+from curriculum.common.banner import progress
+from curriculum.common.cli import number, run_script, writable
+from curriculum.common.files import write_whole
+
+import numpy as np
+
+DT, MODE = 0.005, "impulse"  # s; what holds the rods but in the strip
+LOOK, BATCH = 4, 32768  # steps; members that go in step: memory is theirs, and a byte a pixel
+NEVER, WHITE = 0, 255  # of the palette; between them are the times
+STRIP = 6  # of so many rows one is shown by `none` as well
+
+
+def starts(angles):
+    """q (R, 2, 3) in m of unit rods at `angles` (R, 2) from straight down, in rad."""
+    x, y = np.sin(angles), -np.cos(angles)
+    return np.cumsum(np.stack([x, y, 0.0 * x], axis=-1), axis=1)
+
+
+def first_turns(angles, mode, seconds):
+    """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
+    q, turns = starts(angles), np.zeros(len(angles), dtype=int)
+    v, left = np.zeros_like(q), np.arange(len(q))  # who has not turned over yet
+    start = c.build_system("double") | {"q0": q, "v0": v}
+    crowd = _runs.crowd(start, "semi_implicit", mode, DT)
+    for look in range(1, round(seconds / (LOOK * DT)) + 1):
+        before = q[:, 1, 0] - q[:, 0, 0]
+        crowd.advance(LOOK)
+        q, v = crowd.states()
+        d = q[:, 1] - q[:, 0]
+        over = (d[:, 0] * before < 0.0) & (d[:, 1] > 0.0)
+        if over.any():
+            turns[left[over]] = look
+            q, left = q[~over], left[~over]
+            if not len(left):
+                break
+            crowd.put(q, v[~over])
+    return turns
+
+
+def angle(size):
+    """The angles (size,) of a map's rows and columns in rad, symmetric to the last bit."""
+    return math.pi * (2.0 * np.arange(size) + 1.0 - size) / size
+
+
+def lights(size, rows, mode, seconds, tick):
+    """Palette entries (rows, size) of the lowest rows of a map, the lowest first."""
+    pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * DT))
+    for begin in range(0, rows * size, BATCH):
+        place = np.arange(begin, min(begin + BATCH, rows * size))
+        angles = angle(size)[np.stack([place // size, place % size], axis=1)]
+        turns = first_turns(angles, mode, seconds)
+        late = (WHITE - 2) * (turns - 1) // looks
+        pixels[place] = np.where(turns > 0, WHITE - 1 - late, NEVER)
+        tick(begin + len(place))
+    return pixels.reshape(rows, size)
+
+
+def poor(size):
+    """Which starts (size, size) have less energy than the lowest pose with the second rod up."""
+    return 2.0 * np.cos(angle(size))[:, None] + np.cos(angle(size)) > 1.0
+
+
+def png(pixels):
+    """The bytes of a PNG of palette entries (rows, columns): dark red over yellow to white."""
+    share = np.linspace(0.0, 1.0, 256)[:, None]
+    palette = np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)
+    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
+    parts = {b"IHDR": struct.pack(">IIBBBBB", *pixels.shape[::-1], 8, 3, 0, 0, 0)}
+    parts[b"PLTE"] = (255.0 * palette).round().astype(np.uint8).tobytes()
+    parts |= {b"IDAT": zlib.compress(rows, 9), b"IEND": b""}
+    found = b"\x89PNG\r\n\x1a\n"
+    for name, data in parts.items():
+        found += struct.pack(">I", len(data)) + name + data
+        found += struct.pack(">I", zlib.crc32(name + data))
+    return found
+
+
+def main(argv=None):
+    """Compute, print what share turns over, write the picture."""
+    parser = _runs.study_parser("map", __doc__)
+    add = parser.add_argument
+    add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
+    add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
+    add("--out", type=writable, default="outputs/map.png", metavar="PATH", help="of the picture")
+    args = parser.parse_args(argv)
+    what = _runs.host(size=args.size, seconds=args.seconds, dt=DT)
+    half, strip = (args.size + 1) // 2, max(1, args.size // STRIP)
+    tick = progress("turning", (half + strip) * args.size)
+    low = lights(args.size, half, MODE, args.seconds, tick)
+    leaky = lights(args.size, strip, "none", args.seconds, lambda k: tick(k + half * args.size))
+    # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
+    whole = np.concatenate([low, low[args.size // 2 - 1 :: -1, ::-1]])
+    rows, inside = [], poor(args.size)
+    for mode, seen in ((MODE, whole), (MODE, whole[:strip]), ("none", leaky)):
+        row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER).item()}
+        rows.append(row | {"without the energy": int(np.sum(seen[inside[: len(seen)]] > NEVER))})
+    table = show(f"share of starts at rest that turn over within {args.seconds:g} s", rows)
+    edge = inside & ~(np.roll(inside, 1, 0) & np.roll(inside, 1, 1))
+    line = np.full((max(1, args.size // 200), args.size), WHITE, dtype=np.uint8)
+    image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(args.out, lambda path: path.write_bytes(png(image)))
+    print(f"wrote {args.out}")
+    return _runs.finish(args, what | {"answers": [table]})
+
+
+if __name__ == "__main__":
+    run_script(main)

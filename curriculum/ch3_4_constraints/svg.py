@@ -1,0 +1,104 @@
+"""A little SVG (lines, arrows, words, charts), and the one palette of pictures and recordings."""
+
+import math
+from itertools import pairwise
+from xml.sax.saxutils import escape, quoteattr
+
+# Told apart by everybody, in each kind of colour blindness, and readable on white and on black.
+MODES = {"none": "#458fac", "baumgarte": "#4149da", "impulse": "#947c00", "soft": "#b70034"}
+MODES["project"] = "#ff008d"
+PULL, PUSH, EXCESS = "#cd8166", "#bb72ff", "#ff1f1f"  # of a rod; and what it has too much
+INK, GREY, PALE, PAPER = "currentColor", "#7d8590", "#7d859055", "var(--paper)"
+STYLE = """<style>svg{color:#1f2328;--paper:#fff}
+@media(prefers-color-scheme:dark){svg{color:#e6edf3;--paper:#0d1117}}</style>"""
+FONT, LINE = "Helvetica, Arial, sans-serif", 18  # pixels from a line of words to the next
+
+
+def element(name, *inside, **attributes):
+    """An SVG element; `_` in the name of an attribute stands for `-`."""
+    words = "".join(f" {k.replace('_', '-')}={quoteattr(str(x))}" for k, x in attributes.items())
+    return f"<{name}{words}>{''.join(inside)}</{name}>" if inside else f"<{name}{words}/>"
+
+
+class Drawing:
+    """A sheet of `width` times `height` pixels, y down; points are pairs of pixels.
+
+    Its paper is white where the reader's screen is light, and dark where that is dark.
+    """
+
+    def __init__(self, width, height, title):
+        self.size, self.parts = (width, height), [element("title", escape(title)), STYLE]
+        self.add("rect", width=width, height=height, rx=6, fill=PAPER)
+
+    def add(self, name, *inside, **attributes):
+        """An element more."""
+        self.parts.append(element(name, *inside, **attributes))
+
+    def line(self, points, color=INK, width=1.5, dash="none", fill="none"):
+        """A line through points."""
+        style = {"stroke": color, "stroke_width": width, "stroke_dasharray": dash, "fill": fill}
+        self.add("polyline", points=" ".join(f"{x:.1f},{y:.1f}" for x, y in points), **style)
+
+    def dot(self, at, radius, color=INK, **style):
+        """A filled circle."""
+        self.add("circle", cx=f"{at[0]:.1f}", cy=f"{at[1]:.1f}", r=radius, fill=color, **style)
+
+    def words(self, x, y, text, color=INK, anchor="start", size=15, weight="normal"):
+        """A line of words that starts, has its middle or ends at x, on the base line y."""
+        style = {"fill": color, "text_anchor": anchor, "font_size": size, "font_weight": weight}
+        self.add("text", escape(text), x=f"{x:.1f}", y=f"{y:.1f}", **style)
+
+    def arrow(self, start, end, color=INK, width=3.0, head=11.0):
+        """An arrow, if it is long enough to have a head."""
+        (x, y), length = end, max(math.dist(start, end), 1e-9)
+        dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
+        sides = [(x - dx + s * 0.45 * dy, y - dy - s * 0.45 * dx) for s in (1, -1)]
+        if length > head:
+            self.line([start, (x - dx, y - dy)], color, width)
+            self.line([end, *sides, end], color, 0.5, fill=color)
+
+    def text(self):
+        """The file."""
+        size = dict(zip(("width", "height"), self.size, strict=True), font_family=FONT)
+        size |= {"viewBox": f"0 0 {self.size[0]} {self.size[1]}", "role": "img"}
+        round_ = {"stroke_linecap": "round", "stroke_linejoin": "round"}
+        inside = "\n".join(["", *self.parts, ""])
+        return element("svg", inside, xmlns="http://www.w3.org/2000/svg", **size, **round_) + "\n"
+
+
+def chart(title, x, y, curves, size=(480, 420), right=100):
+    """The text of a chart of `curves` {name: (colour, [(x, y), ...])}, named where they end.
+
+    x and y: (the axis's name, its range, {value: words}), both logarithmic where it begins above 0.
+    """
+    sheet, names = Drawing(*size, title), []
+    room = (64, size[0] - right), (size[1] - 58, 48)
+
+    def place(*point):
+        for value, axis, (begin, end) in zip(point, (x, y), room, strict=True):
+            low, high, at = (math.log10(a) if axis[1][0] > 0 else a for a in (*axis[1], value))
+            yield begin + (end - begin) * (at - low) / (high - low)
+
+    for value, words in x[2].items():
+        low, high = ([*place(value, edge)] for edge in y[1])
+        sheet.line([low, high], PALE, 1)
+        sheet.words(low[0], low[1] + LINE + 2, words, GREY, "middle")
+    for value, words in y[2].items():
+        if value >= y[1][0]:
+            left, end = ([*place(edge, value)] for edge in x[1])
+            sheet.line([left, end], PALE, 1)
+            sheet.words(left[0] - 8, left[1] + 5, words, GREY, "end")
+    sheet.words(room[0][0], size[1] - 12, x[0])
+    sheet.words(16, 28, y[0])
+    for name, (color, values) in curves.items():
+        points = [tuple(place(*value)) for value in values]
+        sheet.line(points, color, 2.5)
+        names.append([*points[-1], name, color])
+    names.sort(key=lambda name: name[1])
+    for above, below in list(pairwise(names)) * 100:  # names that overlap are moved apart
+        overlap = LINE - (below[1] - above[1])
+        if overlap > 0.0 and abs(above[0] - below[0]) < 100.0:
+            above[1], below[1] = above[1] - 0.5 * overlap, below[1] + 0.5 * overlap
+    for *end, name, color in names:
+        sheet.words(end[0] + 6, end[1] + 5, name, color, weight="bold")
+    return sheet.text()

@@ -1,0 +1,184 @@
+"""Scenes of many rods: the chapter's numbers by other means; solves that end by what they leave."""
+
+import constraints as c
+from curriculum.ch3_4_constraints import large
+from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.common.trace import Stop
+
+import numpy as np
+import pytest
+
+TABLE = c.hold_table(dt=0.005)
+HOLDS = {**TABLE, "velocities alone": c.Hold(0.0, 200.0, 0.0, 0.0, None, None)}
+G = 9.81
+
+
+def assert_close(a, b, tolerance=1e-12):
+    assert np.abs(a - b).max() <= tolerance * max(1.0, np.abs(b).max())
+
+
+def moving(n, pairs, points=None):
+    """n particles of random masses and velocities, at random points; rods a little too short."""
+    rng = np.random.default_rng(3)
+    points = n ** (1 / 3) * rng.normal(size=(n, 3)) if points is None else points
+    m, v, anchors = rng.uniform(0.1, 10.0, n), rng.normal(size=(n, 3)), [[0.0, 0, 0], [4.0, 0, 0]]
+    system = make_system(points, v, m, pairs, None, anchors)
+    return system | {"lengths": 0.999 * system["lengths"]}
+
+
+def row(n):
+    return [(k, k - 1) for k in range(n)]
+
+
+def tree(n, more=0):
+    """Each particle on an earlier one or an anchor, and `more` rods that close loops."""
+    rng = np.random.default_rng(n)
+    pairs = [(k, int(rng.integers(-2, k))) for k in range(n)]
+    spare = [(i, j) for i in range(n) for j in range(-2, i) if (i, j) not in pairs]
+    return moving(n, pairs + [spare[k] for k in rng.choice(len(spare), more, replace=False)])
+
+
+def net(n):
+    points = np.array([(k % n, -(k // n), 0.0) for k in range(n * n)])
+    pairs = [(k, k - 1) for k in range(n * n) if k % n] + [(k, k - n) for k in range(n, n * n)]
+    points += 0.1 * np.random.default_rng(0).normal(size=points.shape)
+    return moving(n * n, [*pairs, (0, -1), (n - 1, -2)], points)
+
+
+def body(n):
+    """All of n particles tied to all, turning: many rods too many."""
+    q, pairs = (
+        np.random.default_rng(0).normal(size=(n, 3)),
+        [(i, j) for i in range(n) for j in range(i)],
+    )
+    return make_system(q, np.cross([0.3, -0.5, 0.7], q), np.linspace(1.0, 2.0, n), pairs)
+
+
+def cable(rods, slack, ratio):
+    """A flat arc at rest between two anchors; every other particle is heavier."""
+    x = np.arange(rods + 1.0)
+    q = np.stack([x, -np.sqrt(6.0 * slack) * x * (1.0 - x / rods), 0.0 * x], axis=1)
+    m = np.where(np.arange(rods - 1) % 2, ratio, 1.0)
+    return make_system(
+        q[1:-1], 0.0 * q[1:-1], m, [*row(rods - 1), (rods - 2, -2)], None, q[[0, -1]]
+    )
+
+
+def truss(bays, both):
+    """A cantilever at rest; with `both` diagonals, a rod too many in each of its bays."""
+    q = np.array([[k, level, 0.0] for k in range(1, bays + 1) for level in (0, 1)])
+    pairs = [(0, -1), (0, -2), (1, -2), (1, 0)] + [(1, -1)] * both
+    for k in range(2, 2 * bays, 2):
+        pairs += [(k, k - 2), (k, k - 1), (k + 1, k - 1), (k + 1, k)] + [(k + 1, k - 2)] * both
+    return make_system(q, 0.0 * q, np.ones(2 * bays), pairs, None, [[0.0, 0, 0], [0.0, 1.0, 0]])
+
+
+SCENES = {
+    **{f"chain of {n}": moving(n, row(n)) for n in (large.CHAIN + 1, 81)},
+    "tree": tree(large.LINKAGE + 1),
+    "loops": tree(large.LINKAGE, 8),
+    "net": net(6),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_large_scenes_equal_the_chapters_lines(name):
+    """Forces, tensions and the way back, of one state and of a stack of them."""
+    system = SCENES[name]
+    q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
+    for hold in HOLDS.values():
+        force, two = c.make_force(system, hold), (np.stack([q, moved]), np.stack([v, 0.5 * v]))
+        assert isinstance(force, large.LargeForce)
+        expected = c.external_force(system, *two) + c.constraint_force(system, *two, hold)
+        assert_close(force(*two), expected)
+        assert_close(force(q, v), expected[0])
+        assert_close(force.tensions(*two), c.tensions(system, *two, hold))
+    system = system | {"lengths": system["lengths"] / 0.999}  # the start is on its rods
+    back = c.make_force(system, TABLE["project"]).after(q, moved, v, 1e-3)
+    for ours, theirs in zip(back, c.project(system, q, moved, v, 1e-3), strict=True):
+        assert_close(ours, theirs, 1e-10)
+
+
+TIGHT = {f"cable {s}, 1:{m}": cable(150, s, m) for s in (0.001, 0.02) for m in (1.0, 1000.0)}
+TIGHT |= {"truss": truss(30, False), "redundant": tree(60, 140)}
+
+
+@pytest.mark.parametrize("name", TIGHT)
+def test_no_load_is_let_go(name):
+    """Accelerations to 1e-9 of g, or to what A's condition leaves, against singular values."""
+    system = TIGHT[name] | {"v0": 0.0 * TIGHT[name]["v0"]}
+    jac, *_ = c.constraint_terms(system, system["q0"], system["v0"])
+    root, free = np.sqrt(np.repeat(system["m"][:, 0], 3)), np.tile(c.GRAVITY, len(system["m"]))
+    held, _, _, sizes = np.linalg.lstsq(jac / root, -jac @ free, rcond=1e-11)
+    found = c.make_force(system, 0.0)(system["q0"], system["v0"]) / system["m"]
+    condition = (sizes[0] / np.min(sizes[sizes > 1e-11 * sizes[0]])) ** 2
+    assert_close(found.ravel() / G, (free + held / root) / G, max(1e-9, 1e-15 * condition))
+
+
+def test_rods_too_many_stay_put():
+    """With less slack, what rounding leaves between the rods of a braced truss blows up."""
+    system = truss(20, True)
+    force, q, v = c.make_force(system, 0.0), system["q0"], system["v0"]
+    for _ in range(40):
+        q, v = c.semi_implicit_step(q, v, system["m"], force, 0.005)
+    assert c.constraint_violation(system, q) < 1e-8
+
+
+@pytest.mark.parametrize("n", [11, 13])
+def test_rods_too_many_keep_a_body_rigid(n):
+    system = body(n)
+    jac, _, _, jdotv = c.constraint_terms(system, system["q0"], system["v0"])
+    force = c.make_force(system, 0.0)
+    a = force(system["q0"], system["v0"]) / system["m"]
+    assert "blocks" in force.way and np.abs(jac @ a.ravel() + jdotv).max() < 1e-9 * jdotv.max()
+
+
+def test_what_no_tension_can_hold_is_said():
+    """A straight line in motion between two anchors, and numbers that are none."""
+    line = cable(70, 0.0, 1.0)
+    line["v0"][34, 1] = 1.0
+    for system, q in ((line, line["q0"]), (body(13), np.full((13, 3), np.nan))):
+        with np.errstate(all="ignore"), pytest.raises(Stop, match="no finite tensions"):
+            c.make_force(system, 0.0)(q, system["v0"])
+
+
+def test_a_long_chain_finds_its_way_back():
+    system = c.build_system("chain", links=10_000)
+    force = c.make_force(system, TABLE["project"])
+    end = c.semi_implicit_step(system["q0"], system["v0"], system["m"], force, 0.005)
+    q, _ = force.after(system["q0"], *end, 0.005)
+    assert c.constraint_violation(system, end[0]) > 1e-8
+    assert c.constraint_violation(system, q) < 1e-11
+
+
+def test_what_is_large():
+    """Many rods in a row, few that all feel each other, many particles; a loose one just falls."""
+    star, pairs = [(0, -1), *((k, 0) for k in range(1, 30))], row(large.CHAIN + 5)
+    assert large.takes(moving(30, star)) and not large.takes(moving(10, star[:10]))
+    assert large.takes(moving(len(pairs), pairs)) and not large.takes(moving(len(pairs) + 1, pairs))
+    loose = moving(2 * large.LINKAGE + 1, pairs)
+    assert_close(c.make_force(loose, 0.0)(loose["q0"], loose["v0"])[-1], loose["m"][-1] * c.GRAVITY)
+
+
+def test_an_edit_of_the_chapter_counts_for_many_rods(monkeypatch):
+    system, original = SCENES["tree"], c.right_side
+    q, v = system["q0"], system["v0"]
+    before = c.make_force(system, 0.0)(q, v)
+    monkeypatch.setattr(c, "right_side", lambda *terms: original(*terms[:-1], 0.0 * terms[-1]))
+    monkeypatch.setattr(c, "external_force", lambda *_: [0.0, -9.0, 0.0])  # a list will do
+    after = c.make_force(system, 0.0)(q, v)
+    assert np.abs(after - before).max() > 1.0
+    monkeypatch.setattr(c, "external_force", lambda *_: np.array([0.0, -9.0, 0.0]))
+    assert_close(after, [0.0, -9.0, 0.0] + c.constraint_force(system, q, v, 0.0))
+
+
+@pytest.mark.parametrize("n", [1, 80, 81, 161, 162, 1000])
+def test_cyclic_reduction_solves(n):
+    rng = np.random.default_rng(n)
+    upper, lower, b = (rng.uniform(0.1, 1.0, (2, k)) for k in (n - 1, n - 1, n))
+    diagonal = rng.uniform(2.5, 3.0, (2, n))
+    found = large.cyclic_reduction(diagonal, upper, lower, b)
+    for k in range(2):
+        a = np.diag(diagonal[k]) - np.diag(upper[k], 1) - np.diag(lower[k], -1)
+        assert_close(found[k], np.linalg.solve(a, b[k]))
+        assert_close(large.cyclic_reduction(diagonal[k], upper[k], lower[k], b[k]), found[k])
