@@ -1,12 +1,12 @@
 """Many steps at once are the steps of the lines as they stand, in every way that they are done."""
 
+import math
 from functools import partial
-from itertools import count, product
+from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import scene
 from curriculum.common import native, steps
-from curriculum.common.gauss import make_gauss
 from curriculum.common.steps import Compiled, Plain, followed
 from curriculum.common.trace import Stop, repeat
 
@@ -32,10 +32,11 @@ class Machine(Compiled):
 
 
 WAYS = Python, Machine, Plain
-SMALL, LARGE = ("pendulum", "double", "braced"), ("heavy_tip", "fourbar_coupler", "windows")
-CASES = [*product(SMALL, c.INTEGRATORS, c.hold_table())]
-CASES += [*product((*LARGE, "jansen_leg", "spin"), ["semi_implicit"], c.hold_table())]
-CASES += [("triple", "gauss", "project"), ("spin", "rk4", "project"), ("tonne", "rk4", "none")]
+SCENES = "heavy_tip", "fourbar_coupler", "jansen_leg", "windows", "spin", "tonne"
+CASES = [*product(["double"], c.INTEGRATORS, c.hold_table())]
+CASES += [*product(["pendulum", "braced"], ["euler", "semi_implicit", "rk4"], c.hold_table())]
+CASES += [*product(SCENES, ["semi_implicit"], c.hold_table())]
+CASES += [("triple", "gauss", "project"), ("fourbar_coupler", "gauss", "none")]
 
 
 def system_of(name):
@@ -44,11 +45,13 @@ def system_of(name):
 
 @pytest.mark.parametrize(("name", "rule", "mode"), CASES)
 def test_every_way_takes_the_same_steps(name, rule, mode):
-    """Python's floats to the last bit, by machine code too, alone and side by side; numpy nearly."""
+    """As Python's floats, to the last bit, alone or side by side; numpy's to rounding."""
     system, dt, count = system_of(name), 0.005, 3
     force, m, q = c.make_force(system, mode), system["m"], system["q0"]
     step = followed(c.INTEGRATORS[rule], force.after if force.hold.after else None)
-    v = system["v0"] + 0.1 * np.random.default_rng(2).normal(size=(9, *q.shape)) * (q != 0.0)
+    v = system["v0"] + 0.1 * np.random.default_rng(2).normal(size=(native.LANES + 3, *q.shape)) * (
+        q != 0.0
+    )
     made = Compiled(step)
     made.trace(np.broadcast_to(q, v.shape), v, m, force, dt)
     assert made.way == "compiled to numpy calls"
@@ -76,6 +79,7 @@ STOPS = {  # name, rule, mode, dt, steps: how it ends
     ("double", "semi_implicit", 40.0, 0.05, 40): "diverged",
     ("double", "gauss", "none", 100.0, 2): "loop",
     ("triple", "rk4", "project", 0.3, 9): "loop",
+    ("fourbar_coupler", "semi_implicit", "none", 0.5, 40): "diverged",
     ("double", "euler", "heat", 0.02, 40): "arithmetic",
     ("double", "rk4", "heat", 0.02, 40): "arithmetic",
     ("double", "gauss", "none", 0.25, 12): None,
@@ -118,8 +122,8 @@ class Keeps:
         return lambda q, v: known.setdefault(q.shape, -v)
 
     def count(self):
-        calls = count(1)
-        return lambda q, v: np.full(q.shape, 0.5 * (-1.0) ** ((k := next(calls)) // 5) + (k == 13))
+        calls = []
+        return lambda q, v: np.full(q.shape, float(calls.append(0) or len(calls) // 5 % 2))
 
     def chance(self):
         rng = np.random.default_rng(3)
@@ -174,11 +178,8 @@ def feel(monkeypatch, force):
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_what_a_trace_would_freeze_gives_the_plain_answer(name, monkeypatch):
-    rule, system, ends = (
-        c.INTEGRATORS["rk4" if name in vars(Keeps) else "semi_implicit"],
-        c.build_system("double"),
-        [],
-    )
+    rule = c.INTEGRATORS["rk4" if name in vars(Keeps) else "semi_implicit"]
+    system, ends = c.build_system("double"), []
     for way in (Machine, Plain):
         feel(monkeypatch, MAKERS[name]())
         ends.append(c.simulate(rule, system, c.make_force(system, 0.0), 0.005, 40, way=way))
@@ -203,9 +204,10 @@ def test_members_of_a_crowd_are_as_if_alone(force, monkeypatch):
     """Also where one alone is at rest, or below a limit."""
     feel(monkeypatch, force)
     system, rng = c.build_system("double"), np.random.default_rng(4)
-    crowd = system | {"q0": np.stack([system["q0"]] * 9), "v0": rng.normal(size=(9, 2, 3))}
+    v = rng.normal(size=(native.LANES + 3, 2, 3))
+    crowd = system | {"q0": np.broadcast_to(system["q0"], v.shape), "v0": v}
     crowd["v0"][3] = 0.0
-    force, count = c.make_force(system, 0.0), 30
+    force, count = c.make_force(system, 0.0), 20
     alone = [system | {"v0": v} for v in crowd["v0"]]
     alone = [c.simulate(c.rk4_step, one, force, 0.005, count, way=Plain) for one in alone]
     for way in WAYS:
@@ -215,36 +217,30 @@ def test_members_of_a_crowd_are_as_if_alone(force, monkeypatch):
             assert np.abs(together.energies[:, k] - one.energies).max() < 1e-12
 
 
-@pytest.mark.parametrize(("rods", "rule", "dt"), [(2, "gauss", 0.02), (41, "gauss", 0.02)])
-def test_a_force_on_the_last_particle_is_not_one_on_the_last_stage(rods, rule, dt, monkeypatch):
+@pytest.mark.parametrize("rods", [2, 41])
+def test_a_force_on_the_last_particle_is_not_one_on_the_last_stage(rods, monkeypatch):
     feel(monkeypatch, motor)
-    system = c.build_system("chain", 0, rods)
-    ends = [
-        c.simulate(c.INTEGRATORS[rule], system, c.make_force(system, 0.0, plain), dt, 2, way=way)
+    system, rule = c.build_system("chain", 0, rods), c.INTEGRATORS["gauss"]
+    few, all_plain = (
+        c.simulate(rule, system, c.make_force(system, 0.0, plain), 0.02, 1, way=way).q[-1]
         for plain, way in ((False, Python), (True, Plain))
-    ]
-    assert np.abs(ends[0].q[-1] - ends[1].q[-1]).max() < 1e-10
+    )
+    assert np.abs(few - all_plain).max() < 1e-10
 
 
-def wrong_shape(q, v):
-    return np.ones((5, 3))
+MISTAKES = {  # what is raised: a force that a reader might write
+    "operands could not be broadcast": lambda q, v: np.ones((5, 3)),
+    "name 'nowhere' is not defined": lambda q, v: nowhere * q,  # noqa: F821
+    "must be real number, not str": lambda q, v: math.sin("q") * q,
+}
 
 
-def wrong_name(q, v):
-    return nowhere  # noqa: F821
-
-
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize(
-    ("force", "error", "match"),
-    [(wrong_shape, ValueError, "broadcast"), (wrong_name, NameError, "nowhere")],
-)
-def test_a_mistake_of_the_readers_surfaces_as_it_is(force, error, match, way, monkeypatch):
-    feel(monkeypatch, force)
+@pytest.mark.parametrize(("way", "words"), product(WAYS, MISTAKES))
+def test_a_mistake_of_the_readers_surfaces_as_it_is(way, words, monkeypatch):
+    feel(monkeypatch, MISTAKES[words])
     system = c.build_system("double")
-    with pytest.raises(error, match=match) as raised:
+    with pytest.raises((ValueError, NameError, TypeError), match=words):
         c.simulate(c.rk4_step, system, c.make_force(system, 0.0), 0.01, 3, way=way)
-    assert any(entry.name == "felt" for entry in raised.traceback) or True
 
 
 def timid(q, v, m, force, dt):
@@ -287,7 +283,7 @@ def test_halves_end_somewhere(way):
     assert found.kind == "budget" and 0 < len(found.tip) < 50
 
 
-@pytest.mark.parametrize("members", [(), (11,)])
+@pytest.mark.parametrize("members", [(), (19,)])
 def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
     """Nor does it matter where machine code takes over."""
     system = c.build_system("triple")
@@ -304,4 +300,5 @@ def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
         )
     for run in runs[1:]:
         assert all(map(np.array_equal, run[:6], runs[0][:6]))
-    print([run.way for run in runs])
+    ways = ["compiled to machine code" in run.way for run in runs]
+    assert ways == [False, False, native.available()]
