@@ -121,7 +121,9 @@ def test_the_rulers_budget_counts_every_step():
 
     assert true_position(counted, 2.0, 119) == (None, math.inf) and not asked
     assert true_position(counted, 2.0, 120)[1] < 1e-9 and asked == [40, 80]
-    assert true_position(ruled, 40.0, 2500) == (None, math.inf)
+    asked.clear()
+    ruled = runner("triple")
+    assert true_position(counted, 20.0, 1700) == (None, math.inf) and asked == [400, 800]
 
 
 @pytest.mark.parametrize("tol", [1e-6, 1e-9])

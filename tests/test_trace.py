@@ -165,6 +165,16 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
         assert np.allclose(function(x), exact, rtol=1e-12, atol=1e-12)
 
 
+def test_members_of_an_array_end_their_loops_each_by_itself():
+    def body(y, x):
+        following = 0.5 * (y + x / y)
+        return following, np.sum((following - y) * (following - y), axis=(-2, -1)) / 1e-20
+
+    roots = [repeat(lambda y, x=x: body(y, x), 1.0 + 0.0 * x, 90, "no") for x in CROWD**2]
+    together = repeat(lambda y: body(y, CROWD**2), 1.0 + 0.0 * CROWD, 90, "no")
+    assert np.array_equal(together, roots) and np.allclose(roots, abs(CROWD), rtol=1e-9)
+
+
 def test_a_routine_is_traced_once_for_each_pattern_of_zeros(monkeypatch):
     calls = []
     routine = Routine(lambda a: calls.append(1) or np.sin(a) - a)
