@@ -114,28 +114,32 @@ def mobility(system, jac, along=None):
 
     Particle by particle: J has three columns for each. `along`: another J^T, for `project` alone.
     """
-    own, other = (np.split(x, len(system["m"]), axis=-1) for x in (jac, jac if along is None else along))
+    own, other = (
+        np.split(x, len(system["m"]), axis=-1) for x in (jac, jac if along is None else along)
+    )
     terms = zip(own, other, system["m"], strict=True)
     return sum(j @ np.swapaxes(o, -1, -2) / m for j, o, m in terms)
 
 
-def solve(system, a, b, blur=0.0):
+def solve(system, a, b, share=0.0, turned=0.0):
     """lambda (..., C) with a lambda = b: Gauss's elimination, rods with few neighbours first.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There the diagonal grows by a share `blur` (...), and rounds take it back,
-    each solving for what is left of b, as long as they at least halve it (J. Carpentier, R.
-    Budhiraja, N. Mansard, RSS 2021). What b has along eigenvalues above `blur` of the diagonal is
-    met to rounding. What it has along those far below is left: `unheld` tells how much that is.
+    rank in passing. There `a` is blurred, by a share (...) of its diagonal and by `turned` (..., C,
+    C), and rounds take that back, each solving for what is left of b, as long as they at least
+    halve it (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). Loads along eigenvalues of `a`
+    above the blur are met to rounding, those far below it are left: `unheld` tells how much.
     """
     order = elimination_order(tuple(system["pairs"]))  # [(k, the rods still left that feel k)]
     loop = has_loop(tuple(system["pairs"]))
-    rows = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
-    rods = np.arange(len(rows))
-    own = np.moveaxis(rows[rods, rods], 0, -1)
+    rods = np.arange(a.shape[-1])
+    own = a[..., rods, rods]
+    spread = a + turned if loop else a
+    rows = np.moveaxis(spread, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
     if loop:
-        rows[rods, rods] = rows[rods, rods] * (1.0 + (1e-12 + blur))  # over rounding in any case
+        more = np.moveaxis(own, -1, 0) * (1e-12 + share)  # over rounding in any case
+        rows[rods, rods] = rows[rods, rods] + more
     for k, rest in order:
         for i in rest:
             rows[i, k] = rows[i, k] / rows[k, k]  # less so much of row k, row i is free of lam[k]
@@ -143,7 +147,7 @@ def solve(system, a, b, blur=0.0):
                 rows[i, j] = rows[i, j] - rows[i, k] * rows[k, j]
 
     def sweep(b):
-        lam = np.moveaxis(b, -1, 0).copy()
+        lam = np.moveaxis(b, -1, 0).astype(rows.dtype)  # a copy
         for k, rest in order:
             for i in rest:
                 lam[i] = lam[i] - rows[i, k] * lam[k]
@@ -219,7 +223,9 @@ def blur(lengths, g, jdotv):
     """Which share (...) of A's diagonal an eigenvalue must have to mean anything, in a loop.
 
     Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
-    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    which rods turn in an INSTANT, and than the shares by which their lengths are wrong. Rods that
+    turn together come no nearer to such a pose: where J is at hand, `multipliers` asks how much of
+    that J M^-1 J^T gains in an INSTANT.
     """
     square = np.square(lengths)
     return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
@@ -236,7 +242,8 @@ def multipliers(system, q, v, hold=0.0, f=None):
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, lengths, dot(jac, accel), g, gdot, jdotv)
     a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(lengths)))
-    return jac, solve(system, a, b, blur(lengths, g, jdotv))
+    turn = constraint_terms(system, q + INSTANT * v, v)[0] - jac
+    return jac, solve(system, a, b, blur(lengths, g, 0.0), mobility(system, turn))
 
 
 def pull(jac, lam):
@@ -270,6 +277,16 @@ class Force(namedtuple("Force", "system hold")):
     def tensions(self, q, v):
         """Newtons (..., C) with which the rods pull at q, v (..., N, 3)."""
         return tensions(self.system, q, v, self.hold)
+
+
+def unheld(system, q, v, hold=0.0):
+    """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
+    force, lengths = make_force(system, hold), system["lengths"]
+    jac, g, gdot, jdotv = constraint_terms(system, q, v)
+    a = (force(q, v) / system["m"]).reshape(*q.shape[:-2], 1, -1)
+    return np.max(
+        np.abs(right_side(force.hold, lengths, dot(jac, a), g, gdot, jdotv)) / lengths, -1
+    )
 
 
 def make_force(system, hold, plain=False):

@@ -2,7 +2,8 @@
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import hard_cases
-from curriculum.ch3_4_constraints.studies._runs import distance, drift, make_system, run, scene
+from curriculum.ch3_4_constraints.studies._runs import drift, make_system, run, scene
+from curriculum.common.runs import distance
 from curriculum.ch3_4_constraints.studies.shown import spin, thrown
 
 import numpy as np

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 TABLE = c.hold_table(dt=0.005)
-HOLDS = {**TABLE, "velocities alone": c.Hold(0.0, 200.0, 0.0, 0.0, None, None)}
-G = 9.81
 
 
 def assert_close(a, b, tolerance=1e-12):
@@ -45,15 +43,6 @@ def net(n):
     return moving(n * n, [*pairs, (0, -1), (n - 1, -2)], points)
 
 
-def body(n):
-    """All of n particles tied to all, turning: many rods too many."""
-    q, pairs = (
-        np.random.default_rng(0).normal(size=(n, 3)),
-        [(i, j) for i in range(n) for j in range(i)],
-    )
-    return make_system(q, np.cross([0.3, -0.5, 0.7], q), np.linspace(1.0, 2.0, n), pairs)
-
-
 def cable(rods, slack, ratio):
     """A flat arc at rest between two anchors; every other particle is heavier."""
     x = np.arange(rods + 1.0)
@@ -86,7 +75,7 @@ def test_large_scenes_equal_the_chapters_lines(name):
     """Forces, tensions and the way back, of one state and of a stack of them."""
     system = SCENES[name]
     q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
-    for hold in HOLDS.values():
+    for hold in TABLE.values():
         force, two = c.make_force(system, hold), (np.stack([q, moved]), np.stack([v, 0.5 * v]))
         assert isinstance(force, large.LargeForce)
         expected = c.external_force(system, *two) + c.constraint_force(system, *two, hold)
@@ -112,7 +101,7 @@ def test_no_load_is_let_go(name):
     held, _, _, sizes = np.linalg.lstsq(jac / root, -jac @ free, rcond=1e-11)
     found = c.make_force(system, 0.0)(system["q0"], system["v0"]) / system["m"]
     condition = (sizes[0] / np.min(sizes[sizes > 1e-11 * sizes[0]])) ** 2
-    assert_close(found.ravel() / G, (free + held / root) / G, max(1e-9, 1e-15 * condition))
+    assert_close(found.ravel() / 9.81, (free + held / root) / 9.81, max(1e-9, 1e-15 * condition))
 
 
 def test_rods_too_many_stay_put():
@@ -124,22 +113,13 @@ def test_rods_too_many_stay_put():
     assert c.constraint_violation(system, q) < 1e-8
 
 
-@pytest.mark.parametrize("n", [11, 13])
-def test_rods_too_many_keep_a_body_rigid(n):
-    system = body(n)
-    jac, _, _, jdotv = c.constraint_terms(system, system["q0"], system["v0"])
-    force = c.make_force(system, 0.0)
-    a = force(system["q0"], system["v0"]) / system["m"]
-    assert "blocks" in force.way and np.abs(jac @ a.ravel() + jdotv).max() < 1e-9 * jdotv.max()
-
-
 def test_what_no_tension_can_hold_is_said():
     """A straight line in motion between two anchors, and numbers that are none."""
     line = cable(70, 0.0, 1.0)
     line["v0"][34, 1] = 1.0
-    for system, q in ((line, line["q0"]), (body(13), np.full((13, 3), np.nan))):
+    for q in (line["q0"], np.nan * line["q0"]):
         with np.errstate(all="ignore"), pytest.raises(Stop, match="no finite tensions"):
-            c.make_force(system, 0.0)(q, system["v0"])
+            c.make_force(line, 0.0)(q, line["v0"])
 
 
 def test_a_long_chain_finds_its_way_back():
@@ -175,10 +155,12 @@ def test_an_edit_of_the_chapter_counts_for_many_rods(monkeypatch):
 @pytest.mark.parametrize("n", [1, 80, 81, 161, 162, 1000])
 def test_cyclic_reduction_solves(n):
     rng = np.random.default_rng(n)
-    upper, lower, b = (rng.uniform(0.1, 1.0, (2, k)) for k in (n - 1, n - 1, n))
-    diagonal = rng.uniform(2.5, 3.0, (2, n))
-    found = large.cyclic_reduction(diagonal, upper, lower, b)
-    for k in range(2):
-        a = np.diag(diagonal[k]) - np.diag(upper[k], 1) - np.diag(lower[k], -1)
-        assert_close(found[k], np.linalg.solve(a, b[k]))
-        assert_close(large.cyclic_reduction(diagonal[k], upper[k], lower[k], b[k]), found[k])
+    parts = [
+        rng.uniform(2.5, 3.0, (2, n)),
+        *(rng.uniform(0.1, 1.0, (2, k)) for k in (n - 1, n - 1, n)),
+    ]
+    for found, *one in zip(large.cyclic_reduction(*parts), *parts, strict=True):
+        diagonal, upper, lower, b = one
+        a = np.diag(diagonal) - np.diag(upper, 1) - np.diag(lower, -1)
+        assert_close(found, np.linalg.solve(a, b))
+        assert_close(large.cyclic_reduction(*one), found)

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, run
 from curriculum.ch3_4_constraints.tables import length, per_cent
-from curriculum.common import motion
-from curriculum.common.motion import distance
+from curriculum.common import steps as motion
+from curriculum.common.runs import distance
 from curriculum.common.ruler import true_position
 
 import pytest

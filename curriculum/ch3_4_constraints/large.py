@@ -19,6 +19,7 @@ CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
 SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
 BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
+SLACK = 1e-9  # of A's diagonal, in a loop: enough for what inverses of blocks lose
 EXACT = 1e-15  # a solve is done when it leaves this of A's diagonal times lambda,
 NEARLY = 1e-3  # and where it can do no more, this of what b is made of must do
 NO_TENSIONS = "no finite tensions hold the rods in this pose"
@@ -62,7 +63,7 @@ def dot(a, b):
 class Chain:
     """Rods in a row, each tied to the one before it, the first to the first anchor."""
 
-    order, way = slice(None), "by arrays: cyclic reduction"
+    order, loop, way = slice(None), False, "by arrays: cyclic reduction"
 
     def vectors(self, x, anchors):
         """x_i - x_j of every rod (3, ..., C), of x (3, ..., N), which at the anchors is (K, 3)."""
@@ -132,11 +133,11 @@ class Linkage:
 
     def multipliers(self, m, d, along, b, x, slack, softness=0.0):
         """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
-        a share `slack` (...) more, and rounds take it back for as long as they help. Raises Stop
+        a share `slack` (..., C) more, and rounds take it back for as long as they help. Raises Stop
         where b, made of d and differences of x (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
-            lam = np.empty_like(b)
+            lam, slack = np.empty_like(b), np.broadcast_to(slack, b.shape)
             for at in np.ndindex(b.shape[:-1]):
                 part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at]
                 lam[at] = self.multipliers(m, *part, softness)
@@ -144,25 +145,27 @@ class Linkage:
         values = np.add.reduceat(self.signs / m[self.particles], self.first)
         values *= dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
-        own, solve = values[self.diagonal], self.eliminated(values, slack * self.loop)
+        own, spread = values[self.diagonal], values.copy()
+        spread[self.diagonal] *= 1.0 + SLACK * self.loop + slack
+        solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
         while True:
             left = b - np.add.reduceat(values * lam[self.columns], self.first_column)
             size = np.max(np.abs(left))
-            if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.9 * last:
+            if size <= EXACT * np.max(np.abs(own * lam)) or not size < 0.5 * last:
                 break
             lam, last = lam + solve(left), size
-        if not size <= NEARLY * (np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))):
+        made_of = np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))
+        if not size <= (NEARLY + np.max(slack)) * made_of:
             raise Stop(NO_TENSIONS)
         return lam
 
-    def eliminated(self, values, slack):
-        """x(b) with A x = b, A of `values` and slack: Gauss's elimination, its pivots blocks."""
+    def eliminated(self, values):
+        """x(b) with A x = b, A of `values`: Gauss's elimination, its pivots blocks."""
         blocks = np.zeros((3, self.count, self.size, self.size))
-        blocks[0] = one = np.eye(self.size)  # what is no rod stays alone
+        blocks[0] = np.eye(self.size)  # what is no rod stays alone
         blocks[self.places] = values
         own, right, below = blocks
-        own *= 1.0 + slack * one
         try:
             inverses, ratios = [np.linalg.inv(own[0])], []
             for k in range(1, self.count):
@@ -238,14 +241,14 @@ class LargeForce:
     """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
     Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
-    A lambda = b, where free is J M^-1 f; slack(lengths, jdotv) a share (...) of A's diagonal;
-    near(lengths, q_start) the |g| (..., C) at which rods are back on their lengths.
+    A lambda = b, where free is J M^-1 f; blur(lengths, g, jdotv), of each rod alone, the share of
+    A's diagonal that is uncertain; near(lengths, q_start) the |g| (..., C) of a rod that is right.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
-    def __init__(self, system, hold, external_force, right_side, slack, near):
+    def __init__(self, system, hold, external_force, right_side, blur, near):
         self.system, self.hold, self.external_force = system, hold, external_force
-        self.right_side, self.slack, self.near = right_side, slack, near
+        self.right_side, self.blur, self.near = right_side, blur, near
         self.rods = arranged(tuple(map(tuple, system["pairs"])), len(system["m"]))
         self.m, self.lengths = system["m"][:, 0], np.asarray(system["lengths"])[self.rods.order]
         self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
@@ -265,8 +268,14 @@ class LargeForce:
         rate = self.rates(components_first(v))
         g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
         terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
-        b, slack = self.right_side(self.hold, self.lengths, *terms), self.slack(self.lengths, jdotv)
-        return f, d, self.rods.multipliers(self.m, d, d, b, a, slack, self.hold.softness)
+        b = self.right_side(self.hold, self.lengths, *terms)
+        return f, d, self.multipliers(d, d, b, a, g, jdotv, self.hold.softness)
+
+    def multipliers(self, d, along, b, x, g, jdotv, softness=0.0):
+        """lambda (..., C), as the rods find it."""
+        each = (part[..., None] for part in (self.lengths, g, jdotv))  # by itself
+        slack = self.blur(*each) if self.rods.loop else 0.0
+        return self.rods.multipliers(self.m, d, along, b, x, slack, softness)
 
     def __call__(self, q, v):
         f, d, lam = self.answer(q, v)
@@ -283,20 +292,17 @@ class LargeForce:
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
         start, end, v = (components_first(x) for x in (q_start, q, v))
         along, near = self.rods.vectors(start, self.anchors), self.near(self.lengths, q_start)
-        rate = self.rates(v)
-        slack = self.slack(self.lengths, dot(rate, rate))
 
-        def impulse(d, along, b, x):
-            return (
-                self.rods.pull(along, self.rods.multipliers(self.m, d, along, b, x, slack)) / self.m
-            )
+        def impulse(d, along, b, x, g):
+            return self.rods.pull(along, self.multipliers(d, along, b, x, g, 0.0 * g)) / self.m
 
         def newton(x):
             d = self.rods.vectors(x, self.anchors)
             g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
-            return x - impulse(d, along, g, x), np.max(np.abs(g) / near)
+            return x - impulse(d, along, g, x, g), np.max(np.abs(g) / near)
 
         x = repeat(newton, end, 20, "no way back onto the rods")
         v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)
-        v = v - impulse(d, d, dot(d, self.rates(v)), v)
+        gdot = dot(d, self.rates(v))
+        v = v - impulse(d, d, gdot, v, 0.0 * gdot)
         return leading_first(x, 1), leading_first(v, 1)

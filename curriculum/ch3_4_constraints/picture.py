@@ -46,7 +46,8 @@ def write_motion(path, args, used, system, runs, keep, ghost=None):
     """Write `path`, an SVG that moves: `runs` {mode: Run} side by side, of whose kept states those
     of the steps `keep`, a range, are shown at the pace of the simulated time.
 
-    `ghost`: the true motion as long as it is known, (seconds (T,), positions (T, N, 3)), or None.
+    `ghost`: the true motion as long as it is known, (seconds (T,), positions (T, N, 3)), or None;
+    20 evenly spaced frames a second will do.
     `args` and `used` name what was run. The first of RATES is taken whose file has no more than
     BYTES, or else the last. Equal runs are equal bytes.
     """
@@ -60,8 +61,7 @@ def write_motion(path, args, used, system, runs, keep, ghost=None):
 def draw(args, used, system, runs, keep, ghost, rate, most):
     """The text of the picture, of `rate` frames a second and the first `most` s."""
     (low, high, bar), dt, lines = box(system, runs), used["dt"], pens(system["pairs"])
-    size = (high - low)[:2]
-    across, wide, tall = columns(len(runs), SHEET, size, WORDS)
+    across, wide, tall = columns(len(runs), SHEET, size := (high - low)[:2], WORDS)
     scale = min(wide / size[0], tall / size[1])  # pixels a metre
     (width, tall), fine = scale * size, FINE * scale
     bottom = -(-len(runs) // across) * (tall + WORDS)
@@ -69,7 +69,6 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
     stride = keep.step * max(1, round(1.0 / (rate * keep.step * dt)))
     last = min(most / dt + 1e-9, max(run.kept[-1] for run in runs.values()))
     total = max(1, int(last / stride)) * stride * dt
-    pen = {"stroke_width": 4 * FINE}
 
     def place(points):
         return np.rint(fine * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
@@ -82,7 +81,7 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
     if ghost:
         seconds, q = (x[ghost[0] < total + 1e-9] for x in ghost)
         dash = {"stroke": GREY, "stroke_dasharray": f"{4 * FINE} {6 * FINE}"}
-        still.append(moving(lines_through(q), seconds, total, **dash, **pen))
+        still.append(moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **dash))
     sheet.add("defs", element("g", *still, id="still"))
     for k, (mode, run) in enumerate(runs.items()):
         left, top, color = wide * (k % across), (tall + WORDS) * (k // across), MODES[mode]
@@ -92,8 +91,8 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
         far = np.flatnonzero(np.max(np.abs(heads - marks), axis=(0, 2)) > FINE)[:ENDS]
         ball = element("circle", r=1.3, fill=color)
         dots = element("marker", ball, id=mode, viewBox="-2 -2 4 4", overflow="visible")
-        style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#{mode})") | pen
-        rods = moving(lines_through(q), seconds, total, stroke=color, **style)
+        style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#{mode})") | {"stroke": color}
+        rods = moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **style)
         parts = [dots, element("use", href="#still"), rods]
         if len(far):
             excess = [np.stack([marks[:, rod], heads[:, rod]], axis=1) for rod in far]

@@ -44,8 +44,7 @@ def verdict(run, dt):
 
 
 def nodes(system, q):
-    """Particles and then anchors, the first of them last, (F, N + K, 3), at q (F, N, 3): what the
-    indices in `pairs` mean."""
+    """What `pairs` point at: particles, and anchors in reverse, (F, N + K, 3), at q (F, N, 3)."""
     anchors = np.reshape(system.get("anchors", np.zeros(3)), (-1, 3))
     return np.concatenate([q, np.broadcast_to(anchors[::-1], (len(q), *anchors.shape))], axis=1)
 
@@ -85,8 +84,7 @@ def rgb(color, share=1.0):
 
 
 def glow(pulls, full):
-    """Colours (F * C, 3) of rods that pull with `pulls` (F, C) newtons: grey at none, and the
-    colour of a pull or of a push from `full` on."""
+    """Colours (F * C, 3) of rods with `pulls` (F, C) newtons: grey at none, full at `full`."""
     share, pull = np.clip(np.abs(pulls) / full, 0.0, 1.0), pulls[..., None] > 0.0
     return np.where(pull, rgb(PULL, share), rgb(PUSH, share)).reshape(-1, 3)
 
@@ -99,9 +97,8 @@ def span(values, name):
 
 
 def empty_corner(curves, ranges):
-    """(title of a plot, "LeftTop" or the like) where the fewest points of `curves` {title: [(F,)]}
-    are, for the legend to stand there; `ranges` {title: (low, high)}."""
-
+    """(title of a plot, a corner as "LeftTop") where the fewest points of `curves` {title: [(F,)]}
+    are, with `ranges` {title: (low, high)}: there the legend may stand."""
     crowd = {}
     for name, (low, high) in ranges.items():
         shares = [(curve - low) / (high - low) for curve in curves[name]]

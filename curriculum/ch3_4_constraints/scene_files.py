@@ -16,7 +16,6 @@ from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
 
-from curriculum.ch3_4_constraints import large
 from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.common.cli import shorten
 
@@ -77,8 +76,6 @@ def load_scene(name, folder, others, gravity):
         raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
     try:
         system = parse_scene(json.loads(content, object_pairs_hook=no_key_twice))
-        if large.takes(system) and not large.way(system):
-            raise SceneError("so many rods that are no chain need scipy: pip install -e '.[large]'")
         if why := refusal(system, gravity):
             raise SceneError(why)
     except SceneError as error:

@@ -8,10 +8,10 @@ from xml.sax.saxutils import escape, quoteattr
 MODES = {"none": "#458fac", "baumgarte": "#4149da", "impulse": "#947c00", "soft": "#b70034"}
 MODES["project"] = "#ff008d"
 PULL, PUSH, EXCESS = "#cd8166", "#bb72ff", "#ff1f1f"  # of a rod; and what it has too much
-INK, GREY, PALE, PAPER = "currentColor", "#7d8590", "#7d859055", "var(--paper)"
+INK, GREY, PALE = "currentColor", "#7d8590", "#7d859055"
 STYLE = """<style>svg{color:#1f2328;--paper:#fff}
 @media(prefers-color-scheme:dark){svg{color:#e6edf3;--paper:#0d1117}}</style>"""
-FONT, LINE = "Helvetica, Arial, sans-serif", 18  # pixels from a line of words to the next
+LINE = 18  # pixels from a line of words to the next
 
 
 def element(name, *inside, **attributes):
@@ -21,14 +21,11 @@ def element(name, *inside, **attributes):
 
 
 class Drawing:
-    """A sheet of `width` times `height` pixels, y down; points are pairs of pixels.
-
-    Its paper is white where the reader's screen is light, and dark where that is dark.
-    """
+    """A sheet of so many pixels, y down, light or dark as the reader's screen is."""
 
     def __init__(self, width, height, title):
-        self.size, self.parts = (width, height), [element("title", escape(title)), STYLE]
-        self.add("rect", width=width, height=height, rx=6, fill=PAPER)
+        paper = element("rect", width=width, height=height, rx=6, fill="var(--paper)")
+        self.size, self.parts = (width, height), [element("title", escape(title)), STYLE, paper]
 
     def add(self, name, *inside, **attributes):
         """An element more."""
@@ -59,18 +56,19 @@ class Drawing:
 
     def text(self):
         """The file."""
-        size = dict(zip(("width", "height"), self.size, strict=True), font_family=FONT)
-        size |= {"viewBox": f"0 0 {self.size[0]} {self.size[1]}", "role": "img"}
-        round_ = {"stroke_linecap": "round", "stroke_linejoin": "round"}
-        inside = "\n".join(["", *self.parts, ""])
-        return element("svg", inside, xmlns="http://www.w3.org/2000/svg", **size, **round_) + "\n"
+        (width, height), ends = self.size, {"stroke_linecap": "round", "stroke_linejoin": "round"}
+        size = {"width": width, "height": height, "viewBox": f"0 0 {width} {height}"}
+        how = (
+            size
+            | ends
+            | {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
+        )
+        return element("svg", "\n".join(["", *self.parts, ""]), role="img", **how) + "\n"
 
 
 def chart(title, x, y, curves, size=(480, 420), right=100):
-    """The text of a chart of `curves` {name: (colour, [(x, y), ...])}, named where they end.
-
-    x and y: (the axis's name, its range, {value: words}), both logarithmic where it begins above 0.
-    """
+    """The text of a chart of `curves` {name: (colour, [(x, y), ...])}, named where they end; x and
+    y: (name, range, {value: words}), logarithmic if the range begins above 0."""
     sheet, names = Drawing(*size, title), []
     room = (64, size[0] - right), (size[1] - 58, 48)
 
@@ -84,10 +82,9 @@ def chart(title, x, y, curves, size=(480, 420), right=100):
         sheet.line([low, high], PALE, 1)
         sheet.words(low[0], low[1] + LINE + 2, words, GREY, "middle")
     for value, words in y[2].items():
-        if value >= y[1][0]:
-            left, end = ([*place(edge, value)] for edge in x[1])
-            sheet.line([left, end], PALE, 1)
-            sheet.words(left[0] - 8, left[1] + 5, words, GREY, "end")
+        left, end = ([*place(edge, value)] for edge in x[1])
+        sheet.line([left, end], PALE, 1)
+        sheet.words(left[0] - 8, left[1] + 5, words, GREY, "end")
     sheet.words(room[0][0], size[1] - 12, x[0])
     sheet.words(16, 28, y[0])
     for name, (color, values) in curves.items():

@@ -88,7 +88,7 @@ def make_gauss(stages=8, tol=1e-13, most=60):
         a = repeat(iterate, constant, most, "the Gauss stages do not settle", 1e-18 / tol**2)
         if stages > 5:
             rough, size = squares(combined(last_terms, a)), squares(a) / stages
-            still = 1e-24 * start / dt4  # what hangs at rest has rounding errors only
+            still = 1e-18 * start / dt4  # less moves nothing: at rest there are rounding errors only
             wild = rough / (ROUGH**2 * size + still + 1e-300)
             a = repeat(lambda a: (a, wild), a, 1, "the Gauss stages do not resolve the motion")
         end = q + dt * v + dt * dt * combined(late[None], a)[0]

@@ -349,8 +349,11 @@ class Compiled:
         return self.alone.traced.source if self.runner else f"# {self.way}"
 
     def trace(self, q, v, m, force, dt):
-        """Trace the step; or find out why that cannot be done."""
-        memory, why, self.lead = Memory(self.step_fn, force), None, q.shape[:-2]
+        """Trace the step; or find out why that cannot be done. A force may know a better `way`."""
+        self.lead, self.way = q.shape[:-2], getattr(force, "way", "")
+        if self.way:
+            return
+        memory, why = Memory(self.step_fn, force), None
         try:
             traced = Traced(self.step_fn, m, force, dt, q, v)
         except Exception as reason:  # the reader's mistake, or more than can be traced?
@@ -412,9 +415,7 @@ class Compiled:
             raise self.why
         clock = time.perf_counter()
         if not self.runner:
-            states = tuple(x[None] for x in self.plain(q, v, m, force, dt))
-            self.taken, self.seconds = self.taken + 1, self.seconds + time.perf_counter() - clock
-            return states
+            return self.one_by_one(q, v, m, force, dt)
         start = self.alone.traced.columns(q, v)
         rows, self.why = self.runner(start if self.lead else start[:, 0], self.count(start), dt)
         spent, count = time.perf_counter() - clock, len(rows)
@@ -430,6 +431,21 @@ class Compiled:
         if not self.why and not self.runner.machine:
             self.improve(spent / count)
         return self.alone.traced.states(rows, self.lead)
+
+    def one_by_one(self, q, v, m, force, dt):
+        """A block of plain steps."""
+        states = []
+        try:
+            for _ in range(self.count(q)):
+                q, v = self.plain(q, v, m, force, dt)
+                states.append((q, v))
+        except Stop as why:
+            self.why = why
+            if not states:
+                raise
+        self.taken, self.seconds = self.taken + len(states), self.plain.seconds
+        self.steps -= len(states)
+        return tuple(np.stack(x) for x in zip(*states, strict=True))
 
     def count(self, start):
         """How many steps the next block has."""

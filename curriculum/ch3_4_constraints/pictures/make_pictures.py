@@ -76,23 +76,17 @@ def names():
         sheet.arrow(tail + aside, head + aside, INK, 2.5)
         middle = (tail + head) / 2 + np.multiply(1.8, aside)
         sheet.words(*middle, "d", anchor="middle", size=22, weight="bold")
-    for end, label, radius in zip(ends, ("anchor -1", "bob 0", "bob 1"), (7, 12, 12), strict=True):
-        sheet.dot(end, radius, INK if radius > 7 else GREY)
-        sheet.words(
-            end[0] + (22 if radius > 7 else -90),
-            end[1] + (8 if radius > 7 else -16),
-            label,
-            size=20,
-        )
+    at = (-90, -16), (22, 8), (22, 8)
+    for end, aside, label in zip(ends, at, ("anchor -1", "bob 0", "bob 1"), strict=True):
+        sheet.dot(end, 12 if aside[0] > 0 else 7, INK if aside[0] > 0 else GREY)
+        sheet.words(*(end + aside), label, size=20)
     for end, share, label in ((ends[2], -0.4, "lambda d"), (ends[1], 0.4, "-lambda d")):
         force = share * (ends[2] - ends[1])
         sheet.arrow(end, end + force, PULL, 5, 16)
         at = end + 0.75 * force + [18, 6]
         sheet.words(*at, label, PULL, size=20, weight="bold")
-    for k, words in enumerate(
-        ("d goes from the", "partner to the particle;", "it should be L long")
-    ):
-        sheet.words(16, 280 + 26 * k, words, size=18)
+    sheet.words(16, 300, "d goes from partner", size=18)
+    sheet.words(16, 326, "to particle: L long", size=18)
     return sheet.text()
 
 
@@ -178,12 +172,11 @@ def eigenvalue():
 def forces():
     """Weight, pull and their sum at four angles of a pendulum, with the numbers."""
     sheet, metre, newton = Drawing(480, 500, "Which force does the rod apply?"), 235, 5.0  # pixels
-    pivot = np.array([60.0, 60.0])
-    arc(sheet, pivot, metre, -12, 90)
+    arc(sheet, pivot := np.array([60.0, 60.0]), metre, -12, 90)
     for degrees in (90, 60, 30, 0):
         (x, y), bob = turned(degrees), pivot + turned(degrees, metre)
-        speed = np.sqrt(2.0 * 9.81 * y)
-        system = make_system([[x, -y, 0]], [[-speed * y, -speed * x, 0]], [1.0], [(0, -1)])
+        v = np.sqrt(2.0 * 9.81 * y) * np.array([-y, -x, 0.0])
+        system = make_system([[x, -y, 0.0]], [v], [1.0], [(0, -1)])
         weight = c.external_force(system, system["q0"])[0]
         pull = c.constraint_force(system, system["q0"], system["v0"])[0]
         aside = [10 * (degrees in (0, 90)), 0]  # there they are on one line
@@ -202,15 +195,13 @@ def forces():
 def drift():
     """The worst rod error of the five modes over the default run."""
     dt, steps, every, curves = 0.005, 4000, 20, {}
-    times = dt * every * np.arange(1, steps // every + 1)
+    times, lengths = dt * every * np.arange(1, steps // every + 1), dict([*LENGTHS.items()][:-1])
     for mode in c.hold_table():
         found = run(c.build_system("double"), "semi_implicit", mode, dt, steps).violations[1:]
-        worst = np.maximum(
-            np.max(found.reshape(-1, every), axis=1), 1e-12
-        )  # what project takes for nothing
+        worst = np.maximum(np.max(found.reshape(-1, every), axis=1), 1e-12)  # its tolerance
         curves[mode] = MODES[mode], list(zip(times, worst, strict=True))
     x = "time, s", (0.0, 20.0), {float(t): f"{t}" for t in range(0, 21, 5)}
-    return svg.chart("Who keeps the rods?", x, ("worst rod error", (1e-13, 3.0), LENGTHS), curves)
+    return svg.chart("Who keeps the rods?", x, ("worst rod error", (1e-13, 3.0), lengths), curves)
 
 
 def cost():
@@ -256,14 +247,16 @@ def viewed():
         finally:
             os.killpg(viewer.pid, signal.SIGTERM)  # it, and the process that it has started
             viewer.wait()
-    picture = picture.convert("RGB").crop((0, TOP_BAR, *picture.size)).quantize(128)
+    picture = picture.convert("RGB").crop((0, TOP_BAR, *picture.size)).quantize(256)
     picture.save(file, "png", optimize=True)
     return file.getvalue()
 
 
 DRAWINGS = two_pendulums, names, tangent, jacobian, shake, eigenvalue, forces, drift, cost
 PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS} | {"recording.png": viewed}
-PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *sorted(SCENES))}
+PICTURES |= {
+    f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *sorted(SCENES))
+}
 
 
 def main(argv=None):
