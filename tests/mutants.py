@@ -74,7 +74,7 @@ MUTANTS = {  # file: [(what is wrong, what stands there once, its replacement, i
         ("a - b is b - a", 'if sign in "+*" and', 'if sign in "+*-" and', "trace"),
         ("0 / 0 is 0", "nothing = self.x == 0.0 and safe", "nothing = self.x == 0.0", "steps"),
         ("zeros of a loop stay zero", "if set(grown) <= set(places):", "if True:", "trace"),
-        ("numbers of an earlier call", "if tape is None or not tape.open or", "if tape is None or",
+        ("numbers of an earlier call", "not tape.open or not Tape.current.sees(tape)", "False",
             "trace"),
         ("a refusal that is caught is none", "self.tape.refused.append(why)", "pass", "trace"),
         ("an imaginary part is dropped", 'Tape.current.refused.append("it makes',

@@ -120,11 +120,14 @@ def settled(x):
 KEPT = np.array([[0.0, 1.0, 0.0], [2.0, 0.0, 3.0]])
 
 EXAMPLES = {  # x (2, 3) -> (2, 3)
-    "polynomial": lambda x: 1.0 - 2.0 * x + x * x * x / 3.0 - -x,
+    "polynomial": lambda x: 1.0 - 2.0 * x + x * x * x / 3.0 - -x + (x - x),
     "matrix": lambda x: (x @ x.T @ np.array([[0.0, 1.0], [2.0, 3.0]]) @ x - x.sum(axis=0)) / 7.0,
     "functions": lambda x: np.sin(x) * np.exp(-x) + np.sqrt(abs(x)) - np.tanh(-x) - np.log(abs(x)),
     "powers": lambda x: (abs(x) ** 1.5) ** 0.2 + 2.0 ** (x**2.0) / 9.0 + (-x) ** 3.0 - -(x**2.0),
-    "differences": lambda x: 2.0 / (x[::-1] * x[::-1] + 1.0) - (x - x) - (1.0 - x - (2.0 - x)),
+    "differences": lambda x: (
+        2.0 / (x[::-1] * x[::-1] + 1.0) - (x - x[::-1]) - (1.0 - x - (2.0 - x))
+    ),
+    "both signs": lambda x: np.stack([-(x[0] * x[1]), x[0] * x[1]]),
     "infinite": lambda x: 1.0 + x / np.inf + 1e-5 * x,
     "roots": lambda x: heron(x * x),
     "swapped": swapped,
@@ -231,7 +234,7 @@ REFUSED = {  # the reason that is given, and a function
         lambda x: x * (x[0, 0] == 1.0),
     ],
     "makes a complex number": [lambda x: x * 1j, lambda x: (1.0 + 1e-9j) * x + 1.0],
-    "a number from an earlier call": [lambda x: KEEP.append(x.copy()) or KEEP[0] + x],
+    "a number from an earlier call": [lambda x: KEEP.append(x.copy()) or 2.0 * KEEP[0]],
     "arcsinh": [np.arcsinh],
 }
 
