@@ -24,236 +24,202 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = "constraints.py", "curriculum", "tests", "pyproject.toml", "README.md"
 LIMIT = 120  # s a file: a mutant that hangs is caught, too
 
-MUTANTS = {  # file: [(what is wrong, what stands there once, its replacement, its tests)]
-    "constraints.py": [
-        ("a rod pulls both ends the same way", "jac[..., k, j, :] = -d", "jac[..., k, j, :] = d",
-            "force"),
-        ("Jdot v with the wrong sign", "+ hold.use_jdotv * jdotv)", "- hold.use_jdotv * jdotv)",
-            "force"),
-        ("damping with the wrong sign", "- hold.damping * gdot", "+ hold.damping * gdot", "force"),
-        ("stiffness with the wrong sign", "- hold.stiffness * g\n", "+ hold.stiffness * g\n",
-            "force"),
-        ("soft measures g like the others", "    if hold.softness:", "    if False:", "force"),
-        ("tensions with the wrong sign", "return -lam * (rod_errors", "return lam * (rod_errors",
-            "force"),
-        ("the blur is not taken back", "lam + sweep(rest)", "lam + 0.0 * sweep(rest)", "force"),
-        ("an elimination in any order", "in reversed(order):", "in order:", "force"),
-        ("semi-implicit Euler is explicit",
-            "    v = v + dt * (force(q, v) / m)\n    return q + dt * v, v\n",
-            "    return q + dt * v, v + dt * (force(q, v) / m)\n", "motion"),
-        ("v is not told of the projection", "v = v + (end - q) / dt",
-            "v = v + 0.0 * (end - q) / dt", "motion"),
-        ("four rounds of Newton's iteration", "repeat(newton, q, 20,", "repeat(newton, q, 4,",
-            "motion"),
-        ("potential energy with the wrong sign", "- m * dot(q, GRAVITY)", "+ m * dot(q, GRAVITY)",
-            "motion"),
-        ("Euler's limit is 1.98", '{"euler": 2.0,', '{"euler": 1.98,', "motion"),
-        ("--smoke ignored", "SMOKE_STEPS if args.smoke else args.steps", "args.steps", "results"),
-        ("--tol accepted without gauss", 'args.tol and args.integrator != "gauss"', "False",
-            "command_line"),
-        ("a verdict on short runs", 'len(runs["none"].tip) > SMOKE_STEPS', "True", "results"),
-        ("error_at by the asked step", '"error_at": truth.step * dt',
-            '"error_at": truth.step * args.dt', "results"),
-        ("the verdict upside down", "none > 3.0 * helped", "none < 3.0 * helped", "results"),
-        ("rk4 weighs its third stage once", "+ 2.0 * a2 + 2.0 * a3 +", "+ 2.0 * a2 + a3 +",
-            "motion"),
-        ("a step is not mended", 'getattr(force, "after", None)', "None", "motion"),
-        ("a force for other steps", "if hold.dt not in (None, dt):", "if False:", "runs"),
-        ("tensions by the asked step", "holds, scene, writers = hold_table(dt,",
-            "holds, scene, writers = hold_table(args.dt,", "results"),
-        ("the out folder not tried before", "if not args.show_step:  # last", "if False:  # last",
-            "command_line"),
+MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its replacement, ...
+    ("constraints.py", "force"): [
+     ("a rod pulls both ends the same way", "jac[..., k, j, :] = -d", "jac[..., k, j, :] = d"),
+     ("Jdot v with the wrong sign", "+ hold.use_jdotv * jdotv)", "- hold.use_jdotv * jdotv)"),
+     ("damping with the wrong sign", "- hold.damping * gdot", "+ hold.damping * gdot"),
+     ("stiffness with the wrong sign", "- hold.stiffness * g\n", "+ hold.stiffness * g\n"),
+     ("soft measures g like the others", "    if hold.softness:", "    if False:"),
+     ("tensions with the wrong sign", "return -lam * (rod_errors", "return lam * (rod_errors"),
+     ("the blur is not taken back", "lam + sweep(rest)", "lam + 0.0 * sweep(rest)"),
+     ("an elimination in any order", "in reversed(order):", "in order:"),
     ],
-    "curriculum/common/trace.py": [
-        ("-a - b is a + b", 'self.note("+", b, self.minus)', 'self.note("+", b)', "trace"),
-        ("a + 0 is -a", "return b if self.x == 0.0 else self",
-            "return b if self.x == 0.0 else -self", "trace"),
-        ("a quotient loses its sign", 'self.note("/", b, minus)', 'self.note("/", b)', "trace"),
-        ("the base of a power loses its minus", 'a.plain().note("**"', 'a.note("**"', "trace"),
-        ("an argument loses its minus", "symbol.plain().note(name)", "symbol.note(name)", "trace"),
-        ("a - b is b - a", 'if sign in "+*" and', 'if sign in "+*-" and', "trace"),
-        ("0 / 0 is 0", "nothing = self.x == 0.0 and safe", "nothing = self.x == 0.0", "steps"),
-        ("zeros of a loop stay zero", "if set(grown) <= set(places):", "if True:", "trace"),
-        ("numbers of an earlier call", "not tape.open or not Tape.current.sees(tape)", "False",
-            "trace"),
-        ("a refusal that is caught is none", "self.tape.refused.append(why)", "pass", "trace"),
-        ("an imaginary part is dropped", 'Tape.current.refused.append("it makes',
-            '[].append("it makes', "trace"),
-        ("one trace of a routine for all zeros", "mask.tobytes())", "0)", "trace"),
-        ("a routine's arguments swapped", "zip(self.inputs, arguments, strict",
-            "zip(self.inputs, arguments[::-1], strict", "trace"),
-        ("a routine is never inlined", "if not program.tape.parts and", "if False and", "trace"),
-        ("what lasts is done each time", "self.out)]) - set(self.knobs)", "self.out)]) - found",
-            "trace"),
-        ("a body works on what it was given", "body(x.copy())", "body(x)", "steps"),
-        ("a size that stays is no end", " | ((last <= size) & (size <= nearly))", "", "trace"),
-        ("members that are done go on", "np.where(kept, x, following)", "following", "trace"),
+    ("constraints.py", "motion"): [
+     ("semi-implicit Euler is explicit",
+        "    v = v + dt * (force(q, v) / m)\n    return q + dt * v, v\n",
+        "    return q + dt * v, v + dt * (force(q, v) / m)\n"),
+     ("v is not told of the projection", "v = v + (end - q) / dt", "v = v + 0.0 * (end - q) / dt"),
+     ("four rounds of Newton's iteration", "repeat(newton, q, 20,", "repeat(newton, q, 4,"),
+     ("potential energy with the wrong sign", "- m * dot(q, GRAVITY)", "+ m * dot(q, GRAVITY)"),
+     ("Euler's limit is 1.98", '{"euler": 2.0,', '{"euler": 1.98,'),
+     ("rk4 weighs its third stage once", "+ 2.0 * a2 + 2.0 * a3 +", "+ 2.0 * a2 + a3 +"),
+     ("a step is not mended", 'getattr(force, "after", None)', "None"),
     ],
-    "curriculum/common/python.py": [
-        ("no inf in the code", '{"inf": math.inf, "nan"', '{"nan"', "trace"),
-        ("a - (b - c) is a - b - c", "text(right, bound + 1)", "text(right, bound)", "trace"),
-        ("-(a + b) is -a + b", "-{text(s.x, 2)}", "-{text(s.x, 1)}", "trace"),
-        ("a loop that does not end is fine", 'yield from ("else:",', 'yield from [] and ("else:",',
-            "trace"),
-        ("what a loop takes is put in place", "operands * 2 if", "operands if", "trace"),
-        ("a call's arguments swapped", "map(signed, part.arguments)",
-            "map(signed, part.arguments[::-1])", "trace"),
+    ("constraints.py", "results"): [
+     ("--smoke ignored", "SMOKE_STEPS if args.smoke else args.steps", "args.steps"),
+     ("a verdict on short runs", 'len(runs["none"].tip) > SMOKE_STEPS', "True"),
+     ("error_at by the asked step", '"error_at": truth.step * dt',
+        '"error_at": truth.step * args.dt'),
+     ("the verdict upside down", "none > 3.0 * helped", "none < 3.0 * helped"),
+     ("tensions by the asked step", "holds, scene, writers = hold_table(dt,",
+        "holds, scene, writers = hold_table(args.dt,"),
     ],
-    "curriculum/common/arrays.py": [
-        ("a buffer is used again too soon", " == k and x not in kept]", " >= 0]", "trace"),
-        ("a negative over what is still read", 'not in ("part", "of") and not s.minus:',
-            'not in ("part", "of"):', "trace"),
-        ("members that are done go on", "where=logical_not({done})", "where=True", "trace"),
-        ("a loop ends with the first", "{done}.all()", "{done}.any()", "trace"),
-        ("a size that stays is no end", "({last} <= {size}) & (", "({last} < 0.0) & (", "trace"),
-        ("an argument loses its minus", "            if symbol.minus:\n                given",
-            "            if False:\n                given", "trace"),
+    ("constraints.py", "command_line"): [
+     ("--tol accepted without gauss", 'args.tol and args.integrator != "gauss"', "False"),
+     ("the out folder not tried before", "if not args.show_step:  # last", "if False:  # last"),
     ],
-    "curriculum/common/native.py": [
-        ("trouble is ignored", "br i1 {w.trouble}, label %trouble", "br i1 false, label %trouble",
-            "native"),
-        ("a divisor of zero is no trouble", 'if sign == "/" and right', "if False and right",
-            "native"),
-        ("what is not finite is no trouble", 'if sign != "abs" and self.lanes',
-            "if False and self.lanes", "native"),
-        ("a routine's trouble is its own", "or i1 {self.trouble}, {failed}",
-            "or i1 {self.trouble}, false", "native"),
-        ("a call's arguments swapped", "for s in call.arguments]", "for s in call.arguments[::-1]]",
-            "native"),
-        ("a lane that is done goes on", "{t} {old}, {t} {new}", "{t} {new}, {t} {new}", "native"),
-        ("a loop ends with its first lane", "llvm.vector.reduce.and.v", "llvm.vector.reduce.or.v",
-            "native"),
-        ("lanes that never end are zero", "nan = self.constant(np.nan)", "nan = self.constant(0.0)",
-            "native"),
-        ("a size that stays is no end", "fcmp ole {t} {last}, {size}",
-            "fcmp false {t} {last}, {size}", "native"),
-        ("the last lanes are left out", "state[:, whole:] = few[:, : members - whole]", "pass",
-            "native"),
+    ("constraints.py", "runs"): [
+     ("a force for other steps", "if hold.dt not in (None, dt):", "if False:"),
     ],
-    "curriculum/common/steps.py": [
-        ("halves of the wrong length", "state = step(state, 0.5 * dt)", "state = step(state, dt)",
-            "steps"),
-        ("halves of halves of the wrong length", "in_halves(step, state, 0.5 * dt, level",
-            "in_halves(step, state, dt, level", "steps"),
-        ("a half is not halved", "if level == HALVINGS or", "if level == 1 or", "steps"),
-        ("no check at a block's edge", "if self.check and not self.agrees(before",
-            "if False and not self.agrees(before", "steps"),
-        ("what functions keep is not seen", "why = memory.changed() or why", "pass", "steps"),
-        ("a block begins where the last began", "q, v = q[-1], v[-1]", "q, v = q[0], v[0]",
-            "steps"),
-        ("a member that is lost stays lost",
-            "in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1)))", "in ()", "steps"),
-        ("a budget without end", "[], self.tries - 1", "[], self.tries", "steps"),
-        ("no numpy after an arithmetic error", "if np.isfinite(end).all():", "if False:", "steps"),
-        ("zero in one member is zero in all", "zero = [np.all(a == 0.0,",
-            "zero = [np.any(a == 0.0,", "steps"),
-        ("what begins as zero stays zero", "if all(map(np.array_equal, still, stays)):", "if True:",
-            "steps"),
+    ("curriculum/common/trace.py", "trace"): [
+     ("-a - b is a + b", 'self.note("+", b, self.minus)', 'self.note("+", b)'),
+     ("a + 0 is -a", "return b if self.x == 0.0 else self", "return b if self.x == 0.0 else -self"),
+     ("a quotient loses its sign", 'self.note("/", b, minus)', 'self.note("/", b)'),
+     ("the base of a power loses its minus", 'a.plain().note("**"', 'a.note("**"'),
+     ("an argument loses its minus", "symbol.plain().note(name)", "symbol.note(name)"),
+     ("a - b is b - a", 'if sign in "+*" and', 'if sign in "+*-" and'),
+     ("zeros of a loop stay zero", "if set(grown) <= set(places):", "if True:"),
+     ("numbers of an earlier call", "not tape.open or not Tape.current.sees(tape)", "False"),
+     ("a refusal that is caught is none", "self.tape.refused.append(why)", "pass"),
+     ("an imaginary part is dropped", 'Tape.current.refused.append("it makes',
+        '[].append("it makes'),
+     ("one trace of a routine for all zeros", "mask.tobytes())", "0)"),
+     ("a routine's arguments swapped", "zip(self.inputs, arguments, strict",
+        "zip(self.inputs, arguments[::-1], strict"),
+     ("a routine is never inlined", "if not program.tape.parts and", "if False and"),
+     ("what lasts is done each time", "self.out)]) - set(self.knobs)", "self.out)]) - found"),
+     ("a size that stays is no end", " | ((last <= size) & (size <= nearly))", ""),
+     ("members that are done go on", "np.where(kept, x, following)", "following"),
     ],
-    "curriculum/common/runs.py": [
-        ("what is not finite is sane", " & np.isfinite(energies)", "", "runs"),
-        ("the pace is off by one step", "max(1, len(self.tip) - 1)", "len(self.tip)", "runs"),
-        ("time of steps that were not true", "stepper.seconds * self.done / max(1, stepper.taken)",
-            "stepper.seconds", "runs"),
-        ("other steps are kept", "self.kept.append((rows + first,", "self.kept.append((rows,",
-            "runs"),
+    ("curriculum/common/trace.py", "steps"): [
+     ("0 / 0 is 0", "nothing = self.x == 0.0 and safe", "nothing = self.x == 0.0"),
+     ("a body works on what it was given", "body(x.copy())", "body(x)"),
     ],
-    "curriculum/common/gauss.py": [
-        ("stages that resolve nothing", "wild = rough / (", "wild = 0.0 * rough / (", "ruler"),
-        ("positions with weights of speeds", "late = b * (1.0 - c)", "late = b", "ruler"),
-        ("nodes for polynomials of less", "n[-2:]]", "n[:2]]", "ruler"),
+    ("curriculum/common/python.py", "trace"): [
+     ("no inf in the code", '{"inf": math.inf, "nan"', '{"nan"'),
+     ("a - (b - c) is a - b - c", "text(right, bound + 1)", "text(right, bound)"),
+     ("-(a + b) is -a + b", "-{text(s.x, 2)}", "-{text(s.x, 1)}"),
+     ("a loop that does not end is fine", 'yield from ("else:",', 'yield from [] and ("else:",'),
+     ("what a loop takes is put in place", "operands * 2 if", "operands if"),
+     ("a call's arguments swapped", "map(signed, part.arguments)",
+        "map(signed, part.arguments[::-1])"),
     ],
-    "curriculum/common/ruler.py": [
-        ("the ruler accepts a millimetre", "KNOWN = 1e-9", "KNOWN = 1e-3", "ruler"),
-        ("a budget that is not spent", "        most -= steps\n", "", "ruler"),
-        ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:",
-            "ruler"),
-        ("a step lost", "math.ceil(seconds / dt - 1e-9)", "math.floor(seconds / dt)", "ruler"),
+    ("curriculum/common/arrays.py", "trace"): [
+     ("a buffer is used again too soon", " == k and x not in kept]", " >= 0]"),
+     ("a negative over what is still read", 'not in ("part", "of") and not s.minus:',
+        'not in ("part", "of"):'),
+     ("members that are done go on", "where=logical_not({done})", "where=True"),
+     ("a loop ends with the first", "{done}.all()", "{done}.any()"),
+     ("a size that stays is no end", "({last} <= {size}) & (", "({last} < 0.0) & ("),
+     ("an argument loses its minus", "            if symbol.minus:\n                given",
+        "            if False:\n                given"),
     ],
-    "curriculum/ch3_4_constraints/large.py": [
-        ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += ",
-            "force"),
-        ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up",
-            "force"),
-        ("few rods, all tied, written out", "> FILL", "> 1e9", "large"),
+    ("curriculum/common/native.py", "native"): [
+     ("trouble is ignored", "br i1 {w.trouble}, label %trouble", "br i1 false, label %trouble"),
+     ("a divisor of zero is no trouble", 'if sign == "/" and right', "if False and right"),
+     ("what is not finite is no trouble", 'if sign != "abs" and self.lanes',
+        "if False and self.lanes"),
+     ("a routine's trouble is its own", "or i1 {self.trouble}, {failed}",
+        "or i1 {self.trouble}, false"),
+     ("a call's arguments swapped", "for s in call.arguments]", "for s in call.arguments[::-1]]"),
+     ("a lane that is done goes on", "{t} {old}, {t} {new}", "{t} {new}, {t} {new}"),
+     ("a loop ends with its first lane", "llvm.vector.reduce.and.v", "llvm.vector.reduce.or.v"),
+     ("lanes that never end are zero", "nan = self.constant(np.nan)", "nan = self.constant(0.0)"),
+     ("a size that stays is no end", "fcmp ole {t} {last}, {size}",
+        "fcmp false {t} {last}, {size}"),
+     ("the last lanes are left out", "state[:, whole:] = few[:, : members - whole]", "pass"),
     ],
-    "curriculum/ch3_4_constraints/recording.py": [
-        ("the trail of another particle", "positions=run.q[:, -1]", "positions=run.q[:, 0]",
-            "recording"),
-        ("curves swapped", "pulls[mode][:, 0] for mode", "pulls[mode][:, -1] for mode",
-            "recording"),
-        ("no thinning", "max(1, round(1.0 / (FRAME_RATE * dt)), ", "max(1, ", "recording"),
-        ("no cap", ", -(-(steps + 1) // most)))", ", 1))", "recording"),
+    ("curriculum/common/steps.py", "steps"): [
+     ("halves of the wrong length", "state = step(state, 0.5 * dt)", "state = step(state, dt)"),
+     ("halves of halves of the wrong length", "in_halves(step, state, 0.5 * dt, level",
+        "in_halves(step, state, dt, level"),
+     ("a half is not halved", "if level == HALVINGS or", "if level == 1 or"),
+     ("no check at a block's edge", "if self.check and not self.agrees(before",
+        "if False and not self.agrees(before"),
+     ("what functions keep is not seen", "why = memory.changed() or why", "pass"),
+     ("a block begins where the last began", "q, v = q[-1], v[-1]", "q, v = q[0], v[0]"),
+     ("a member that is lost stays lost", "in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1)))",
+        "in ()"),
+     ("a budget without end", "[], self.tries - 1", "[], self.tries"),
+     ("no numpy after an arithmetic error", "if np.isfinite(end).all():", "if False:"),
+     ("zero in one member is zero in all", "zero = [np.all(a == 0.0,", "zero = [np.any(a == 0.0,"),
+     ("what begins as zero stays zero", "if all(map(np.array_equal, still, stays)):", "if True:"),
     ],
-    "curriculum/ch3_4_constraints/scene_files.py": [
-        ("the second of two equal keys counts", "if len(found) < len(items):", "if False:",
-            "scenes"),
-        ("a pipe is read", "not path.is_file() or ", "", "scenes"),
+    ("curriculum/common/runs.py", "runs"): [
+     ("what is not finite is sane", " & np.isfinite(energies)", ""),
+     ("the pace is off by one step", "max(1, len(self.tip) - 1)", "len(self.tip)"),
+     ("time of steps that were not true", "stepper.seconds * self.done / max(1, stepper.taken)",
+        "stepper.seconds"),
+     ("other steps are kept", "self.kept.append((rows + first,", "self.kept.append((rows,"),
     ],
-    "curriculum/ch3_4_constraints/publish.py": [
-        ("tol missing from the metrics", '"impedance", "tol"', '"impedance"', "ruler"),
-        ("an old recording beside new numbers", ", RECORDING: None}", "}", "files"),
-        ("a full disk costs the old recording", "if (args.out / name).exists():", "if False:",
-            "files"),
-        ("half a recording stays", "            path.unlink(missing_ok=True)\n", "", "files"),
+    ("curriculum/common/gauss.py", "ruler"): [
+     ("stages that resolve nothing", "wild = rough / (", "wild = 0.0 * rough / ("),
+     ("positions with weights of speeds", "late = b * (1.0 - c)", "late = b"),
+     ("nodes for polynomials of less", "n[-2:]]", "n[:2]]"),
     ],
-    "curriculum/common/files.py": [
-        ("files written in place", "writers[name](aside / name)", "writers[name](folder / name)",
-            "files"),
-        ("two runs at once", "fcntl.flock(handle, fcntl.LOCK_EX)", "pass", "files"),
-        ("Ctrl-C between two files",
-            "stack.enter_context(ThreadPoolExecutor(1)).submit(rename).result()", "rename()",
-            "files"),
-        ("NaN in JSON", "allow_nan=False", "allow_nan=True", "files"),
-        ("a device replaced by a file", "if path.exists() and not path.is_file():",
-            "if path.is_dir():", "files"),
-        ("what a killed run left stays", "shutil.rmtree(left, ignore_errors=True)", "pass",
-            "files"),
+    ("curriculum/common/ruler.py", "ruler"): [
+     ("the ruler accepts a millimetre", "KNOWN = 1e-9", "KNOWN = 1e-3"),
+     ("a budget that is not spent", "        most -= steps\n", ""),
+     ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:"),
+     ("a step lost", "math.ceil(seconds / dt - 1e-9)", "math.floor(seconds / dt)"),
     ],
-    "curriculum/common/cli.py": [
-        ("a traceback at | head", "isinstance(error, BrokenPipeError)", "False", "command_line"),
-        ("a signal is not heeded", "is not signal.SIG_IGN", "is signal.SIG_IGN", "command_line"),
-        ("digits of any script", ", text, re.ASCII)", ", text)", "command_line"),
-        ("1e-400 is zero", "if lost or not low", "if not low", "command_line"),
-        ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:",
-            "command_line"),
-        ("frames of ours in a traceback", "shown.stack[:] = own or shown.stack", "pass",
-            "command_line"),
+    ("curriculum/ch3_4_constraints/large.py", "force"): [
+     ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += "),
+     ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up"),
     ],
-    "curriculum/common/banner.py": [
-        ("every run is said to take so long", "if default else ()", "if True else ()",
-            "command_line"),
-        ("progress at once", "taken > max(SURE, shown + 0.1)", "taken > shown + 0.1",
-            "command_line"),
-        ("progress of one part", "(before + step / steps) / parts", "step / steps", "command_line"),
+    ("curriculum/ch3_4_constraints/large.py", "large"): [
+     ("few rods, all tied, written out", "> FILL", "> 1e9"),
+    ],
+    ("curriculum/ch3_4_constraints/recording.py", "recording"): [
+     ("the trail of another particle", "positions=run.q[:, -1]", "positions=run.q[:, 0]"),
+     ("curves swapped", "pulls[mode][:, 0] for mode", "pulls[mode][:, -1] for mode"),
+     ("no thinning", "max(1, round(1.0 / (FRAME_RATE * dt)), ", "max(1, "),
+     ("no cap", ", -(-(steps + 1) // most)))", ", 1))"),
+    ],
+    ("curriculum/ch3_4_constraints/scene_files.py", "scenes"): [
+     ("the second of two equal keys counts", "if len(found) < len(items):", "if False:"),
+     ("a pipe is read", "not path.is_file() or ", ""),
+    ],
+    ("curriculum/ch3_4_constraints/publish.py", "ruler"): [
+     ("tol missing from the metrics", '"impedance", "tol"', '"impedance"'),
+    ],
+    ("curriculum/ch3_4_constraints/publish.py", "files"): [
+     ("an old recording beside new numbers", ", RECORDING: None}", "}"),
+     ("a full disk costs the old recording", "if (args.out / name).exists():", "if False:"),
+     ("half a recording stays", "            path.unlink(missing_ok=True)\n", ""),
+    ],
+    ("curriculum/common/files.py", "files"): [
+     ("files written in place", "writers[name](aside / name)", "writers[name](folder / name)"),
+     ("two runs at once", "fcntl.flock(handle, fcntl.LOCK_EX)", "pass"),
+     ("Ctrl-C between two files",
+        "stack.enter_context(ThreadPoolExecutor(1)).submit(rename).result()", "rename()"),
+     ("NaN in JSON", "allow_nan=False", "allow_nan=True"),
+     ("a device replaced by a file", "if path.exists() and not path.is_file():",
+        "if path.is_dir():"),
+     ("what a killed run left stays", "shutil.rmtree(left, ignore_errors=True)", "pass"),
+    ],
+    ("curriculum/common/cli.py", "command_line"): [
+     ("a traceback at | head", "isinstance(error, BrokenPipeError)", "False"),
+     ("a signal is not heeded", "is not signal.SIG_IGN", "is signal.SIG_IGN"),
+     ("digits of any script", ", text, re.ASCII)", ", text)"),
+     ("1e-400 is zero", "if lost or not low", "if not low"),
+     ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:"),
+     ("frames of ours in a traceback", "shown.stack[:] = own or shown.stack", "pass"),
+    ],
+    ("curriculum/common/banner.py", "command_line"): [
+     ("every run is said to take so long", "if default else ()", "if True else ()"),
+     ("progress at once", "taken > max(SURE, shown + 0.1)", "taken > shown + 0.1"),
+     ("progress of one part", "(before + step / steps) / parts", "step / steps"),
     ],
 }  # fmt: skip
 
 
 def tests(folder, files):
     """What pytest says of test files in a copy: its exit status, None if it hangs; a last line."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-x",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        *(f"tests/test_{name}.py" for name in files),
-    ]
+    command = [sys.executable, "-m", "pytest", "-xqp", "no:cacheprovider"]
+    command += [f"tests/test_{name}.py" for name in files]
     settings, limit = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, LIMIT * len(files)
+    how = {"cwd": folder, "env": settings, "capture_output": True, "text": True}
     try:
-        done = subprocess.run(
-            command, cwd=folder, env=settings, capture_output=True, text=True, timeout=limit
-        )
+        done = subprocess.run(command, timeout=limit, **how)
     except subprocess.TimeoutExpired:
         return None, f"did not end in {limit} s"
     said = done.stdout.strip() or done.stderr.strip() or "nothing"
     return done.returncode, said.splitlines()[-1]
 
 
-def fate(folder, file, old, new, test):
+def fate(folder, file, test, old, new):
     """What becomes of a mutant, in words that begin with "caught" if all is well."""
     path = folder / file
     text = path.read_text(encoding="utf-8")
@@ -278,8 +244,8 @@ def main(argv=None):
     parser.add_argument("--share", type=number(high=1.0 + 1e-9), default=1.0, help=share)
     args = parser.parse_args(argv)
     words = args.words or [""]
-    chosen = [(file, *mutant) for file, mutants in MUTANTS.items() for mutant in mutants]
-    chosen = [one for one in chosen if any(word in f"{one[0]}: {one[1]}" for word in words)]
+    chosen = [(*place, *mutant) for place, mutants in MUTANTS.items() for mutant in mutants]
+    chosen = [one for one in chosen if any(word in f"{one[0]}: {one[2]}" for word in words)]
     if args.share < 1.0:
         head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True).stdout
         drawn = random.Random(head).sample(range(len(chosen)), math.ceil(args.share * len(chosen)))
@@ -291,13 +257,13 @@ def main(argv=None):
         for part in PARTS:
             copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
             copy(ROOT / part, folder / part)
-        status, said = tests(folder, sorted({mutant[-1] for mutant in chosen}))
+        status, said = tests(folder, sorted({mutant[1] for mutant in chosen}))
         if status != 0:
             print(f"mutants: the tests fail before anything is broken: {said}", file=sys.stderr)
             return 1
-        for k, (file, what, *rest) in enumerate(chosen):
+        for k, (file, test, what, *change) in enumerate(chosen):
             tick(k + 1)
-            end = fate(folder, file, *rest)
+            end = fate(folder, file, test, *change)
             wrong += [] if end.startswith("caught") else [what]
             print(f"{file.rpartition('/')[2]:<15} {what:<42} {end}", flush=True)
         tick(len(chosen) + 1)

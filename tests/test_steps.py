@@ -32,102 +32,22 @@ class Machine(Compiled):
 
 
 WAYS = Python, Machine, Plain
-SCENES = "heavy_tip", "fourbar_coupler", "jansen_leg", "windows", "spin", "tonne"
-CASES = [*product(["double"], c.INTEGRATORS, c.hold_table())]
-CASES += [*product(["pendulum", "braced"], ["euler", "semi_implicit", "rk4"], c.hold_table())]
-CASES += [*product(SCENES, ["semi_implicit"], c.hold_table())]
-CASES += [("triple", "gauss", "project"), ("fourbar_coupler", "gauss", "none")]
 
 
 def system_of(name):
     return c.build_system(name) if name in c.SYSTEMS else scene(name)
 
 
-@pytest.mark.parametrize(("name", "rule", "mode"), CASES)
-def test_every_way_takes_the_same_steps(name, rule, mode):
-    """As Python's floats, to the last bit, alone or side by side; numpy's to rounding."""
-    system, dt, count = system_of(name), 0.005, 3
-    force, m, q = c.make_force(system, mode), system["m"], system["q0"]
-    step = followed(c.INTEGRATORS[rule], force.after if force.hold.after else None)
-    v = system["v0"] + 0.1 * np.random.default_rng(2).normal(size=(native.LANES + 3, *q.shape)) * (
-        q != 0.0
-    )
-    made = Compiled(step)
-    made.trace(np.broadcast_to(q, v.shape), v, m, force, dt)
-    assert made.way == "compiled to numpy calls"
-    columns, traced = made.alone.traced.columns(q + 0.0 * v, v), made.alone.traced
-    alone = np.stack([made.alone(column, count, dt)[0] for column in columns.T], axis=-1)
-    exact = of_numbers(lambda q, v: step(q, v, m, force, dt), q, v[0])
-    assert np.array_equal(alone[0, :, 0], traced.columns(*exact)[:, 0])
-    end = Plain(step)(q, v[0], m, force, dt)
-    assert np.abs(exact - end).max() < 1e-9 * np.abs(exact).max()
-    for machine in [False, True][: 1 + native.available()]:
-        if machine:
-            made.to_machine(0)
-            made.alone.machine = native.Native(traced.program, 1, 0)
-            found = [made.alone(column, count, dt)[0] for column in columns.T]
-            assert np.array_equal(np.stack(found, axis=-1), alone)
-        assert np.array_equal(made.runner(columns, count, dt)[0], alone)
-
-
-def heat(system, q, v):
-    """An arithmetic error, as soon as something is low enough."""
-    return system["m"] * (c.GRAVITY + 1e-300 * np.exp(-900.0 * q))
-
-
-STOPS = {  # name, rule, mode, dt, steps: how it ends
-    ("double", "semi_implicit", 40.0, 0.05, 40): "diverged",
-    ("double", "gauss", "none", 100.0, 2): "loop",
-    ("triple", "rk4", "project", 0.3, 9): "loop",
-    ("fourbar_coupler", "semi_implicit", "none", 0.5, 40): "diverged",
-    ("double", "euler", "heat", 0.02, 40): "arithmetic",
-    ("double", "rk4", "heat", 0.02, 40): "arithmetic",
-    ("double", "gauss", "none", 0.25, 12): None,
-    ("braced", "semi_implicit", "none", 0.02, 90): None,
-    ("braced", "rk4", "none", 0.05, 90): None,
-}
-
-
-@pytest.mark.parametrize("case", STOPS)
-def test_a_run_ends_alike_in_every_way(case, monkeypatch):
-    """With the same sentence, kind and bytes, and as many steps in halves."""
-    name, rule, mode, dt, count = case
-    if mode == "heat":
-        monkeypatch.setattr(c, "external_force", heat)
-        mode = "none"
-    system = system_of(name)
-    force, rule = c.make_force(system, mode), c.INTEGRATORS[rule]
-    series = range(count + 1)
-    first, second, plain = (c.simulate(rule, system, force, dt, count, series, way) for way in WAYS)
-    assert first.kind == STOPS[case] and len(plain.tip) == len(first.tip)
-    assert first[6:9] == second[6:9] and all(map(np.array_equal, first[:6], second[:6]))
-    assert all(map(partial(np.allclose, rtol=1e-6, atol=1e-9), plain[:6], first[:6]))
-    assert plain[6:8] == first[6:8] or first.kind == "arithmetic" and plain.kind == "diverged"
-    assert not native.available() or second.way == "compiled to machine code"
-
-
-class Keeps:
-    """Forces that remember, made anew for each run: a trace would freeze what they do."""
-
-    def start(self):
-        kept = []
-        return lambda q, v: kept.append(q.copy()) or 40.0 * (kept[0] - q)
-
-    def last_speed(self):
-        kept = [0.0]
-        return lambda q, v: -0.5 * (v - kept[kept.append(v.copy()) or -2])
-
-    def cache(self):
-        known = {}
-        return lambda q, v: known.setdefault(q.shape, -v)
-
-    def count(self):
-        calls = []
-        return lambda q, v: np.full(q.shape, float(calls.append(0) or len(calls) // 5 % 2))
-
-    def chance(self):
-        rng = np.random.default_rng(3)
-        return lambda q, v: rng.normal(size=q.shape) * (rng.random() < 0.3)
+def makers():
+    """Forces that remember, anew for each run: a trace would freeze what they do."""
+    kept, speeds, known, calls, rng = [], [0.0], {}, [], np.random.default_rng(3)
+    return {
+        "start": lambda q, v: kept.append(q.copy()) or 40.0 * (kept[0] - q),
+        "last speed": lambda q, v: -0.5 * (v - speeds[speeds.append(v.copy()) or -2]),
+        "cache": lambda q, v: known.setdefault(q.shape, -v),
+        "count": lambda q, v: np.full(q.shape, float(calls.append(0) or len(calls) // 5 % 2)),
+        "chance": lambda q, v: rng.normal(size=q.shape) * (rng.random() < 0.3),
+    }
 
 
 def careless(q, v):
@@ -168,8 +88,6 @@ ASKS = {  # (q, v) -> what comes to gravity: a symbol and a number answer these 
     "soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
     "dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
 } | {kind: looping(kind) for kind in ("in place", "counts", "keeps")}
-MAKERS = {name: getattr(Keeps(), name) for name in vars(Keeps) if name[0] != "_"}
-MAKERS |= {name: (lambda force=force: force) for name, force in ASKS.items()}
 
 
 def feel(monkeypatch, force):
@@ -178,12 +96,12 @@ def feel(monkeypatch, force):
     monkeypatch.setattr(c, "external_force", felt)
 
 
-@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize("name", [*makers(), *ASKS])
 def test_what_a_trace_would_freeze_gives_the_plain_answer(name, monkeypatch):
-    rule = c.INTEGRATORS["rk4" if name in vars(Keeps) else "semi_implicit"]
+    rule = c.semi_implicit_step if name in ASKS else c.rk4_step
     system, ends = c.build_system("double"), []
     for way in (Machine, Plain):
-        feel(monkeypatch, MAKERS[name]())
+        feel(monkeypatch, (ASKS | makers())[name])
         ends.append(c.simulate(rule, system, c.make_force(system, 0.0), 0.005, 40, way=way))
     found, plain = ends
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)
@@ -305,3 +223,73 @@ def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
         assert all(map(np.array_equal, run[:6], runs[0][:6]))
     ways = ["compiled to machine code" in run.way for run in runs]
     assert ways == [False, False, native.available()]
+
+
+def heat(system, q, v):
+    """An arithmetic error, as soon as something is low enough."""
+    return system["m"] * (c.GRAVITY + 1e-300 * np.exp(-900.0 * q))
+
+
+STOPS = {  # name, rule, mode, dt, steps: how it ends
+    ("double", "semi_implicit", 40.0, 0.05, 40): "diverged",
+    ("double", "gauss", "none", 100.0, 2): "loop",
+    ("triple", "rk4", "project", 0.3, 9): "loop",
+    ("fourbar_coupler", "semi_implicit", "none", 0.5, 40): "diverged",
+    ("double", "euler", "heat", 0.02, 40): "arithmetic",
+    ("double", "rk4", "heat", 0.02, 40): "arithmetic",
+    ("double", "gauss", "none", 0.25, 12): None,
+    ("braced", "semi_implicit", "none", 0.02, 90): None,
+    ("braced", "rk4", "none", 0.05, 90): None,
+}
+
+
+@pytest.mark.parametrize("case", STOPS)
+def test_a_run_ends_alike_in_every_way(case, monkeypatch):
+    """With the same sentence, kind and bytes, and as many steps in halves."""
+    name, rule, mode, dt, count = case
+    if mode == "heat":
+        monkeypatch.setattr(c, "external_force", heat)
+        mode = "none"
+    system = system_of(name)
+    force, rule = c.make_force(system, mode), c.INTEGRATORS[rule]
+    series = range(count + 1)
+    first, second, plain = (c.simulate(rule, system, force, dt, count, series, way) for way in WAYS)
+    assert first.kind == STOPS[case] and len(plain.tip) == len(first.tip)
+    assert first[6:9] == second[6:9] and all(map(np.array_equal, first[:6], second[:6]))
+    assert all(map(partial(np.allclose, rtol=1e-6, atol=1e-9), plain[:6], first[:6]))
+    assert plain[6:8] == first[6:8] or first.kind == "arithmetic" and plain.kind == "diverged"
+    assert not native.available() or second.way == "compiled to machine code"
+
+
+SCENES = "heavy_tip", "fourbar_coupler", "jansen_leg", "windows", "spin", "tonne"
+CASES = [*product(["double"], c.INTEGRATORS, c.hold_table())]
+CASES += [*product(["pendulum", "braced"], ["euler", "semi_implicit", "rk4"], c.hold_table())]
+CASES += [*product(SCENES, ["semi_implicit"], c.hold_table())]
+CASES += [("triple", "gauss", "project"), ("fourbar_coupler", "gauss", "none")]
+
+
+@pytest.mark.parametrize(("name", "rule", "mode"), CASES)
+def test_every_way_takes_the_same_steps(name, rule, mode):
+    """As Python's floats, to the last bit, alone or side by side; numpy's to rounding."""
+    system, dt, count = system_of(name), 0.005, 3
+    force, m, q = c.make_force(system, mode), system["m"], system["q0"]
+    step = followed(c.INTEGRATORS[rule], force.after if force.hold.after else None)
+    v = system["v0"] + 0.1 * np.random.default_rng(2).normal(size=(native.LANES + 3, *q.shape)) * (
+        q != 0.0
+    )
+    made = Compiled(step)
+    made.trace(np.broadcast_to(q, v.shape), v, m, force, dt)
+    assert made.way == "compiled to numpy calls"
+    columns, traced = made.alone.traced.columns(q + 0.0 * v, v), made.alone.traced
+    alone = np.stack([made.alone(column, count, dt)[0] for column in columns.T], axis=-1)
+    exact = of_numbers(lambda q, v: step(q, v, m, force, dt), q, v[0])
+    assert np.array_equal(alone[0, :, 0], traced.columns(*exact)[:, 0])
+    end = Plain(step)(q, v[0], m, force, dt)
+    assert np.abs(exact - end).max() < 1e-9 * np.abs(exact).max()
+    for machine in [False, True][: 1 + native.available()]:
+        if machine:
+            made.to_machine(0)
+            made.alone.machine = native.Native(traced.program, 1, 0)
+            found = [made.alone(column, count, dt)[0] for column in columns.T]
+            assert np.array_equal(np.stack(found, axis=-1), alone)
+        assert np.array_equal(made.runner(columns, count, dt)[0], alone)
