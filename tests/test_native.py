@@ -1,7 +1,6 @@
 """Machine code has the bits of the same lines on Python's floats, one member or eight at a time."""
 
 from curriculum.common import native, trace
-from curriculum.common.trace import repeat
 
 import numpy as np
 import pytest
