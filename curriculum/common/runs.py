@@ -1,6 +1,5 @@
 """What a run leaves behind: a log while it goes, and a Run when it has ended."""
 
-import math
 from typing import NamedTuple
 
 from curriculum.common.banner import progress
@@ -127,4 +126,6 @@ class Log:
         series = [x[: self.done + 1] for x in self.series]
         seconds = stepper.seconds * self.done / max(1, stepper.taken)
         ended = self.stopped, self.kind, stepper.halved
-        return Run(*series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source)
+        return Run(
+            *series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source
+        )
