@@ -45,13 +45,13 @@ def test_what_is_not_finite_ends_a_run_before_it_starts_or_there(monkeypatch):
 def test_a_step_that_gives_up_ends_a_run_with_its_words(way):
     def tired(q, v, m, force, dt):
         if q[0, 1] < -0.1:
-            raise Stop("it is too far down", "arithmetic")
+            raise Stop("it is too far down", "height")
         return c.rk4_step(q, v, m, force, dt)
 
     system = c.build_system("pendulum")
     found = c.simulate(tired, system, c.make_force(system, 0.0), 0.01, 90, way=way)
     assert found.stopped == f"stopped at step {len(found.tip)}: it is too far down"
-    assert found.kind == "arithmetic" and 1 < len(found.tip) < 30 and found.halved == 0
+    assert found.kind == "height" and 1 < len(found.tip) < 30 and found.halved == 0
 
 
 @pytest.mark.parametrize(("rule", "count"), [("semi_implicit", 20000), ("gauss", 300)])

@@ -132,7 +132,8 @@ class Writer:
         self.begin(f"head{k}")
         at, turn, last, done = len(self.lines), f"%turn{k}", f"%last{k}", f"%done{k}"
         names = [f"%v{k}_{n}" for n in range(len(loop.names))]
-        inner, self.trouble = env | dict(zip(loop.names, names, strict=True)), trouble
+        inner = env | dict(zip(loop.names, names, strict=True))
+        self.trouble = self.trouble if many else trouble
         more = self.line(f"icmp slt i64 {turn}, {loop.most}")
         self.lines.append(f"  br i1 {more}, label %test{k}, label %fail{k}")
         self.begin(f"test{k}")
@@ -182,7 +183,8 @@ class Writer:
         self.begin(f"end{k}")
         for made, name, other in zip(loop.names, names, lost, strict=True):
             env[made] = self.line(f"phi {t} [{name}, %{tested}], [{other}, %fail{k}]")
-        self.trouble = self.line(f"phi i1 [{known}, %{tested}], [true, %fail{k}]")
+        if not many:
+            self.trouble = self.line(f"phi i1 [{known}, %{tested}], [true, %fail{k}]")
 
 
 def stores(w, values, place):

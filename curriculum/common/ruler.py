@@ -79,7 +79,7 @@ def step_for(tol, seconds, q, runs):
     That is after `seconds`; or as near as it gets. A stage a digit, and the largest step that will
     do. Each of runs: (rule, dt, steps) -> Run.
     """
-    rule = make_gauss(max(4, round(-math.log10(tol))), min(0.1 * tol, 1e-3))
+    rule = make_gauss(max(4, round(-math.log10(tol))), 1e-3 * tol)
     steps, before = math.ceil(seconds / 0.16), math.inf
     while True:
         error, dt = math.inf, seconds / steps

@@ -83,9 +83,12 @@ class Log:
         self.done, self.stopped, self.kind, self.series, self.kept = -1, None, None, [], []
 
     def __enter__(self):
+        self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words
+        self.quiet.__enter__()
         return self
 
     def __exit__(self, kind, why, trace):
+        self.quiet.__exit__(kind, why, trace)
         if isinstance(why, Stop):
             self.stopped, self.kind = f"stopped at step {self.done + 1}: {why}", why.kind
         return isinstance(why, Stop)
