@@ -189,7 +189,7 @@ def multipliers(system, q, v, hold=0.0, f=None):
     (jac, a, b, g), turned = linear_system(system, q, v, as_hold(hold), f), 0.0
     if has_loop(tuple(system["pairs"])):  # rods that turn together come no nearer to losing rank
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
-    return jac, solve(system, a, b, statics.blur(system["lengths"], g, 0.0), turned)
+    return jac, solve(system, a, b, statics.blur(system["lengths"], g), turned)
 
 
 def pull(jac, lam):
@@ -249,7 +249,7 @@ def project(system, q_start, q, v, dt):
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, statics.blur(lengths, g, 0.0))
+        mu = solve(system, mobility(system, jac, along), g, statics.blur(lengths, g))
         return q - pull(along, mu) / system["m"], dot(g / close, g / close)
 
     end = repeat(newton, q, 20, "no way back onto the rods")

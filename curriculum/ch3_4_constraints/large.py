@@ -10,7 +10,7 @@ What a Hold asks for, and when a rod is right, is the chapter's to say: it hands
 from functools import lru_cache
 from itertools import groupby, product
 
-from curriculum.ch3_4_constraints.statics import blur, near
+from curriculum.ch3_4_constraints.statics import INSTANT, blur, near
 from curriculum.common.graph import band_order, elimination_order, has_loop
 from curriculum.common.trace import Stop, repeat
 
@@ -79,7 +79,7 @@ class Chain:
         felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle, and back the one before it
         return felt
 
-    def multipliers(self, m, d, along, b, x, slack, softness=0.0):
+    def multipliers(self, m, d, along, b, x, slack, turn, softness=0.0):
         """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
         w = 1.0 / m
         ends = w.copy()
@@ -132,22 +132,25 @@ class Linkage:
         np.subtract.at(force, (..., self.j), felt)
         return force[..., : self.n]
 
-    def multipliers(self, m, d, along, b, x, slack, softness=0.0):
+    def multipliers(self, m, d, along, b, x, slack, turn, softness=0.0):
         """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
-        a share `slack` (..., C) more, and rounds take it back for as long as they help. Raises Stop
-        where b, made of d and differences of x (3, ..., N), is not met then.
+        a share `slack` (..., C) more and A what `turn` (3, ..., C) makes of it, and rounds take it
+        back for as long as they help. Raises Stop where b, made of d and differences of x
+        (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
             lam, slack = np.empty_like(b), np.broadcast_to(slack, b.shape)
             for at in np.ndindex(b.shape[:-1]):
-                part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at]
+                part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at], turn[:, *at]
                 lam[at] = self.multipliers(m, *part, softness)
             return lam
-        values = np.add.reduceat(self.signs / m[self.particles], self.first)
-        values *= dot(d[:, self.rows], along[:, self.columns])
+        shares = np.add.reduceat(self.signs / m[self.particles], self.first)
+        values = shares * dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
         own, spread = values[self.diagonal], values.copy()
-        spread[self.diagonal] *= 1.0 + SLACK * self.loop + slack
+        if self.loop:
+            spread[self.diagonal] *= 1.0 + SLACK + slack
+            spread += shares * dot(turn[:, self.rows], turn[:, self.columns])
         solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
         while True:
@@ -270,13 +273,12 @@ class LargeForce:
         g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
         terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
         b = self.right_side(self.hold, self.lengths, *terms)
-        return f, d, self.multipliers(d, d, b, a, g, jdotv, self.hold.softness)
+        return f, d, self.multipliers(d, d, b, a, g, INSTANT * rate, self.hold.softness)
 
-    def multipliers(self, d, along, b, x, g, jdotv, softness=0.0):
-        """lambda (..., C), as the rods find it."""
-        each = (part[..., None] for part in (self.lengths, g, jdotv))  # by itself
-        slack = blur(*each) if self.rods.loop else 0.0
-        return self.rods.multipliers(self.m, d, along, b, x, slack, softness)
+    def multipliers(self, d, along, b, x, g, turn, softness=0.0):
+        """lambda (..., C), as the rods find it; each has a blur of its own."""
+        slack = blur(self.lengths[..., None], g[..., None]) if self.rods.loop else 0.0
+        return self.rods.multipliers(self.m, d, along, b, x, slack, turn, softness)
 
     def __call__(self, q, v):
         f, d, lam = self.answer(q, v)
@@ -295,7 +297,7 @@ class LargeForce:
         along, close = self.rods.vectors(start, self.anchors), near(self.lengths, q_start)
 
         def impulse(d, along, b, x, g):
-            return self.rods.pull(along, self.multipliers(d, along, b, x, g, 0.0 * g)) / self.m
+            return self.rods.pull(along, self.multipliers(d, along, b, x, g, 0.0 * d)) / self.m
 
         def newton(x):
             d = self.rods.vectors(x, self.anchors)

@@ -13,14 +13,14 @@ FEW = 64  # rods: beyond, the place where a run stopped is not looked at
 INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
 
 
-def blur(lengths, g, jdotv):
+def blur(lengths, g):
     """The share (...) of A's diagonal that an eigenvalue needs to mean anything, in a loop.
 
-    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
-    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    Its root is an angle, from the pose where rods lose rank: no smaller than the shares by which
+    their lengths are wrong. Nor may it be smaller than the angles by which they turn in an INSTANT,
+    unless they turn together: what J M^-1 J^T gains in that time is added to A for that.
     """
-    square = np.square(lengths)
-    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
+    return np.sum(np.square(g / np.square(lengths)), axis=-1)
 
 
 def near(lengths, q):
