@@ -383,7 +383,7 @@ def report(args, system, rows, runs, dt, steps, truth):
     tables.comparison(rows, runs, hints, at, truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    if args.system in SYSTEMS and args.baumgarte and steps > SMOKE_STEPS:
+    if args.system in SYSTEMS and args.baumgarte and steps >= SMOKE_STEPS:
         tables.verdict(rows)
 
 

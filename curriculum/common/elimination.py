@@ -43,11 +43,13 @@ def refined(rough, a, b, complaint):
     def weigh(x):
         return np.sum(x * (x / own), axis=-1, keepdims=True)
 
+    nothing = 1e-40 * weigh(b)[..., 0] + 1e-200  # what is left of a b that asks for no force
+
     def another(state):  # x, and behind it what was left before the last round
         x, before = state[..., :-1], state[..., -1]
         rest = b - np.sum(a * x[..., None, :], axis=-1)
         left = weigh(rest)
-        size = before / (4.0 * left[..., 0] + 1e-200)  # at most 1 once a round fails to halve
+        size = before / (4.0 * left[..., 0] + nothing)  # at most 1 once a round fails to halve
         return np.concatenate([x + rough(rest), left], axis=-1), size
 
     start = np.concatenate([rough(b), weigh(b)], axis=-1)

@@ -4,9 +4,9 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import tempfile
 from pathlib import Path
-from threading import Thread
 
 
 def write_together(folder, writers):
@@ -31,24 +31,26 @@ def write_together(folder, writers):
             except OSError as why:
                 raise OSError(why.errno, why.strerror or str(why), str(folder / name)) from None
 
-        failed = []
+        with undisturbed():
+            for name in writers:
+                made = (aside / name).exists()
+                os.replace(aside / name, folder / name) if made else (folder / name).unlink(True)
 
-        def rename():
-            try:
-                for name in writers:
-                    made = (aside / name).exists()
-                    os.replace(aside / name, folder / name) if made else (folder / name).unlink(
-                        True
-                    )
-            except OSError as why:
-                failed.append(why)
 
-        worker = Thread(target=rename)  # as Ctrl-C interrupts the main thread only
-        stack.callback(worker.join)
-        worker.start()
-        worker.join()
-        if failed:
-            raise failed[0]
+@contextlib.contextmanager
+def undisturbed():
+    """A moment in which no signal ends the program; one that comes then is not heard."""
+    names = {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal))
+    before = {}
+    with contextlib.suppress(ValueError):  # only the main thread hears signals
+        for name in names:
+            number = getattr(signal, name)
+            before[number] = signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def write_whole(path, write):
