@@ -219,10 +219,14 @@ def assembly(program, lanes):
         w.lines.append(f"  %s{k} = load {t}, ptr %p{k}, align 8")
     env = {name: f"%in{k}" for k, name in enumerate(program.inputs)}
     for k, knob in enumerate(program.knobs):
-        env[knob] = w.line(f"load double, ptr {w.line(f'getelementptr double, ptr %knobs, i64 {k}')}")
+        env[knob] = w.line(
+            f"load double, ptr {w.line(f'getelementptr double, ptr %knobs, i64 {k}')}"
+        )
         if lanes > 1:
             one = w.line(f"insertelement {t} poison, double {env[knob]}, i32 0")
-            env[knob] = w.line(f"shufflevector {t} {one}, {t} poison, <{lanes} x i32> zeroinitializer")
+            env[knob] = w.line(
+                f"shufflevector {t} {one}, {t} poison, <{lanes} x i32> zeroinitializer"
+            )
     w.operations(tape, tape.needed(program.lasting()), env)
     w.lines += ["  %silent = icmp eq ptr %out, null", "  br label %step"]
     w.begin("step")

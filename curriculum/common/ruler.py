@@ -76,12 +76,14 @@ def settle(run, modes, rule, dt, steps, tol, most):
     """The rule, step and number of steps to run with, and the Truth.
 
     With `tol` m, gauss finds rule and step. `most` steps may be spent on the truth.
-    run(mode, rule, dt, steps, ...) -> Run. Raises ValueError if the truth is wanted and not to be had.
+    run(mode, rule, dt, steps, ...) -> Run. ValueError if the truth is wanted and not to be had.
     """
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     truth = true_position(partial(run, "project"), at, most)
     if tol and not truth[1] < tol:
-        raise ValueError(f"where the particles are after {at:.3g} s is not known to {tol:g} m; give --dt")
+        raise ValueError(
+            f"where the particles are after {at:.3g} s is not known to {tol:g} m; give --dt"
+        )
     if tol:
         rule, dt = step_for(tol, at, truth[0], [partial(run, mode) for mode in modes])
     return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth)

@@ -1,6 +1,5 @@
 """What a run leaves behind: a log while it goes, and a Run when it has ended."""
 
-import math
 from typing import NamedTuple
 
 from curriculum.common.banner import progress
@@ -61,6 +60,12 @@ class Run(NamedTuple):
             "halved": self.halved,
             "stopped": self.stopped,
         }
+
+
+def each_state(function, q, v):
+    """function(q, v) (N, 3), which is of one state, of each of q, v (..., N, 3)."""
+    states = zip(*(x.reshape(-1, *x.shape[-2:]) for x in (q, v)), strict=True)
+    return np.reshape([np.broadcast_to(function(*at), q.shape[-2:]) for at in states], q.shape)
 
 
 def distance(a, b):
@@ -127,4 +132,6 @@ class Log:
         series = [x[: self.done + 1] for x in self.series]
         seconds = stepper.seconds * self.done / max(1, stepper.taken)
         ended = self.stopped, self.kind, stepper.halved
-        return Run(*series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source)
+        return Run(
+            *series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source
+        )

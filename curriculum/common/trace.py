@@ -278,7 +278,7 @@ class Program:
 
 
 class Routine:
-    """function(*arrays) -> array, traced once for each pattern of zeros, however often it is called.
+    """function(*arrays) -> array, traced once for each pattern of zeros, and called often.
 
     On arrays of floats it is just the function.
     """
