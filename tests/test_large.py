@@ -53,12 +53,12 @@ def cable(rods, slack, ratio):
     )
 
 
-def truss(bays, both):
-    """A cantilever at rest; with `both` diagonals, a rod too many in each of its bays."""
+def truss(bays):
+    """A cantilever at rest; with both diagonals, a rod too many in each of its bays."""
     q = np.array([[k, level, 0.0] for k in range(1, bays + 1) for level in (0, 1)])
-    pairs = [(0, -1), (0, -2), (1, -2), (1, 0)] + [(1, -1)] * both
+    pairs = [(0, -1), (0, -2), (1, -2), (1, 0), (1, -1)]
     for k in range(2, 2 * bays, 2):
-        pairs += [(k, k - 2), (k, k - 1), (k + 1, k - 1), (k + 1, k)] + [(k + 1, k - 2)] * both
+        pairs += [(k, k - 2), (k, k - 1), (k + 1, k - 1), (k + 1, k), (k + 1, k - 2)]
     return make_system(q, 0.0 * q, np.ones(2 * bays), pairs, None, [[0.0, 0, 0], [0.0, 1.0, 0]])
 
 
@@ -89,7 +89,7 @@ def test_large_scenes_equal_the_chapters_lines(name):
 
 
 TIGHT = {f"cable {s}, 1:{m}": cable(150, s, m) for s in (0.001, 0.02) for m in (1.0, 1000.0)}
-TIGHT |= {"truss": truss(30, False), "redundant": tree(60, 140)}
+TIGHT |= {"redundant": tree(60, 140)}
 
 
 @pytest.mark.parametrize("name", TIGHT)
@@ -104,13 +104,19 @@ def test_no_load_is_let_go(name):
     assert_close(found.ravel() / 9.81, (free + held / root) / 9.81, max(1e-9, 1e-15 * condition))
 
 
-def test_rods_too_many_stay_put():
+def test_rods_too_many_stay_put_and_long_chains_find_their_way_back():
     """With less slack, what rounding leaves between the rods of a braced truss blows up."""
-    system = truss(20, True)
+    system = truss(20)
     force, q, v = c.make_force(system, 0.0), system["q0"], system["v0"]
     for _ in range(40):
         q, v = c.semi_implicit_step(q, v, system["m"], force, 0.005)
     assert c.constraint_violation(system, q) < 1e-8
+    system = c.build_system("chain", links=10_000)
+    force = c.make_force(system, TABLE["project"])
+    end = c.semi_implicit_step(system["q0"], system["v0"], system["m"], force, 0.005)
+    q, _ = force.after(system["q0"], *end, 0.005)
+    assert c.constraint_violation(system, end[0]) > 1e-8
+    assert c.constraint_violation(system, q) < 1e-11
 
 
 def test_what_no_tension_can_hold_is_said():
@@ -120,15 +126,6 @@ def test_what_no_tension_can_hold_is_said():
     for q in (line["q0"], np.nan * line["q0"]):
         with np.errstate(all="ignore"), pytest.raises(Stop, match="no finite tensions"):
             c.make_force(line, 0.0)(q, line["v0"])
-
-
-def test_a_long_chain_finds_its_way_back():
-    system = c.build_system("chain", links=10_000)
-    force = c.make_force(system, TABLE["project"])
-    end = c.semi_implicit_step(system["q0"], system["v0"], system["m"], force, 0.005)
-    q, _ = force.after(system["q0"], *end, 0.005)
-    assert c.constraint_violation(system, end[0]) > 1e-8
-    assert c.constraint_violation(system, q) < 1e-11
 
 
 def test_what_is_large():
@@ -143,24 +140,21 @@ def test_what_is_large():
 def test_an_edit_of_the_chapter_counts_for_many_rods(monkeypatch):
     system, original = SCENES["tree"], c.right_side
     q, v = system["q0"], system["v0"]
-    before = c.make_force(system, 0.0)(q, v)
     monkeypatch.setattr(c, "right_side", lambda *terms: original(*terms[:-1], 0.0 * terms[-1]))
     monkeypatch.setattr(c, "external_force", lambda *_: [0.0, -9.0, 0.0])  # a list will do
-    after = c.make_force(system, 0.0)(q, v)
-    assert np.abs(after - before).max() > 1.0
-    monkeypatch.setattr(c, "external_force", lambda *_: np.array([0.0, -9.0, 0.0]))
-    assert_close(after, [0.0, -9.0, 0.0] + c.constraint_force(system, q, v, 0.0))
+    after, g = c.make_force(system, 0.0)(q, v), np.array([0.0, -9.0, 0.0])
+    monkeypatch.setattr(c, "external_force", lambda *_: g)
+    assert_close(after, g + c.constraint_force(system, q, v, 0.0))
+    monkeypatch.undo()
+    assert np.abs(after - c.make_force(system, 0.0)(q, v)).max() > 1.0
 
 
-@pytest.mark.parametrize("n", [1, 80, 81, 161, 162, 1000])
+@pytest.mark.parametrize("n", [1, 80, 81, 162, 1000])
 def test_cyclic_reduction_solves(n):
     rng = np.random.default_rng(n)
-    parts = [
-        rng.uniform(2.5, 3.0, (2, n)),
-        *(rng.uniform(0.1, 1.0, (2, k)) for k in (n - 1, n - 1, n)),
-    ]
+    diagonal, upper, lower, b = rng.uniform(0.1, 1.0, (4, 2, n))
+    parts = diagonal + 2.4, upper[:, 1:], lower[:, 1:], b
     for found, *one in zip(large.cyclic_reduction(*parts), *parts, strict=True):
-        diagonal, upper, lower, b = one
-        a = np.diag(diagonal) - np.diag(upper, 1) - np.diag(lower, -1)
-        assert_close(found, np.linalg.solve(a, b))
+        a = np.diag(one[0]) - np.diag(one[1], 1) - np.diag(one[2], -1)
+        assert_close(found, np.linalg.solve(a, one[3]))
         assert_close(large.cyclic_reduction(*one), found)
