@@ -26,8 +26,8 @@ from curriculum.common.gauss import make_gauss
 from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.ruler import settle
-from curriculum.common.runs import Log, each_state
-from curriculum.common.steps import Compiled, Plain, followed
+from curriculum.common.runs import Log
+from curriculum.common.steps import Compiled, Plain, each_state, followed
 from curriculum.common.trace import repeat
 
 import numpy as np
@@ -446,8 +446,7 @@ def main(argv=None):
         rows[mode]["unheld"] = round(float(most), 6)
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
-    print(publish(args, used, system, runs, rows, fall, pulls, shown, None))
+    print(publish(args, used, system, runs, rows, fall, forces, shown, None))
     return 0
 
 

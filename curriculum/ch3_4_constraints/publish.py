@@ -36,7 +36,7 @@ class SceneList(argparse.Action):
         parser.exit()
 
 
-def publish(args, used, system, runs, rows, fall, pulls, shown, ghost):
+def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
     """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
     The metrics are `rows`, what was `used`, and those flags that decide them: equal runs are equal
@@ -50,6 +50,7 @@ def publish(args, used, system, runs, rows, fall, pulls, shown, ghost):
     if args.picture:
         writers[PICTURE] = lambda path: write_motion(path, *scene, shown, ghost)
     if args.rerun:
+        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
         writers[RECORDING] = lambda path: record(path, *scene, rows, fall, pulls, ghost)
     lost = []
 

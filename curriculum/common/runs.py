@@ -62,12 +62,6 @@ class Run(NamedTuple):
         }
 
 
-def each_state(function, q, v):
-    """function(q, v) (N, 3), which is of one state, of each of q, v (..., N, 3)."""
-    states = zip(*(x.reshape(-1, *x.shape[-2:]) for x in (q, v)), strict=True)
-    return np.reshape([np.broadcast_to(function(*at), q.shape[-2:]) for at in states], q.shape)
-
-
 def distance(a, b):
     """The largest distance in m between the same particle in positions a and b, (..., N, 3)."""
     return float(np.sqrt(np.max(np.sum(np.square(a - b), axis=-1))))
