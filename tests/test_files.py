@@ -96,19 +96,21 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
 
 
 @pytest.fixture
-def outcome(tmp_path):
-    """outcome(writers): what publish says of a run, and then finds in the folder, or its error."""
+def outcome(tmp_path, monkeypatch):
+    """outcome(picture=, rerun=): what publish says of a run, or its error, by such writers."""
 
     def of(**writers):
-        args = SimpleNamespace(**dict.fromkeys(publish.DECIDE, 0), system="double", out=tmp_path)
-        writers = {getattr(publish, name): write for name, write in writers.items()}
-        return publish.publish(args, {"steps": 7}, {}, writers)
+        flags = dict.fromkeys((*publish.DECIDE, "picture", "rerun"), 0) | writers
+        args = SimpleNamespace(**flags, system="double", out=tmp_path)
+        for flag, name in (("picture", "write_motion"), ("rerun", "record")):
+            monkeypatch.setattr(publish, name, lambda path, *_, flag=flag: writers[flag](path))
+        return publish.publish(args, {"steps": 7}, None, {}, {}, 1.0, {}, (), None)
 
     return of
 
 
 def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(outcome, tmp_path):
-    said = outcome(RECORDING=lambda path: fails(FULL, path))
+    said = outcome(rerun=lambda path: fails(FULL, path))
     assert said.endswith("metrics.json, but no constraints.rrd: No space left on device")
     numbers = contents(tmp_path)
     assert list(numbers) == ["metrics.json"] and json.loads(numbers["metrics.json"])["steps"] == 7
@@ -117,9 +119,7 @@ def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(outcome, t
         (tmp_path / name).write_text(text)
     for error in (FULL, ZeroDivisionError()):  # a mistake in a writer is no missing file
         with pytest.raises(type(error)):
-            outcome(
-                PICTURE=lambda path: path.touch(), RECORDING=lambda path, e=error: fails(e, path)
-            )
+            outcome(picture=lambda path: path.touch(), rerun=lambda path, e=error: fails(e, path))
         assert contents(tmp_path) == old
-    outcome(PICTURE=lambda path: path.write_text("new"))  # nothing old stays beside it
+    outcome(picture=lambda path: path.write_text("new"))  # nothing old stays beside it
     assert sorted(contents(tmp_path)) == ["metrics.json", "motion.svg"]

@@ -20,7 +20,10 @@ NOISE, TICKS = [0.0] * 3, iter(range(9))
 
 
 class Controller:
-    steps, hold = 0, SimpleNamespace(gain=1.0)
+    steps = 0
+
+    def __init__(self):
+        self.hold = SimpleNamespace(gain=1.0)
 
     def __call__(self, q, v):
         self.hold.gain = q[0, 0]
