@@ -43,14 +43,11 @@ def net(n):
     return moving(n * n, [*pairs, (0, -1), (n - 1, -2)], points)
 
 
-def cable(rods, slack, ratio):
-    """A flat arc at rest between two anchors; every other particle is heavier."""
-    x = np.arange(rods + 1.0)
-    q = np.stack([x, -np.sqrt(6.0 * slack) * x * (1.0 - x / rods), 0.0 * x], axis=1)
-    m = np.where(np.arange(rods - 1) % 2, ratio, 1.0)
-    return make_system(
-        q[1:-1], 0.0 * q[1:-1], m, [*row(rods - 1), (rods - 2, -2)], None, q[[0, -1]]
-    )
+def cable(rods):
+    """A taut line at rest between two anchors."""
+    q = np.arange(rods + 1.0)[:, None] * [1.0, 0.0, 0.0]
+    pairs = [*row(rods - 1), (rods - 2, -2)]
+    return make_system(q[1:-1], 0.0 * q[1:-1], np.ones(rods - 1), pairs, None, q[[0, -1]])
 
 
 def truss(bays):
@@ -88,22 +85,6 @@ def test_large_scenes_equal_the_chapters_lines(name):
         assert_close(ours, theirs, 1e-10)
 
 
-TIGHT = {f"cable {s}, 1:{m}": cable(150, s, m) for s in (0.001, 0.02) for m in (1.0, 1000.0)}
-TIGHT |= {"redundant": tree(60, 140)}
-
-
-@pytest.mark.parametrize("name", TIGHT)
-def test_no_load_is_let_go(name):
-    """Accelerations to 1e-9 of g, or to what A's condition leaves, against singular values."""
-    system = TIGHT[name] | {"v0": 0.0 * TIGHT[name]["v0"]}
-    jac, *_ = c.constraint_terms(system, system["q0"], system["v0"])
-    root, free = np.sqrt(np.repeat(system["m"][:, 0], 3)), np.tile(c.GRAVITY, len(system["m"]))
-    held, _, _, sizes = np.linalg.lstsq(jac / root, -jac @ free, rcond=1e-11)
-    found = c.make_force(system, 0.0)(system["q0"], system["v0"]) / system["m"]
-    condition = (sizes[0] / np.min(sizes[sizes > 1e-11 * sizes[0]])) ** 2
-    assert_close(found.ravel() / 9.81, (free + held / root) / 9.81, max(1e-9, 1e-15 * condition))
-
-
 def test_rods_too_many_stay_put_and_long_chains_find_their_way_back():
     """With less slack, what rounding leaves between the rods of a braced truss blows up."""
     system = truss(20)
@@ -121,7 +102,7 @@ def test_rods_too_many_stay_put_and_long_chains_find_their_way_back():
 
 def test_what_no_tension_can_hold_is_said():
     """A straight line in motion between two anchors, and numbers that are none."""
-    line = cable(70, 0.0, 1.0)
+    line = cable(70)
     line["v0"][34, 1] = 1.0
     for q in (line["q0"], np.nan * line["q0"]):
         with np.errstate(all="ignore"), pytest.raises(Stop, match="no finite tensions"):
