@@ -79,7 +79,9 @@ def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion
 
 def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch, tmp_path, capsys):
     flags = ["--quick", "--seeds", "3", "--first", "2", "--seconds", "0.1", "--out"]
-    monkeypatch.setattr(chaos, "growth", lambda *_: (np.ones((3, 20)), 1e-9, 4e-9))
+    known = {"WORK": 4000, "SIZES": (1000,), "growth": lambda *_: (np.ones((3, 20)), 1e-9, 4e-9)}
+    for name, value in known.items():
+        monkeypatch.setattr(chaos, name, value)
     texts = []
     for name in "ab":
         assert chaos.main([*flags, str(tmp_path / name)]) == 0
@@ -92,9 +94,8 @@ def test_the_command_writes_what_it_prints_and_the_same_bytes_twice(monkeypatch,
 
 def test_a_rod_turns_over_when_its_angle_passes_the_upright(tmp_path):
     """Beside the angles of single runs, unwrapped; half is mirrored, and none is seen to leak."""
-    angles = plane.angle(8)[np.stack(np.meshgrid(range(8), range(8), indexing="ij"), -1)].reshape(
-        -1, 2
-    )
+    places = np.stack(np.meshgrid(range(8), range(8), indexing="ij"), axis=-1)
+    angles = plane.angle(8)[places].reshape(-1, 2)
     turns = plane.first_turns(angles, "impulse", 5.0)
     for start, turn in zip(angles[::5], turns[::5], strict=True):
         system = c.build_system("double") | {"q0": plane.starts(start[None])[0]}

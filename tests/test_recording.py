@@ -167,8 +167,6 @@ def test_the_eye_sees_the_whole_scene_from_the_front(name, request):
     x, y, ahead = np.moveaxis((q - eye) * [1.0, 1.0, -1.0], -1, 0)
     share = np.max(np.abs([x * tall / wide, y]) / ahead) / recording.SLOPE  # of half a tile
     assert np.all(ahead > 0.0) and 0.5 < share < 1.0  # nothing is cut, nor far away
-    sizes = (9, 1), (1, 9)
-    assert [recording.columns(6, (840, 800), size, 28)[0] for size in sizes] == [1, 6]
 
 
 def test_a_lost_mode_leaves_the_picture_and_bends_no_axis(lost):
@@ -207,11 +205,11 @@ def test_frames_are_sixty_a_second_or_every_step_and_have_a_cap():
         assert 0 in kept and len(kept) * particles <= recording.MAX_RECORDED
 
 
-def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(default):
+def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(default, lost):
     assert default.path.stat().st_size < 2_000_000
     command = [sys.executable, "-m", "rerun", "rrd"]
     subprocess.run([*command, "verify", default.path], check=True, capture_output=True)
-    text = subprocess.check_output([*command, "print", default.path], text=True)
+    text = subprocess.check_output([*command, "print", lost.path], text=True)
     # else a viewer in a browser makes up its own
     assert re.search("BlueprintActivation.*make_active: true, make_default: true", text)
     (said,) = default.found.rows("/panel", "text")[0]
