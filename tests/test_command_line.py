@@ -183,7 +183,7 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_that_has_seen_enough(tmp_
 # --- the banner, and what takes long ---
 def test_only_a_default_run_begins_with_how_long_one_took(tmp_path):
     for flags, told in (([], True), (["--seed", "1"], False), (["--smoke"], False)):
-        _, _, usual = c.parse([*flags, "--out", str(tmp_path)])
+        _, _, usual, _ = c.parse([*flags, "--out", str(tmp_path)])
         line = banner.banner("ch3.4", "constraints", "cpu", usual)
         assert bool(re.search(r"a default run took [\d.]+ s, \d{4}-", line)) == told
         assert line.startswith("ch3.4 constraints | device cpu") and len(line) <= 80
