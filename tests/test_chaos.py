@@ -57,13 +57,12 @@ def test_the_tables_say_what_the_ends_are_and_count_who_is_lost():
 
 
 def test_a_member_that_flies_apart_is_lost_alone():
-    system = chaos.ensemble("double", range(4))
-    whole, _ = chaos.follow(system, "semi_implicit", "none", DT, 100)
-    system["v0"][2, :, 1] = 1e6  # m/s
-    ends, _ = chaos.follow(system, "semi_implicit", "none", DT, 100)
-    for once, then in zip(whole, ends, strict=True):
-        assert np.isnan(then[2]).all()
-        assert np.delete(once, 2, axis=0).tobytes() == np.delete(then, 2, axis=0).tobytes()
+    system, both = chaos.ensemble("double", range(3)), []
+    for upward in (0.0, 1e6):  # m/s
+        system["v0"][2, :, 1] = upward
+        both.append(chaos.follow(system, "semi_implicit", "none", DT, 100)[0])
+    for once, then in zip(*both, strict=True):
+        assert np.isnan(then[2]).all() and once[:2].tobytes() == then[:2].tobytes()
 
 
 def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion_to_time():

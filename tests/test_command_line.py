@@ -91,7 +91,7 @@ def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch)
     assert studies <= set(re.findall(r"\w+", "".join(shown["--help"][-4:])))
 
 
-def test_importing_does_nothing_and_a_run_without_a_recording_never_imports_rerun(tmp_path):
+def test_a_run_without_a_recording_never_imports_rerun_and_importing_writes_nothing(tmp_path):
     code = f"import sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
     for work in ("", "; c.main(sys.argv[1:])"):
         quiet = f"{code}{work}; assert 'rerun' not in sys.modules"
@@ -138,14 +138,13 @@ def test_an_end_to_be_expected_is_one_line_and_a_missing_package_names_what_brin
 def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
     import resource
 
-    command = [sys.executable, "-u", c.__file__, "--steps", "1000000000", "--out", tmp_path / "x"]
     # a job in the background is born ignoring the signal
-    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    pipe = subprocess.PIPE
+    heed, pipe = partial(signal.signal, signal.SIGINT, signal.SIG_DFL), subprocess.PIPE
+    command = [sys.executable, "-u", c.__file__, "--steps", "1000000000", "--out", tmp_path / "x"]
     with subprocess.Popen(command, preexec_fn=heed, stdout=pipe, stderr=pipe, text=True) as process:
         process.stdout.readline()  # imports done, main at work
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate()
+        _, said = process.communicate(timeout=60)
     assert process.returncode and re.fullmatch(r"\n?constraints\.py: interrupted[^\n]*\n", said)
     little = partial(resource.setrlimit, resource.RLIMIT_AS, (4 << 30, 4 << 30))
     done = program("--steps", 10**9, "--no-rerun", "--out", tmp_path / "x", before=little)

@@ -60,7 +60,7 @@ def truss(bays):
 
 
 SCENES = {
-    **{f"chain of {n}": moving(n, row(n)) for n in (large.CHAIN + 1, 81)},
+    **{f"chain of {n}": moving(n, row(n)) for n in (large.CHAIN + 1, 162)},
     "tree": tree(large.LINKAGE + 1),
     "loops": tree(large.LINKAGE, 8),
     "net": net(6),
@@ -112,9 +112,9 @@ def test_what_no_tension_can_hold_is_said():
 def test_what_is_large():
     """Many rods in a row, few that all feel each other, many particles; a loose one just falls."""
     star, pairs = [(0, -1), *((k, 0) for k in range(1, 30))], row(large.CHAIN + 5)
-    assert large.takes(moving(30, star)) and not large.takes(moving(10, star[:10]))
-    assert large.takes(moving(len(pairs), pairs)) and not large.takes(moving(len(pairs) + 1, pairs))
     loose = moving(2 * large.LINKAGE + 1, pairs)
+    scenes = moving(30, star), moving(10, star[:10]), moving(len(pairs), pairs), loose
+    assert [large.takes(some) for some in scenes] == [True, False, True, True]
     assert_close(c.make_force(loose, 0.0)(loose["q0"], loose["v0"])[-1], loose["m"][-1] * c.GRAVITY)
 
 
@@ -128,14 +128,3 @@ def test_an_edit_of_the_chapter_counts_for_many_rods(monkeypatch):
     assert_close(after, g + c.constraint_force(system, q, v, 0.0))
     monkeypatch.undo()
     assert np.abs(after - c.make_force(system, 0.0)(q, v)).max() > 1.0
-
-
-@pytest.mark.parametrize("n", [1, 80, 81, 162, 1000])
-def test_cyclic_reduction_solves(n):
-    rng = np.random.default_rng(n)
-    diagonal, upper, lower, b = rng.uniform(0.1, 1.0, (4, 2, n))
-    parts = diagonal + 2.4, upper[:, 1:], lower[:, 1:], b
-    for found, *one in zip(large.cyclic_reduction(*parts), *parts, strict=True):
-        a = np.diag(one[0]) - np.diag(one[1], 1) - np.diag(one[2], -1)
-        assert_close(found, np.linalg.solve(a, one[3]))
-        assert_close(large.cyclic_reduction(*one), found)

@@ -29,9 +29,9 @@ def drawn(path, system, dt, steps, modes, seen=None):
     `seen` s."""
     keep = frames(steps, dt, len(system["q0"]))
     runs = {mode: run(system, "semi_implicit", mode, dt, steps, keep) for mode in modes}
-    args, some = SimpleNamespace(system="some", integrator="semi_implicit"), runs[modes[-1]]
-    known = some.kept * dt <= seen if seen else None
-    ghost = (some.kept[known] * dt, some.q[known]) if seen else None
+    args, last = SimpleNamespace(system="some", integrator="semi_implicit"), runs[modes[-1]]
+    known = last.kept * dt <= (seen or 0.0)
+    ghost = (last.kept[known] * dt, last.q[known]) if seen else None
     write_motion(path, args, {"dt": dt}, system, runs, keep, ghost)
     return runs, ElementTree.parse(path).getroot()
 

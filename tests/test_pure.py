@@ -20,19 +20,11 @@ NOISE, TICKS = [0.0] * 3, iter(range(9))
 
 
 class Controller:
-    steps = 0
-
     def __init__(self):
         self.hold = SimpleNamespace(gain=1.0)
 
     def __call__(self, q, v):
         self.hold.gain = q[0, 0]
-
-    def differ(self, q, v):
-        self.last = v
-
-    def count(self, q, v):
-        Controller.steps += 1
 
 
 def count(q, v):
@@ -64,9 +56,7 @@ MEMORIES = {  # what is said of it, and what keeps state, or asks what is never 
     "the list noise": held,
     "the variable calls": functools.singledispatch(counter()),  # a closure of the library
     "the attribute last of attribute": attribute,
-    "the attribute last of Controller.differ": Controller().differ,
     "the attribute gain of CONTROLLER": lambda q, v: CONTROLLER(q, v),
-    "the global steps": Controller().count,
     "the random generator RNG": functools.partial(lambda g, q, v: RNG.random() < 1e-3, 1.0),
     "the random generator of numpy": np.vectorize(lambda q, v: np.random.random()),  # noqa: NPY002
     "for the time ": lambda q, v: [datetime.now() for _ in q],
@@ -78,7 +68,7 @@ MEMORIES = {  # what is said of it, and what keeps state, or asks what is never 
 
 def state():
     """What the functions above change, but for what hides in closures and partials."""
-    kept = START, CALLS, CACHE, RATE, NOISE, vars(CONTROLLER.hold), Controller.steps
+    kept = START, CALLS, CACHE, RATE, NOISE, vars(CONTROLLER.hold)
     drawn = RNG.bit_generator.state, np.random.get_state()[1:]  # noqa: NPY002
     return repr((kept, drawn, vars(attribute)))
 

@@ -5,9 +5,8 @@ from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _race, benchmark, real_thing, speed_vs_error
+from curriculum.ch3_4_constraints.studies import _race, real_thing, speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.ch3_4_constraints.tables import spread
 
 import numpy as np
 import pytest
@@ -101,13 +100,3 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     _, rows, bars = _race.race("", task, ladders, targets, 9.0, 2)
     assert [row["ours/it"] for row in rows] == [1.0, 0.5, 0.25] and rows[2]["who"] == "peer"
     assert [(share, limit) for _, share, limit in bars] == [(0.25, 0.3), (pytest.approx(1.0), 1.5)]
-
-
-def test_tables_say_quartiles_shares_and_who_is_ahead():
-    assert list(spread([1.0, 2, 3, 4, 9], "ms").values()) == [3.0, 2.0, 4.0]
-    assert benchmark.shares({"us": [1.0, 2.0], "MuJoCo": [4.0, 8.0]}, "us") == {"us/MuJoCo": 0.25}
-    both = ((1, 9), (2, 5), (3, 7), (0.1, 20), (0.2, 20))
-    rows = [{"method": "", "error": error, "solves": solves} for error, solves in both]
-    assert speed_vs_error.ahead(rows, 0.0) == [rows[0], rows[1], rows[3]]
-    assert speed_vs_error.ahead(rows, 0.5) == [rows[0], rows[1], *rows[3:]]
-    assert [speed_vs_error.cheapest(rows, target)["solves"] for target in (3, 1)] == [5, 9]

@@ -29,16 +29,9 @@ def marked(lines, mark="* "):
     return [line for line in lines if line.startswith(mark)]
 
 
-FLAGS = {
-    "--seed 1": "none",
-    "--system triple": "none",
-    "--integrator rk4": "none",
-    "--baumgarte 10": "baumgarte",
-    "--time-constant 0.05": "soft",
-    "--impedance 0.5": "soft",
-    "--dt 0.004": "impulse",
-    "--steps 201": "project",
-}
+FLAGS = dict.fromkeys(("--seed 1", "--system triple", "--integrator rk4"), "none")
+FLAGS |= {"--baumgarte 10": "baumgarte", "--time-constant 0.05": "soft", "--impedance 0.5": "soft"}
+FLAGS |= {"--dt 0.004": "impulse", "--steps 201": "project"}
 
 
 @pytest.mark.parametrize("flag", FLAGS)
@@ -135,11 +128,12 @@ def test_the_verdict_is_the_ratio_of_the_worst_rod_errors_where_that_means_somet
         verdict = "as expected" if none > 3.0 * helped else "UNEXPECTED"
         assert f" = {none / helped:.1f}: {verdict}" in line
     assert verdict == "UNEXPECTED"
-    short, alone, other = "--steps 700", "--stabilization baumgarte", "--system chain"
-    diverges, none_itself, no_drift = (
-        "--dt 0.05 --baumgarte 40",
-        "--baumgarte 0",
-        "--integrator gauss --dt 0.05",
-    )
-    for flags in (short, alone, other, diverges, none_itself, no_drift):
-        assert not marked(results(flags, 1000)[1], "verdict"), flags
+    meaningless = [
+        "--steps 700",  # too short to tell
+        "--stabilization baumgarte",  # nothing to compare with
+        "--system chain",  # not the chapter's
+        "--dt 0.05 --baumgarte 40",  # diverges
+        "--baumgarte 0",  # is none itself
+        "--integrator gauss --dt 0.05",  # does not drift
+    ]
+    assert not [x for x in meaningless if marked(results(x, 1000)[1], "verdict")]

@@ -32,25 +32,20 @@ MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
     ("particles/0/mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"], "a finite number of kilo"),
     ("anchors", ["{}", "7"], "a list of 0 to "),
     ("anchors/0", ["[0, 0]"], POINT),
-    ("rods", ["[]", "null", '{"pair": [0, -1]}'], LIST),
     ("rods/1/pair", ["[1]", "[1, 0.0]", "[true, 0]", "null"], "two whole numbers [i, j]"),
     ("rods/1/pair", ["[2, 0]", "[1, 2]", "[1, -2]", "[-1, 1]", "[1, 1]"], END),
     ("rods/1/pair", ["[0, -1]"], TWICE),
     ("rods/1/length", ["0", "-1", "null"], "a finite number of metres > 0"),
     ("rods/1/length", ["1.01"], "1 m, as its ends are apart, to 0.0001 %"),
-    ("about", ["7"], "text"),
 ]
 ANSWERED = [(place, value, "", to) for place, values, to in MISTAKES for value in values] + [
     ("", "[1]", "the file is [1]", ONLY + "about, anchors, particles, rods"),
     ("by", '"me"', 'the file is ["anchors", "by", "particles", "rods"]', ONLY + "about, anchors"),
-    ("rods/1/spring", "1", 'rods[1] is ["length", "pair", "spring"]', ONLY + "pair, length"),
     ("anchors", "[]", "rods[0].pair is [0, -1]", "tied to another; there are no anchors"),
     ("rods/0/pair", "[0, 1]", "rods[1].pair is [1, 0]", TWICE),
     ("particles/0/position/0", "0", "rods[0].pair is [0, -1]", "two points apart"),
     ("particles/0/velocity/0", "0.5", "rods[0] is stretched at 0.5 m/s", "0: velocities keep"),
-    ("particles/0/velocity/0", "-0.5", "rods[0] is stretched at -0.5 m/s", "0: velocities keep"),
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
-    ("particles", json.dumps([BOB] * (MOST + 1)), "particles is [{", f"1 to {MOST} entries"),
     ("particles/1/mass", "1e13", "particles[1].mass is ", "1e+12 times 1 kg"),
 ]
 TYPED = {  # keys of a double pendulum that was typed in, and the sentence
@@ -59,14 +54,10 @@ TYPED = {  # keys of a double pendulum that was typed in, and the sentence
     "the shape of lengths is [3]; must be (2,)": {"lengths": np.ones(3)},
     "lengths[1] is 2.0; must be 1 m, as its ends are apart, to 10 %": {"lengths": [1.0, 2.0]},
     "pairs[1] is [2, 0]; must be a particle 0..1": {"pairs": [(0, -1), (2, 0)]},
-    "pairs[1] is [1, 1]; must be a particle 0..1": {"pairs": [(0, -1), (1, 1)]},
     "pairs[0] is [0.0, -1]; must be two whole numbers": {"pairs": [(0.0, -1), (1, 0)]},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
-    "the shape of anchors is [3]; must be (K, 3)": {"anchors": np.zeros(3)},
-    "the shape of q0 is [2, 2]; must be (N, 3)": {"q0": np.ones((2, 2))},
     "q0[1] is [2.0, NaN, 0.0]; must be three": {"q0": np.array([[1.0, 0, 0], [2, np.nan, 0]])},
     "v0[1] is [0, 0]; must be three finite numbers": {"v0": [[0, 0, 0], [0, 0]]},
-    "the shape of v0 is [1, 3]; must be (2, 3)": {"v0": np.zeros((1, 3))},
     "q0 is null; must be a list or an array (N, 3)": {"q0": None},
 }
 # fmt: on
