@@ -13,19 +13,13 @@ from collections import namedtuple
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints import large  # many rods: these formulas again, not these lines
-from curriculum.ch3_4_constraints.publish import SceneList, publish, results_folder
-from curriculum.ch3_4_constraints.recording import frames
-from curriculum.ch3_4_constraints.scene_files import check_system, direction, load_scene
-from curriculum.ch3_4_constraints.statics import INSTANT, blur, in_line, near
-from curriculum.ch3_4_constraints.tables import comparison, verdict
-from curriculum.common.banner import banner, in_parts
+from curriculum.ch3_4_constraints import large, publish, recording, scene_files, statics, tables
+from curriculum.common import banner, ruler
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.elimination import eliminated, refined
 from curriculum.common.gauss import make_gauss
 from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.midpoint import make_midpoint
-from curriculum.common.ruler import settle
 from curriculum.common.runs import Log
 from curriculum.common.steps import Compiled, Plain, each_state, followed
 from curriculum.common.trace import repeat
@@ -36,8 +30,7 @@ GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
-SMOKE_STEPS = 800  # four seconds: enough to tell the modes apart
-LOOKS = 100  # states that `unheld` is asked of
+SMOKE_STEPS, LOOKS = 800, 100  # enough to tell modes apart; states that `unheld` is asked of
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
@@ -58,10 +51,10 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
+        return scene_files.load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
-    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * direction(-tilt)
+    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * scene_files.direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
     rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
     return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
@@ -109,10 +102,7 @@ def constraint_terms(system, q, v):
 
 
 def mobility(system, jac, along=None):
-    """A = J M^-1 J^T (..., C, C): how each rod's gddot answers to each lambda.
-
-    Particle by particle: J has three columns for each. `along`: another J^T, for `project` alone.
-    """
+    """A = J M^-1 J^T (..., C, C), each particle's share in turn; `along`: project's other J^T."""
     along = jac if along is None else along
     ours, theirs = (np.split(x, len(system["m"]), axis=-1) for x in (jac, along))
     parts = zip(ours, theirs, system["m"], strict=True)
@@ -122,12 +112,11 @@ def mobility(system, jac, along=None):
 def solve(system, a, b, share=0.0, turned=0.0):
     """lambda (..., C) with a lambda = b: what np.linalg.solve(a, b) gives, for fewer operations.
 
-    Only rods that share a particle feel each other, and those with few neighbours go first: along a
-    chain this is a sweep out and one back, O(N), as R. Featherstone's articulated bodies (1983). In
-    a loop a rod may be too many, or J lose rank in passing. There `a` is blurred, by a share of its
-    diagonal and by `turned` (..., C, C), and refinement takes that back (J. Carpentier, R.
-    Budhiraja, N. Mansard, RSS 2021): loads along eigenvalues of `a` above the blur are met to
-    rounding, those far below it are left. `unheld` tells how much that is.
+    Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
+    O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
+    rank in passing. There `a` is blurred, by a share of its diagonal and by `turned` (..., C, C),
+    and refinement takes that back (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021): what loads
+    eigenvalues of `a` above the blur is met to rounding, the rest is left, as `unheld` tells.
     """
     pairs = tuple(system["pairs"])
     order = elimination_order(pairs)
@@ -186,22 +175,21 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
     return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
 
 
-def linear_system(system, q, v, hold, f):
-    """J (..., C, 3N), and A (..., C, C) and b (..., C) of A lambda = b; f: the other forces."""
+def linear_system(system, q, v, hold, f=None):
+    """J (..., C, 3N), A (..., C, C) and b (..., C) of A lambda = b, and g; f: the other forces."""
+    f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
-    softness = 1.0 + hold.softness * np.eye(len(system["pairs"]))
-    return jac, mobility(system, jac) * softness, b, g
+    return jac, mobility(system, jac) * (1.0 + hold.softness * np.eye(b.shape[-1])), b, g
 
 
 def multipliers(system, q, v, hold=0.0, f=None):
     """J (..., C, 3N), and Lagrange's multipliers lambda (..., C) in N/m, at q, v (..., N, 3)."""
-    f, turned = external_force(system, q, v) if f is None else f, 0.0
-    jac, a, b, g = linear_system(system, q, v, as_hold(hold), f)
+    (jac, a, b, g), turned = linear_system(system, q, v, as_hold(hold), f), 0.0
     if has_loop(tuple(system["pairs"])):  # rods that turn together come no nearer to losing rank
-        turned = mobility(system, constraint_terms(system, q + INSTANT * v, v)[0] - jac)
-    return jac, solve(system, a, b, blur(system["lengths"], g, 0.0), turned)
+        turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
+    return jac, solve(system, a, b, statics.blur(system["lengths"], g, 0.0), turned)
 
 
 def pull(jac, lam):
@@ -216,16 +204,14 @@ def constraint_force(system, q, v, hold=0.0, f=None):
 
 def tensions(system, q, v, hold=0.0):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    f = each_state(partial(external_force, system), q, v)
-    _, lam = multipliers(system, q, v, hold, f)
+    _, lam = multipliers(system, q, v, hold)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
 def unheld(system, q, v, hold=0.0):
     """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
-    f = each_state(partial(external_force, system), q, v)
-    _, a, b, _ = linear_system(system, q, v, as_hold(hold), f)
-    _, lam = multipliers(system, q, v, hold, f)
+    _, lam = multipliers(system, q, v, hold)
+    _, a, b, _ = linear_system(system, q, v, as_hold(hold))
     return np.max(np.abs(b - dot(a, lam[..., None, :])) / system["lengths"], axis=-1)
 
 
@@ -256,15 +242,14 @@ def project(system, q_start, q, v, dt):
 
     Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: SHAKE (J.-P. Ryckaert et
     al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods, as in RATTLE (H.
-    Andersen, ibid. 52 (1983) 24). RK4 keeps order 4, semi-implicit Euler 1; this one is symplectic,
-    and blows up along J(q), or if v is not told. Stop where Newton's method finds no way.
+    Andersen, ibid. 52 (1983) 24). Along J(q), or if v is not told, it blows up. May raise Stop.
     """
     along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
-    close = near(lengths, q_start)
+    close = statics.near(lengths, q_start)
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, blur(lengths, g, 0.0))
+        mu = solve(system, mobility(system, jac, along), g, statics.blur(lengths, g, 0.0))
         return q - pull(along, mu) / system["m"], dot(g / close, g / close)
 
     end = repeat(newton, q, 20, "no way back onto the rods")
@@ -303,9 +288,8 @@ def rk4_step(q, v, m, force, dt):
     return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8; and the ruler
-# for the others, Gauss-Legendre collocation, order 16, symplectic, implicit, exact to rounding at
-# 0.05 s here.
+# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8, and the ruler
+# for the others, Gauss-Legendre collocation, order 16, exact to rounding at 0.05 s here.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes
@@ -325,17 +309,12 @@ def energy(system, q, v):
     return np.sum(0.5 * m * dot(v, v) - m * dot(q, GRAVITY), axis=-1)
 
 
-def rod_vectors(system, x, fixed):
-    """x_i - x_j (..., C, 3) of every rod, of x (..., N, 3), which is `fixed` (K, 3) at anchors."""
-    i, j = np.transpose(system["pairs"])
-    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *np.shape(fixed)))
-    x = np.concatenate([x, fixed], axis=-2)  # a negative j counts from the end: -1, the first
-    return x[..., i, :] - x[..., j, :]
-
-
 def rod_errors(system, q):
     """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
-    d = rod_vectors(system, q, system.get("anchors", PIVOT[None]))
+    (i, j), fixed = np.transpose(system["pairs"]), system.get("anchors", PIVOT[None])[::-1]
+    fixed = np.broadcast_to(fixed, (*q.shape[:-2], *np.shape(fixed)))
+    ends = np.concatenate([q, fixed], axis=-2)  # a negative j counts from the end: -1, the first
+    d = q[..., i, :] - ends[..., j, :]
     return np.sqrt(dot(d, d)) - system["lengths"]
 
 
@@ -351,10 +330,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     (steps + 1, ...) in m; energies in J. `keep`: steps whose states it has as well.
     Members of leading axes in q0, v0 go in step. `way`: Compiled or, lines as they stand, Plain.
     """
-    hold = getattr(force, "hold", as_hold(0.0))  # any function (q, v) -> N will do
-    if hold.dt not in (None, dt):
-        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt:g} s")
-    system = check_system({"anchors": PIVOT[None], **system})
+    system = scene_files.check_run({"anchors": PIVOT[None], **system}, force, dt, steps)
     q, v, m = system["q0"], system["v0"], system["m"]
     step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
@@ -373,7 +349,8 @@ def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
     parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     rules, modes = list(INTEGRATORS), ["all", *hold_table()]
-    what("--scenes", action=SceneList, nargs=0, const=(SYSTEMS, HERE / CHAPTER), help="list them")
+    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE / CHAPTER)}
+    what("--scenes", **shown, help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
@@ -393,7 +370,7 @@ def parse(argv):
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
     usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
-        args.out = parser.attempt("--out", results_folder, args.out)
+        args.out = parser.attempt("--out", publish.results_folder, args.out)
     return args, system, usual, partial(parser.attempt, "--tol")
 
 
@@ -402,13 +379,12 @@ def report(args, system, rows, runs, dt, steps, truth):
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, math.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    hints = {mode: in_line(constraint_terms, system, run) for mode, run in runs.items()}
-    comparison(rows, runs, hints, at, truth, args.tol)
+    hints = {mode: statics.in_line(constraint_terms, system, run) for mode, run in runs.items()}
+    tables.comparison(rows, runs, hints, at, truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    told = args.system in SYSTEMS and args.baumgarte and steps > SMOKE_STEPS
-    if told:
-        verdict(rows)
+    if args.system in SYSTEMS and args.baumgarte and steps > SMOKE_STEPS:
+        tables.verdict(rows)
 
 
 def main(argv=None):
@@ -427,26 +403,25 @@ def main(argv=None):
     if args.show_step:
         print(run(modes[0], rule, args.dt, 1).source)
         return 0
-    print(banner("ch3.4", "constraints", args.device, usual))
+    print(banner.banner("ch3.4", "constraints", args.device, usual))
     if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
         modes.remove("impulse")
         print(f"impulse left out: it does not fit {args.integrator}, {NOT_IMPULSE}")
     most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)
-    rule, dt, steps, truth = attempt(settle, run, modes, rule, args.dt, steps, args.tol, most)
-    shown = frames(steps, dt, len(system["q0"]))
-    look = max(1, steps // LOOKS)
-    keep = [truth.step, *range(0, steps + 1, look), *shown]
-    runs = {mode: run(mode, rule, dt, steps, keep) for mode in in_parts(modes)}
+    rule, dt, steps, truth = attempt(ruler.settle, run, modes, rule, args.dt, steps, args.tol, most)
+    shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
+    keep = [truth.step, *range(0, steps + 1, look := max(1, steps // LOOKS)), *shown]
+    runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     forces = {mode: force_of(mode, dt) for mode in modes}
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
-    for mode, run in runs.items():
-        states = run.q[looks := run.kept % look == 0], run.v[looks]
-        most = 0.0 if many else np.max(unheld(system, *states, forces[mode].hold))
-        rows[mode]["unheld"] = round(float(most), 6)
+    for mode, row in rows.items():
+        left = 0.0 if many else unheld(system, *runs[mode].every(look), forces[mode].hold)
+        row["unheld"] = round(float(np.max(left)), 6)
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    print(publish(args, used, system, runs, rows, fall, forces, shown, None))
+    ghost = None if most == 0 or not shown else ruler.true_motion(partial(run, "none"), steps * dt)
+    print(publish.publish(args, used, system, runs, rows, fall, forces, shown, ghost))
     return 0
 
 

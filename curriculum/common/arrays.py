@@ -5,7 +5,7 @@ they stay in the processor's cache, and nothing is allocated: that, and not arit
 costs numpy its time.
 """
 
-from curriculum.common.trace import FUNCTIONS, Call, Stop
+from curriculum.common.trace import FUNCTIONS, Call
 
 import numpy as np
 
@@ -13,7 +13,7 @@ CACHE = 1 << 16  # numbers in all buffers together
 UFUNCS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "**": "power"}
 UFUNCS |= {"abs": "absolute"} | {name: name for name in FUNCTIONS}
 USED = [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not"]
-NAMES = {name: getattr(np, name) for name in USED} | {"Stop": Stop}
+NAMES = {name: getattr(np, name) for name in USED}
 
 
 class Writer:
@@ -87,7 +87,7 @@ class Writer:
         self.place = outer | dict(zip(call.names, found, strict=True))
 
     def loop(self, loop):
-        """A loop; members that are done keep their values."""
+        """A loop; members that are done keep their values, those that never are become NaN."""
         inner, wanted = loop.tape, [loop.size, *loop.following]
         kept = {*loop.names, *loop.taken, *(s.x for s in wanted)}
         test = inner.needed([loop.size])
@@ -117,7 +117,8 @@ class Writer:
             self.lines.append(f"copyto({self.place[name]}, {target}, where=logical_not({done}))")
         self.free += targets + [last] * bool(last)
         self.lines[begin:] = [f"    {line}" for line in self.lines[begin:]]
-        self.lines += ["else:", f"    raise Stop({loop.complaint!r})"]
+        lost = [f"    copyto({self.place[x]}, nan, where=logical_not({done}))" for x in loop.names]
+        self.lines += ["else:", *lost]
         self.give_back({s.x for s in wanted if s.x in inner.nodes})
 
 
@@ -140,7 +141,7 @@ class ArrayFunction:
         outputs = [f"o{k}" for k in range(len(out))]
         names = [*program.inputs, *program.knobs, *outputs, *writer.buffers]
         space = NAMES | {name: np.array(x) for x, name in writer.constants.items()}
-        space["inf"] = np.inf
+        space |= {"inf": np.inf, "nan": np.nan}
         exec(f"def f({', '.join(names)}):\n    " + "\n    ".join(writer.lines or ["pass"]), space)
         self.function, self.count, self.buffers = space["f"], len(writer.buffers), {}
 

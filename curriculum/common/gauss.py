@@ -63,7 +63,7 @@ def squares(x):
     return np.sum(x * x)
 
 
-def make_gauss(stages=8, tol=1e-13, most=60):
+def make_gauss(stages=8, tol=1e-16, most=60):
     """The rule of Gauss-Legendre collocation: order 2 * `stages`, symplectic, time-reversible.
 
     The accelerations of the stages solve a(t_s) = force(q(t_s), v(t_s)) / m. That is iterated as it

@@ -53,7 +53,7 @@ class Writer:
         self.block = block
 
     def constant(self, x):
-        bits = "0x%016X" % struct.unpack("<Q", struct.pack("<d", float(x)))
+        bits = f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}"
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
     def value(self, env, s):
@@ -132,7 +132,8 @@ class Writer:
         self.begin(f"head{k}")
         at, turn, last, done = len(self.lines), f"%turn{k}", f"%last{k}", f"%done{k}"
         names = [f"%v{k}_{n}" for n in range(len(loop.names))]
-        inner, self.trouble = env | dict(zip(loop.names, names, strict=True)), trouble
+        inner = env | dict(zip(loop.names, names, strict=True))
+        self.trouble = self.trouble if many else trouble
         more = self.line(f"icmp slt i64 {turn}, {loop.most}")
         self.lines.append(f"  br i1 {more}, label %test{k}, label %fail{k}")
         self.begin(f"test{k}")
@@ -182,7 +183,8 @@ class Writer:
         self.begin(f"end{k}")
         for made, name, other in zip(loop.names, names, lost, strict=True):
             env[made] = self.line(f"phi {t} [{name}, %{tested}], [{other}, %fail{k}]")
-        self.trouble = self.line(f"phi i1 [{known}, %{tested}], [true, %fail{k}]")
+        if not many:
+            self.trouble = self.line(f"phi i1 [{known}, %{tested}], [true, %fail{k}]")
 
 
 def stores(w, values, place):
@@ -280,19 +282,21 @@ def library():
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
-    `lanes` members go in step, others one after the other. `opt` and `passes`: how much LLVM thinks
-    about registers, and about the whole, 0 to 3; a crowd is worth it.
+    `lanes` members go in step, others one after the other. `best`: LLVM takes its time to find
+    what this processor does in one instruction; else the code is made a few times sooner.
     """
 
-    def __init__(self, program, lanes=1, opt=1, passes=0):
+    def __init__(self, program, lanes=1, best=True):
         llvm = library()
         module = llvm.parse_assembly(assembly(program, lanes))
-        host = {"cpu": llvm.get_host_cpu_name()}
-        host["features"] = llvm.get_host_cpu_features().flatten()
-        target = llvm.Target.from_default_triple()
-        machine = target.create_target_machine(opt=opt, jit=True, **(host if lanes > 1 else {}))
-        if passes:
-            options = llvm.create_pipeline_tuning_options(speed_level=passes)
+        target, host = llvm.Target.from_default_triple(), {}
+        if best:
+            host = {"cpu": llvm.get_host_cpu_name()}
+            host["features"] = llvm.get_host_cpu_features().flatten()
+        machine = target.create_target_machine(opt=2 * best, jit=True, **host)
+        if best:
+            options = llvm.create_pipeline_tuning_options(speed_level=1)
+            options.slp_vectorization = True
             builder = llvm.create_pass_builder(machine, options)
             builder.getModulePassManager().run(module, builder)
         self.engine = llvm.create_mcjit_compiler(module, machine)

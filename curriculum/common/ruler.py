@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 from curriculum.common.gauss import make_gauss
+from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Compiled
 
@@ -15,6 +16,7 @@ import numpy as np
 
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
+FRAME, LONG, SEEN = 0.05, 5.0, 1e-3  # s, s, m: the true motion as it is shown
 LADDER = 0.05, 0.025, 0.0125, 0.00625  # s
 
 
@@ -52,13 +54,32 @@ def true_position(run, seconds, most=math.inf):
     return None, math.inf
 
 
+def true_motion(run, seconds):
+    """(times (T,) in s, q (T, N, 3)): the true motion, as long as two steps agree to SEEN m.
+
+    One frame every FRAME s, for LONG s at most; None if it is not known at all.
+    run(rule, dt, steps, keep, way) -> Run.
+    """
+    frames, rule, found = round(min(seconds, LONG) / FRAME), make_midpoint(), []
+    for fine in (1, 2):
+        steps = fine * frames
+        if not steps:
+            return None
+        keep = range(0, steps + 1, fine)
+        end = run(rule, FRAME / fine, steps, keep, partial(Compiled, check=False))
+        found.append(end.q[end.kept % fine == 0])
+    both = [distance(a, b) < SEEN for a, b in zip(*found, strict=False)]
+    known = both.index(False) if False in both else len(both)
+    return (FRAME * np.arange(known), found[1][:known]) if known > 1 else None
+
+
 def step_for(tol, seconds, q, runs):
     """A rule of gauss and a step with which the best of `runs` is within `tol` m of q (N, 3).
 
     That is after `seconds`; or as near as it gets. A stage a digit, and the largest step that will
     do. Each of runs: (rule, dt, steps) -> Run.
     """
-    rule = make_gauss(max(4, round(-math.log10(tol))), min(0.1 * tol, 1e-3))
+    rule = make_gauss(max(4, round(-math.log10(tol))), 1e-3 * tol)
     steps, before = math.ceil(seconds / 0.16), math.inf
     while True:
         error, dt = math.inf, seconds / steps

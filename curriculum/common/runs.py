@@ -43,6 +43,10 @@ class Run(NamedTuple):
         there = np.flatnonzero(self.kept == step)
         return self.q[there[0]] if len(there) else None
 
+    def every(self, steps):
+        """The kept states q, v (K, ..., N, 3) of each so many steps."""
+        return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
+
     def summary(self, scale, truth):
         """What a run of one member came to, rounded: m; its worst energy error as a share of scale.
 
@@ -79,9 +83,12 @@ class Log:
         self.done, self.stopped, self.kind, self.series, self.kept = -1, None, None, [], []
 
     def __enter__(self):
+        self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words
+        self.quiet.__enter__()
         return self
 
     def __exit__(self, kind, why, trace):
+        self.quiet.__exit__(kind, why, trace)
         if isinstance(why, Stop):
             self.stopped, self.kind = f"stopped at step {self.done + 1}: {why}", why.kind
         return isinstance(why, Stop)

@@ -5,6 +5,7 @@ that takes a block of steps a call, and `Plain` runs it as it stands. Arrays (..
 that go in step, each as if it were alone. A step that raises Stop is tried in halves.
 """
 
+import contextlib
 import math
 import sys
 import time
@@ -114,9 +115,9 @@ class Traced:
             self.function, self.source = number_function(program, again)
 
     def knobs(self, dt):
-        """What the function takes for a step of length dt; Stop where it is made for another."""
+        """What the function takes for a step of length dt; Untraceable if it is for one only."""
         if dt != self.dt and not self.program.knobs:
-            raise Stop("a step of another length would be another function")
+            raise Untraceable("a step of another length is another function")
         return [dt] * len(self.program.knobs)
 
     def columns(self, q, v):
@@ -160,7 +161,9 @@ class Single:
                     return rows[:done], why
             done += taken
             state = rows[done - 1]
-        return rows, None
+            if not np.isfinite(state).all():  # that is for those to say who measure it
+                break
+        return rows[:done], None
 
     def easy(self, state, rows, dt):
         """Fill rows with steps as far as they go without trouble; their number."""
@@ -197,11 +200,8 @@ class Single:
             return np.array(found[0])
         except Stop:
             raise
-        except (ArithmeticError, ValueError) as why:
-            end = self.by_plain(state, dt)
-            if np.isfinite(end).all():
-                return end
-            raise Stop(str(why), "arithmetic") from None
+        except (ArithmeticError, ValueError, Untraceable):
+            return self.by_plain(state, dt)
 
     def by_plain(self, state, dt):
         """The plain step of columns (entries,)."""
@@ -236,9 +236,10 @@ class Many:
         for first in range(0, state.shape[1], size):
             piece = slice(first, first + size)
             before = list(state[:, piece])
-            for row in rows[:, :, piece]:
-                self.function(before, list(row), *knobs)
-                before = list(row)
+            with np.errstate(all="ignore"):
+                for row in rows[:, :, piece]:
+                    self.function(before, list(row), *knobs)
+                    before = list(row)
 
 
 def in_threads(machine, state, count, knobs, rows=None):
@@ -266,6 +267,8 @@ def each_state(function, q, v):
 
     It is traced and done to all at once; if that gives something else, it is asked one by one.
     """
+    if q.ndim == 2:
+        return function(q, v)
     shape = q.shape[-2:]
     states = [x.reshape(-1, *shape) for x in (q, v)]
     given = list(zip(*states, strict=True))
@@ -294,13 +297,11 @@ class Crowd:
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.dt, self.given, self.measure = dt, (m, force, dt), measure
         self.plain, self.traced, self.machine = Plain(step_fn), None, None
-        try:
+        with contextlib.suppress(Untraceable):
             self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-        except Untraceable:
-            return self.put(q, v)
-        if native.available():
-            self.machine = native.Native(self.traced.program, native.LANES, 1, 2)
-        else:
+        if self.traced and native.available():
+            self.machine = native.Native(self.traced.program, native.LANES)
+        elif self.traced:
             self.function = ArrayFunction(self.traced.program)
         self.put(q, v)
 
@@ -325,9 +326,10 @@ class Crowd:
             in_threads(self.machine, self.columns, count, knobs, rows)
             return rows
         rows, before = np.empty((count, made, members)), list(self.columns)
-        for row in rows:
-            self.function(before, list(row), *knobs)
-            before = list(row[:entries])
+        with np.errstate(all="ignore"):
+            for row in rows:
+                self.function(before, list(row), *knobs)
+                before = list(row[:entries])
         self.columns = rows[-1, :entries].copy()
         return rows[:, entries:] if self.measure else None
 
@@ -375,9 +377,10 @@ class Compiled:
         self.lead, self.way = q.shape[:-2], getattr(force, "way", "")
         if self.way:
             return
-        memory, why = Memory(self.step_fn, force), None
+        memory = Memory(self.step_fn, force)
+        why = memory.changed()  # it uses what cannot be put back
         try:
-            traced = Traced(self.step_fn, m, force, dt, q, v)
+            traced = None if why else Traced(self.step_fn, m, force, dt, q, v)
         except Exception as reason:  # the reader's mistake, or more than can be traced?
             why = str(reason) or type(reason).__name__
         why = memory.changed() or why
@@ -386,7 +389,8 @@ class Compiled:
             first = (x.reshape(-1, *x.shape[-2:])[0] for x in (q, v))
             Plain(self.step_fn)(*first, m, force, dt)  # a mistake shows here, in its own line
             memory.restore()
-            return self.give_up(why)
+            self.give_up(why)
+            return
 
         def plain(q, v, dt):
             return self.step_fn(q, v, m, force, dt)
@@ -396,7 +400,7 @@ class Compiled:
         self.way = f"compiled to {'numpy calls' if self.lead else 'Python'}"
         if self.check:
             start = traced.columns(q, v)[:, 0]
-            end, _ = self.alone(start, 1, dt)
+            end, _ = Single(traced, plain, self.tries)(start, 1, dt)
             if len(end) and not self.agrees(start, end[0], dt):
                 self.give_up("it does something else when it is traced")
 
@@ -420,12 +424,12 @@ class Compiled:
         cost = COMPILING * size * (1.0 + (size / LARGE) ** 2)
         cost += LOADING * ("llvmlite.binding" not in sys.modules)
         if native.available() and self.steps * pace > 1.5 * cost:
-            self.to_machine(1 if self.steps * pace > 50.0 * cost else 0)
+            self.to_machine(self.steps * pace > 50.0 * cost)
 
-    def to_machine(self, level=1):
-        """Machine code from here on; `level`: of LLVM, which takes its time to do better."""
+    def to_machine(self, best=True):
+        """Machine code from here on; the best takes a few times as long to make."""
         lanes = native.LANES if self.lead else 1
-        self.runner.machine = native.Native(self.alone.traced.program, lanes, level)
+        self.runner.machine = native.Native(self.alone.traced.program, lanes, best)
         self.taken, self.seconds, self.way = 0, 0.0, "compiled to machine code"
 
     def __call__(self, q, v, m, force, dt):
@@ -445,7 +449,8 @@ class Compiled:
             raise self.why
         rows = rows.reshape(count, len(start), -1)
         before = rows[-2] if count > 1 else start
-        if self.check and not self.agrees(before[:, 0], rows[-1, :, 0], dt):
+        sane = np.isfinite(rows[-1, :, 0]).all()
+        if self.check and sane and not self.agrees(before[:, 0], rows[-1, :, 0], dt):
             self.give_up("it does something else when it is compiled")
             return self(q, v, m, force, dt)
         self.taken, self.seconds = self.taken + count, self.seconds + spent

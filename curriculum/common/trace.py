@@ -16,7 +16,7 @@ from itertools import count
 import numpy as np
 
 # by these names numpy and math have them
-FUNCTIONS = "sqrt sin cos tan exp log expm1 log1p sinh cosh tanh".split()
+FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
 INLINE = 160  # operations: a routine of fewer is written out wherever it is called
 
 
@@ -25,7 +25,7 @@ class Untraceable(Exception):
 
 
 class Stop(ArithmeticError):
-    """A run cannot go on; the message says why. `kind`: "loop", "arithmetic" or "budget"."""
+    """A run cannot go on; the message says why. `kind`: "loop" or "budget"."""
 
     def __init__(self, why, kind="loop"):
         super().__init__(why)
@@ -326,7 +326,8 @@ def repeat(body, x, most, complaint, nearly=1.0):
 
     x: an array; size: a number, or one for each leading axis of x: what is done keeps its value.
     It ends, too, where the size falls no more and is at most `nearly`: rounding allows no less.
-    Raises Stop(complaint) after `most` turns. On symbols it becomes a loop of the code.
+    Raises Stop(complaint) after `most` turns. On symbols it becomes a loop of the code, which is
+    left out like all that nobody asks for: use what it returns.
     """
     x = np.array(x)
     if Tape.current is not None and x.dtype == object:
