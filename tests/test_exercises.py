@@ -1,7 +1,6 @@
 """The exercises: solved they pass, unedited they ask, and a wrong answer is told of."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -18,9 +17,9 @@ import pytest
 
 HERE = Path(test_answers.__file__).parent
 CHECKS, FOLDER = test_answers.CHECKS, test_answers.FOLDER
+ONE, TWO, THREE, FOUR, FIVE = CHECKS
 LISTED = ["git", "ls-files", "--modified", "--", "ex*.py", "my_linkage.json"]
 EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=HERE, capture_output=True).stdout
-unedited = pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
 TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
 
 
@@ -45,11 +44,10 @@ def load(tmp_path):
     return load
 
 
-def script(name, *command, **settings):
+def script(name, *command):
     """A script, run as a reader would, from the project's folder; its errors among its output."""
-    command = command or (sys.executable, "-m", f"{FOLDER}.{name}")
-    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True} | settings
-    return subprocess.run(command, cwd=c.HERE, **settings)
+    command, pipe = command or (sys.executable, "-m", f"{FOLDER}.{name}"), subprocess.PIPE
+    return subprocess.run(command, cwd=c.HERE, stdout=pipe, stderr=subprocess.STDOUT, text=True)
 
 
 @pytest.mark.parametrize("name", CHECKS)
@@ -60,50 +58,38 @@ def test_a_solution_passes_and_prints_what_its_text_says(name):
     assert blocks[f"python -m {FOLDER}.solutions.{name}"] == done.stdout
 
 
-@unedited
+@pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
 def test_an_unedited_exercise_is_skipped_with_what_to_do():
     """By the command that the text gives; and the scripts themselves end by saying the same."""
     done = script("", sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(HERE))
     asked = [line.partition("to do: ")[2] for line in done.stdout.splitlines() if "to do: " in line]
-    assert done.returncode == 0 and f"{len(CHECKS)} skipped" in done.stdout
-    assert len(asked) == len(CHECKS)
+    assert done.returncode == 0 and len(asked) == len(CHECKS)
     assert f"\n{asked[0]}\n" in (HERE / "README.md").read_text(encoding="utf-8")
-    for name, what in zip(CHECKS, asked, strict=True):
+    for name in (ONE, FIVE):
         ran = script(name)
-        assert ran.returncode == 0 and ran.stdout.splitlines()[-1] == what
+        assert (ran.returncode, ran.stdout.splitlines()[-1]) == (0, asked[[*CHECKS].index(name)])
 
 
-ONE, TWO, THREE, FOUR, FIVE = CHECKS
 WRONG = [
     (ONE, '"rod": "grows", "factor": 15.9', '"rod": "stays", "factor": 15.9', "rod: not"),
     (ONE, "15.9", "4", "factor: not"),
-    (ONE, '15.9, "heavy": "the same"', '15.9, "heavy": "larger"', "heavy: not"),
     (ONE, "0.5 * dt**2", "dt**2", "expected_g"),
     (ONE, '"why": why', '"why": "It grows."', "why: "),
     (TWO, "rate @ rate", "0.0", "right at rest, wrong in motion"),
-    (TWO, "rate @ rate", "-(rate @ rate)", "turning: the other sign"),
-    (TWO, "rate @ rate", "d @ rate", "turning: gdot"),
     (TWO, "rate @ rate", "2.1 * (rate @ rate)", "turning: a chain of 1 in motion, w 0"),
-    (TWO, "(jac * inverse_m)", "jac", "the mass is missing"),
-    (TWO, "jac * inverse_m", "jac / inverse_m", "multiplies by the mass"),
     (TWO, "jac * inverse_m", "jac * 1.1", "mobility: a chain of 1 at rest"),
-    (TWO, "-2.0 * w * gdot - w**2 * g", "0.0", "right at w = 0 only"),
     (TWO, "-2.0 * w", "-w", "half the damping"),
-    (TWO, "- w**2 * g", "+ w**2 * g", "the stiffness has the wrong sign"),
-    (TWO, "- w**2 * g", "- w * g", "the stiffness is w"),
     (TWO, "- w**2 * g", "- 1.1 * w**2 * g", "wanted: a chain of 1 in motion, w 20"),
     (THREE, "a.tobytes() == b.tobytes()", "np.allclose(a, b)", "last bit"),
     (THREE, "gap > 1.0", "gap > 0.0", "parted"),
     (THREE, "else math.inf", "else 0.0", "never"),
     (THREE, "34.4", "26.9", "1e-12: not"),
-    (THREE, "60.0", "34.4e12", "1e-24: not"),
     (FOUR, "(middle, high) if", "(low, middle) if not", "bisect"),
     (FOUR, "0.5 * (low + high)", "0.95 * low + 0.05 * high", "calls"),
     (FOUR, "-z * v", "-2.0 * z * v", "step_matrix: of euler"),
     (FOUR, "1.0)]).T", "1.0)])", "it is transposed"),
     (FIVE, 'return "impulse"', 'return "baumgarte"', "mm off"),
     (FIVE, 'return "impulse"', 'return "project"', "solves more"),
-    (FIVE, '"loses": "baumgarte"', '"loses": "none"', "the remedies are"),
     (FIVE, '"loses": "baumgarte"', '"loses": "project"', "it does hold"),
     (FIVE, '"holds": "impulse"', '"holds": "soft"', "it does not hold"),
 ]  # fmt: skip
@@ -121,12 +107,12 @@ def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load, tmp_pat
     changed = load(ONE)
     with pytest.raises(Wrong, match="before the run you wrote down"):
         CHECKS[ONE](changed)
-    changed.NOTE.unlink()
-    with pytest.raises(Blank, match="run it"):
-        CHECKS[ONE](changed)
     changed.NOTE.write_text("")  # as a full disk leaves it: written again
     changed.main()
     CHECKS[ONE](changed)
+    changed.NOTE.unlink()
+    with pytest.raises(Blank, match="run it"):
+        CHECKS[ONE](changed)
     with pytest.raises(Wrong, match="a number is wanted"):
         write_down(changed.NOTE, {"factor": "16"}, {"factor": None})
 
@@ -143,52 +129,37 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, tmp_path):
         solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
         with pytest.raises(error, match=says):
             CHECKS[FIVE](solution)
-
-
-def test_a_broken_scene_ends_with_status_1_and_a_reader_who_has_seen_enough_with_none(
-    load, tmp_path
-):
     code = f"import {FOLDER}.ex5_linkage as x; x.SCENE = 'no.json'; x.run(x.main)"
     broken = script("", sys.executable, "-c", code)
     assert broken.returncode == 1 and len(broken.stdout.splitlines()) == 1
-    reader, writer = os.pipe()
-    os.close(reader)
-    with os.fdopen(writer, "w") as closed:
-        piped = script(ONE, stdout=closed, stderr=subprocess.PIPE)
-    assert piped.stderr == ""
 
 
 def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
     """Those that no script prints, as they are written there."""
     pendulum, double = c.build_system("pendulum"), c.build_system("double")
     no_turn = run(pendulum, hold=c.hold_table()["none"]._replace(use_jdotv=0.0)).violations
-    said = [
-        f"{-c.rod_errors(pendulum, run(pendulum, 'rk4').q[-1])[0]:.1e} m shorter",
-        f"is {no_turn[100]:.1f} m off after half a second and {no_turn[-1]:.0f} m after 20",
-    ]
+    shorter = -c.rod_errors(pendulum, run(pendulum, "rk4").q[-1])[0]
+    said = [f"{shorter:.1e} m shorter"]
+    said += [f"is {no_turn[100]:.1f} m off after half a second and {no_turn[-1]:.0f} m after 20"]
     tips = [double | {"m": double["m"] * [[1.0], [ratio]]} for ratio in (10.0, 1.0, 0.1)]
     said += [f"{run(system).violations[-1]:.3f} m" for system in tips]
     weak, w = load(TWO, "rate @ rate", "0.0"), double["m"] * c.GRAVITY
-    ran = c.simulate(
-        c.rk4_step, double, lambda q, v: w + weak.rod_force(double, q, v, w, 20.0), 0.005, 1000
-    )
-    said.append(f"stretched by {ran.violations.max():.1f} m")
+
+    def force(q, v):
+        return w + weak.rod_force(double, q, v, w, 20.0)
+
+    worst = c.simulate(c.rk4_step, double, force, 0.005, 1000).violations.max()
     chaos = load(THREE)
     chaos.DT, chaos.STEPS = 0.5 * chaos.DT, 2 * chaos.STEPS
-    first, other = chaos.tip(double), chaos.tip(c.build_system("double", 1))
-    gaps = [
-        first - x for x in (other, *(chaos.tip(chaos.turned(double, a)) for a in (1e-3, 1e-12)))
-    ]
-    times = [chaos.parted(c.dot(gap, gap) ** 0.5, chaos.DT) for gap in gaps]
-    said.append(
-        "the first two lines stay, {:.1f} and {:.1f} s, and the last becomes {:.1f} s".format(
-            *times
-        )
-    )
+    others = c.build_system("double", 1), *(chaos.turned(double, a) for a in (1e-3, 1e-12))
+    gaps = [chaos.tip(double) - chaos.tip(x) for x in others]
+    times = [f"{chaos.parted(c.dot(gap, gap) ** 0.5, chaos.DT):.1f}" for gap in gaps]
+    lines = "the first two lines stay, {} and {} s, and the last becomes {} s"
+    said += [f"stretched by {worst:.1f} m", lines.format(*times)]
     assert [words for words in said if words not in " ".join(TEXT.split())] == []
 
 
-def test_what_the_answers_say_of_cliffs_is_so(load):
+def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so(load):
     holds = {("semi_implicit", 165.0): True, ("semi_implicit", 166.0): False}
     holds |= {("rk4", 460.0): True, ("rk4", 480.0): False}
     holds |= {("euler", w): False for w in (5.0, 20.0, 100.0, 390.0)}
@@ -205,10 +176,6 @@ def test_what_the_answers_say_of_cliffs_is_so(load):
     fast["v0"] = 3.0 * fast["v0"]
     held = [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE]
     assert held == ["project"]
-
-
-@unedited
-def test_every_mode_holds_the_scene_that_exercise_5_starts_from(load):
-    exercise = load(FIVE)
-    start = c.build_system(str(HERE / exercise.SCENE.name))
-    assert all(exercise.worst(start, mode) <= exercise.SHARE for mode in c.hold_table())
+    start = c.build_system(str(HERE / "my_linkage.json"))
+    if not EDITED:
+        assert all(linkage.worst(start, mode) <= linkage.SHARE for mode in c.hold_table())

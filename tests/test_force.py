@@ -1,5 +1,7 @@
 """The constraint force, by two other ways of finding it."""
 
+from itertools import product
+
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import make_system, scene
 
@@ -52,9 +54,9 @@ def assert_close(a, b, tolerance=1e-12):
 def test_force_solves_the_explicit_system(mode):
     """Chains, trees and loops, on the rods and off them."""
     rng = np.random.default_rng(1)
-    chains = [(random_chain(rng, n, off), 1e-12) for n in (1, 2, 3, 7) for off in (0.0, 0.02)]
-    loops = [(random_linkage(rng, 7, rods, 0.02), 1e-11) for rods in (0, 1, 2)]
-    for system, tolerance in chains + loops:
+    cases = [(random_chain(rng, n, off), 1e-12) for n in (1, 2, 7) for off in (0.0, 0.02)]
+    cases += [(random_linkage(rng, 7, rods, 0.02), 1e-11) for rods in (0, 2)]
+    for system, tolerance in cases:
         case = system, system["q0"], system["v0"], TABLE[mode]
         assert_close(c.constraint_force(*case), textbook_force(*case), tolerance)
 
@@ -88,27 +90,22 @@ def test_leading_axes_are_separate_runs(mode):
                 assert_close(many[i, j], single, 1e-9)
 
 
-def test_rods_act_in_pairs_do_no_work_and_turn_nothing_about_the_pivot():
-    rng = np.random.default_rng(7)
-    for trial in range(20):
-        system = random_linkage(rng, 6, trial % 4) if trial % 2 else random_chain(rng, 6)
+@pytest.mark.parametrize("seed", range(10))
+def test_rods_act_in_pairs_and_do_no_work(seed):
+    """So they push no free body and turn it no way, nor a chain about its pivot."""
+    rng = np.random.default_rng(seed)
+    free, chain = random_linkage(rng, 6, seed % 4), random_chain(rng, 6)
+    inner = [k for k, (_, j) in enumerate(free["pairs"]) if j >= 0]
+    free |= {"pairs": [free["pairs"][k] for k in inner], "lengths": free["lengths"][inner]}
+    for system, arm in ((free, free["q0"]), (chain, chain["q0"] - chain["anchors"][0])):
         q, v = system["q0"], system["v0"]
         jac = c.constraint_terms(system, q, v)[0]
         v = (v.ravel() - np.linalg.pinv(jac) @ jac @ v.ravel()).reshape(-1, 3)  # as rods allow
         force = c.constraint_force(system, q, v, TABLE["none"])
-        scale = np.abs(force).max()
-        assert abs(np.sum(force * v)) < 1e-10 * scale
-        # what the rods at the anchors do to the particles is all that does not cancel in pairs
-        lam = np.linalg.lstsq(jac.T, force.ravel(), rcond=None)[0]
-        grounded = np.array([j < 0 for _, j in system["pairs"]])
-        ends = [system["anchors"][-1 - j] if j < 0 else q[j] for _, j in system["pairs"]]
-        d = q[[i for i, _ in system["pairs"]]] - ends
-        at_anchors = (lam[:, None] * d)[grounded].sum(axis=0)
-        assert np.abs(force.sum(axis=0) - at_anchors).max() < 1e-9 * scale
-        if len({j for _, j in system["pairs"] if j < 0}) == 1:
-            arm = q - system["anchors"][-1 - min(j for _, j in system["pairs"])]
-            turning = np.abs(np.cross(arm, force).sum(axis=0)).max()
-            assert turning < 1e-9 * scale * np.abs(arm).max()
+        scale = np.abs(force).max() * np.abs(arm).max()
+        assert abs(np.sum(force * v)) < 1e-9 * scale
+        assert np.abs(np.cross(arm, force).sum(axis=0)).max() < 1e-9 * scale
+        assert system is chain or np.abs(force.sum(axis=0)).max() < 1e-9 * scale
 
 
 def tight_cable(rods, sag, masses):
@@ -129,9 +126,10 @@ def cantilever(bays):
     return make_system(q, np.zeros((2 * bays, 3)), m, sum(rods, ()), None, anchors)
 
 
-NEEDED = [tight_cable(n, sag, m) for n in (12, 66) for sag in (0.02, 0.001) for m in (1.0, 1000.0)]
+CABLES = product((12, 66, 150), (0.02, 0.001), (1.0, 1000.0))  # rods, sag in m, masses
+NEEDED = [tight_cable(*cable) for cable in CABLES]
 TONNE = scene("tonne")  # hangs on a brace too many; a thousand of them, too
-NEEDED += [TONNE, TONNE | {"m": TONNE["m"] ** 2}, cantilever(16), cantilever(30)]
+NEEDED += [TONNE, TONNE | {"m": TONNE["m"] ** 2}, cantilever(30)]
 
 
 @pytest.mark.parametrize("sway", [0.0, 0.1])
@@ -169,18 +167,17 @@ def test_a_number_is_a_baumgarte_frequency_and_drag_reaches_the_rods(monkeypatch
     """And a force that may be noise is asked once: what the rods answer is what is applied."""
     system, calls = random_chain(np.random.default_rng(3), 4, 0.01), []
     q, v = system["q0"], system["v0"]
-    for number, mode in ((20.0, "baumgarte"), (0.0, "none")):
-        force = c.constraint_force(system, q, v, TABLE[mode])
-        assert np.array_equal(c.constraint_force(system, q, v, number), force)
 
     def drag(system, q, v=None):
         calls.append(1)
         return system["m"] * c.GRAVITY - 0.3 * v
 
     monkeypatch.setattr(c, "external_force", drag)
-    force = c.make_force(system, 0.0)(q, v)
-    assert len(calls) == 1
-    assert_close(force, drag(system, q, v) + textbook_force(system, q, v, TABLE["none"]))
+    for number, mode in ((20.0, "baumgarte"), (0.0, "none")):
+        calls.clear()
+        force = c.make_force(system, number)(q, v)
+        assert len(calls) == 1
+        assert_close(force, drag(system, q, v) + textbook_force(system, q, v, TABLE[mode]))
 
 
 @pytest.mark.parametrize("length", [1.0, 2.0])

@@ -29,9 +29,9 @@ def drawn(path, system, dt, steps, modes, seen=None):
     `seen` s."""
     keep = frames(steps, dt, len(system["q0"]))
     runs = {mode: run(system, "semi_implicit", mode, dt, steps, keep) for mode in modes}
-    args, some = SimpleNamespace(system="some", integrator="semi_implicit"), runs[modes[-1]]
-    known = some.kept * dt <= seen if seen else None
-    ghost = (some.kept[known] * dt, some.q[known]) if seen else None
+    args, last = SimpleNamespace(system="some", integrator="semi_implicit"), runs[modes[-1]]
+    known = last.kept * dt <= (seen or 0.0)
+    ghost = (last.kept[known] * dt, last.q[known]) if seen else None
     write_motion(path, args, {"dt": dt}, system, runs, keep, ghost)
     return runs, ElementTree.parse(path).getroot()
 
@@ -65,10 +65,10 @@ def test_a_lost_mode_disappears_and_its_words_say_when(tmp_path):
     assert f"lost at {0.045 * at:.3g} s" in [words.text for words in root.iter(f"{SVG}text")]
 
 
-@pytest.mark.parametrize("links", [1, 11, 50, 900])
+@pytest.mark.parametrize("links", [1, 11, 900])
 def test_no_scene_makes_a_large_picture(links, tmp_path):
-    system = c.build_system("chain", links=links)
-    drawn(tmp_path / "motion.svg", system, 0.01, 100 if links > 50 else 2000, ["none", "project"])
+    system, steps = c.build_system("chain", links=links), 50 if links > 50 else 1000
+    drawn(tmp_path / "motion.svg", system, 0.01, steps, ["none", "project"])
     assert (tmp_path / "motion.svg").stat().st_size <= BYTES
 
 
@@ -76,11 +76,9 @@ def test_no_scene_makes_a_large_picture(links, tmp_path):
 def test_modes_and_forces_have_colours_that_all_can_tell_apart(eyes):
     coded = np.array([rgb(x) for x in (*svg.MODES.values(), svg.PULL, svg.PUSH)]) / 255.0
     light = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
-    share = (
-        np.clip(light @ np.transpose(eyes), 0, 1) @ np.transpose(TO_XYZ) / np.sum(TO_XYZ, axis=1)
-    )
-    root = np.where(share > 0.008856, np.cbrt(share), 7.787 * share + 16 / 116)
-    lab = root @ [[0, 500, 0], [116, -500, 200], [0, 0, -200]]  # CIE 1976, but for a constant
+    share = np.clip(light @ np.transpose(eyes), 0, 1) @ np.transpose(TO_XYZ)
+    root = np.cbrt(share / np.sum(TO_XYZ, axis=1))
+    lab = root @ [[0, 500, 0], [116, -500, 200], [0, 0, -200]]  # CIE 1976, of what is not dark
     assert min(np.linalg.norm(a - b) for a, b in combinations(lab, 2)) > 10.0
     bright = light @ TO_XYZ[1] + 0.05  # contrast of at least 3 on white and on black, as in WCAG
     assert np.all(1.05 / bright > 3.0) and np.all(bright / 0.05 > 3.0)

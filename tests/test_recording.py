@@ -42,6 +42,7 @@ class Recording:
                 inside = [some for name, some in pages.items() if name.startswith(f"{entity}/")]
                 view = {name: x[0].as_py() for some in (*inside, page) for name, x in some.items()}
                 self.views[f"/{view['space_origin'][0]}"] = view
+        self.titles = {origin: view["display_name"][0] for origin, view in self.views.items()}
 
     def rows(self, entity, column):
         """A list of what an entity had at each frame, or for ever."""
@@ -59,11 +60,6 @@ class Recording:
     def seconds(self, entity):
         """When its frames are."""
         return self.entities[entity][recording.TIMELINE].to_numpy() / np.timedelta64(1, "s")
-
-
-def rerun(*words):
-    words = [sys.executable, "-m", "rerun", *map(str, words)]
-    return subprocess.run(words, capture_output=True, text=True)
 
 
 def made(path, system, holds, dt, steps, keep=None, seen=0.0):
@@ -90,25 +86,23 @@ def default(tmp_path_factory):
 @pytest.fixture(scope="module")
 def leg(tmp_path_factory):
     """The leg, with two anchors and rods that pull and push; the truth is known for a second."""
-    holds = {mode: c.hold_table(0.01)[mode] for mode in ("none", "soft")}
-    path = tmp_path_factory.mktemp("leg") / "leg.rrd"
+    holds, path = c.hold_table(0.01), tmp_path_factory.mktemp("leg") / "leg.rrd"
+    holds = {mode: holds[mode] for mode in ("none", "soft")}
     return made(path, scene("jansen_leg"), holds, 0.01, 200, seen=1.0)
 
 
 @pytest.fixture(scope="module")
 def lost(tmp_path_factory):
     """A double pendulum: the rods of one mode grow, and the other blows up."""
-    holds = {"none": c.as_hold(0.0), "baumgarte": c.as_hold(40.0)}
-    path = tmp_path_factory.mktemp("lost") / "lost.rrd"
+    holds, path = {"none": 0.0, "baumgarte": 40.0}, tmp_path_factory.mktemp("lost") / "lost.rrd"
+    holds = {mode: c.as_hold(w) for mode, w in holds.items()}
     return made(path, c.build_system("double"), holds, 0.05, 60)
 
 
 def test_a_curve_shows_what_its_title_says(leg):
-    titles = {origin: view["display_name"][0] for origin, view in leg.found.views.items()}
-    m = leg.system["m"][:, 0]
+    m, anchors = leg.system["m"][:, 0], leg.system["anchors"]
     for k, (mode, done) in enumerate(leg.runs.items()):
-        anchors = np.tile(leg.system["anchors"][::-1], (len(done.q), 1, 1))
-        ends = np.concatenate([done.q, anchors], axis=1)
+        ends = np.concatenate([done.q, np.tile(anchors[::-1], (len(done.q), 1, 1))], axis=1)
         lengths = [np.linalg.norm(ends[:, i] - ends[:, j], axis=1) for i, j in leg.system["pairs"]]
         worst = np.max(np.abs(np.transpose(lengths) - leg.system["lengths"]), axis=1)
         joule = np.sum(0.5 * m * np.sum(done.v**2, axis=2) + m * 9.81 * done.q[:, :, 1], axis=1)
@@ -119,13 +113,12 @@ def test_a_curve_shows_what_its_title_says(leg):
         }
         for plot in range(3):
             shown = leg.found.numbers(f"/curves/{plot}/{k + 1}_{mode}", "scalars")[:, 0]
-            curve = expected.pop(titles[f"/curves/{plot}"])
-            assert np.max(np.abs(shown - curve)[1:]) < 1e-6 * np.ptp(
-                curve
-            )  # first, all is rounding
+            curve = expected.pop(leg.found.titles[f"/curves/{plot}"])
+            off = np.abs(shown - curve)[1:]  # at first, all is rounding
+            assert np.max(off) < 1e-6 * np.ptp(curve)
 
 
-def test_particles_rods_and_trail_are_where_they_were(leg):
+def test_particles_rods_trail_and_the_true_motion_are_where_they_were(leg):
     found, anchors = leg.found, leg.system["anchors"]
     assert np.allclose(found.numbers("/scene/anchors", "positions")[0], anchors[::-1])
     (bar,) = found.numbers("/scene/bar", "strips")[0]
@@ -133,8 +126,6 @@ def test_particles_rods_and_trail_are_where_they_were(leg):
     for k, (mode, done) in enumerate(leg.runs.items()):
         seen, curve = f"/scene/{k + 1}_{mode}", f"/curves/0/{k + 1}_{mode}"
         assert {"$origin/**", "scene/bar", "scene/truth"} < set(found.views[seen]["query"])
-        trail = {"timeline": recording.TIMELINE, "range": {"start": -1_000_000_000, "end": 0}}
-        assert found.views[seen]["ranges"] == [trail]
         for entity in (f"{seen}/particles", f"{seen}/path", curve):
             assert found.colors(entity).tolist() == [recording.rgb(svg.MODES[mode]).tolist()]
             assert np.allclose(found.seconds(entity), leg.dt * done.kept, atol=1e-9)
@@ -146,37 +137,18 @@ def test_particles_rods_and_trail_are_where_they_were(leg):
                 d = q[i] - (begin := q[j] if j >= 0 else anchors[-1 - j])
                 mark = begin + d * min(1.0, leg.system["lengths"][rod] / np.linalg.norm(d))
                 assert np.allclose(rods[rod], [begin, mark], atol=1e-6)
-
-
-def test_the_true_motion_is_shown_while_it_is_known(leg):
-    *strips, last = leg.found.rows("/scene/truth", "strips")
-    heads = [rods[0][1] for rods in strips]
-    assert np.allclose(
-        heads, leg.runs["none"].q[: len(heads), leg.system["pairs"][0][0]], atol=1e-6
-    )
-    assert leg.found.seconds("/scene/truth")[-2] == pytest.approx(1.0, abs=0.03) and not last
-
-
-def test_what_a_rod_has_too_much_is_red(lost):
-    strips, q = lost.found.rows("/scene/1_none/excess", "strips"), lost.runs["none"].q[-1]
-    assert lost.found.colors("/scene/1_none/excess").tolist() == [
-        recording.rgb(svg.EXCESS).tolist()
-    ]
-    assert not strips[0]  # at the start no rod is too long, at the end both are
-    marks, heads = np.moveaxis(np.array(strips[-1]), 1, 0)
-    assert np.allclose(heads, q, atol=1e-5)
-    too_much = np.linalg.norm(q - [np.zeros(3), q[0]], axis=1) - 1.0
-    assert np.allclose(np.linalg.norm(heads - marks, axis=1), too_much, atol=1e-5)
+    *strips, last = found.rows("/scene/truth", "strips")
+    heads, (first, _) = np.array([rods[0][1] for rods in strips]), leg.system["pairs"][0]
+    assert np.allclose(heads, leg.runs["none"].q[: len(heads), first], atol=1e-6)
+    assert found.seconds("/scene/truth")[-2] == pytest.approx(1.0, abs=0.03) and not last
 
 
 def test_a_rod_glows_where_it_pulls_and_where_it_pushes(leg):
     full = np.quantile(np.abs(np.concatenate(list(leg.pulls.values()))), 0.9)
     assert f"full glow = {full:.3g} newtons" in leg.found.rows("/panel", "text")[0][0]
     for k, mode in enumerate(leg.runs):
-        colors, share = (
-            leg.found.colors(f"/scene/{k + 1}_{mode}/rods"),
-            leg.pulls[mode].ravel() / full,
-        )
+        colors = leg.found.colors(f"/scene/{k + 1}_{mode}/rods")
+        share = leg.pulls[mode].ravel() / full
         for color, part in ((svg.PULL, share > 1.0), (svg.PUSH, share < -1.0)):
             assert np.any(part) and np.all(colors[part] == recording.rgb(color))
         weak = np.abs(share) < 0.01
@@ -195,32 +167,34 @@ def test_the_eye_sees_the_whole_scene_from_the_front(name, request):
     x, y, ahead = np.moveaxis((q - eye) * [1.0, 1.0, -1.0], -1, 0)
     share = np.max(np.abs([x * tall / wide, y]) / ahead) / recording.SLOPE  # of half a tile
     assert np.all(ahead > 0.0) and 0.5 < share < 1.0  # nothing is cut, nor far away
-    sizes = (9, 1), (1, 9)
-    assert [recording.columns(6, (840, 800), size, 28)[0] for size in sizes] == [1, 6]
 
 
-def test_a_lost_mode_leaves_the_picture_and_its_tile_says_when(lost):
-    done, found = lost.runs["baumgarte"], lost.found
+def test_a_lost_mode_leaves_the_picture_and_bends_no_axis(lost):
+    """Its tile says when it was lost; and what a rod of the other has too much is red."""
+    done, none, found = lost.runs["baumgarte"], lost.runs["none"], lost.found
     when = lost.dt * done.kept[-1]
-    assert done.stopped and not lost.runs["none"].stopped
+    assert done.stopped and not none.stopped
     assert np.allclose(found.seconds("/scene/2_baumgarte"), when + lost.dt)
     assert found.rows("/scene/2_baumgarte", "is_recursive") == [[True]]
     assert found.rows("/scene/lost_2_baumgarte", "labels") == [[f"lost at {when:.3g} s"]]
     assert "scene/lost_2_baumgarte" in found.views["/scene/2_baumgarte"]["query"]
-    titles = {view["display_name"][0] for view in found.views.values()}
-    off = tables.length(np.max(lost.runs["none"].violations))
-    assert {f"none, off {off}", f"baumgarte, lost at {when:.3g} s"} < titles
-
-
-def test_no_axis_bends_to_a_lost_mode_or_a_spike(lost):
+    off = f"none, off {tables.length(np.max(none.violations))}"
+    assert {off, f"baumgarte, lost at {when:.3g} s"} < set(found.titles.values())
     for plot in range(3):
-        view = lost.found.views[f"/curves/{plot}"]
-        curve = lost.found.numbers(f"/curves/{plot}/1_none", "scalars")
+        view = found.views[f"/curves/{plot}"]
+        curve = found.numbers(f"/curves/{plot}/1_none", "scalars")
         (low, high), (time,) = view["range"][0], view["view_range"]
         assert low < np.quantile(curve, 0.02) and np.quantile(curve, 0.98) < high
         assert high - low < 1.2 * np.ptp(curve) and time["start"] == 0
         assert 3.0 < time["end"] / 1e9 < 3.3
-    assert lost.found.numbers("/curves/2/2_baumgarte", "scalars").max() > 100.0 * high
+    assert found.numbers("/curves/2/2_baumgarte", "scalars").max() > 100.0 * high
+    strips, excess = found.rows("/scene/1_none/excess", "strips"), recording.rgb(svg.EXCESS)
+    assert found.colors("/scene/1_none/excess").tolist() == [excess.tolist()]
+    assert not strips[0]  # at the start no rod is too long, at the end both are
+    marks, heads = np.moveaxis(np.array(strips[-1]), 1, 0)
+    assert np.allclose(heads, none.q[-1], atol=1e-5)
+    too_much = np.linalg.norm(none.q[-1] - [np.zeros(3), none.q[-1, 0]], axis=1) - 1.0
+    assert np.allclose(np.linalg.norm(heads - marks, axis=1), too_much, atol=1e-5)
 
 
 def test_frames_are_sixty_a_second_or_every_step_and_have_a_cap():
@@ -231,41 +205,22 @@ def test_frames_are_sixty_a_second_or_every_step_and_have_a_cap():
         assert 0 in kept and len(kept) * particles <= recording.MAX_RECORDED
 
 
-def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(default):
+def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(default, lost):
     assert default.path.stat().st_size < 2_000_000
-    done = rerun("rrd", "verify", default.path)
-    assert done.returncode == 0, done.stderr
-    text = rerun("rrd", "print", default.path).stdout  # else a viewer in a browser makes up its own
+    command = [sys.executable, "-m", "rerun", "rrd"]
+    subprocess.run([*command, "verify", default.path], check=True, capture_output=True)
+    text = subprocess.check_output([*command, "print", lost.path], text=True)
+    # else a viewer in a browser makes up its own
     assert re.search("BlueprintActivation.*make_active: true, make_default: true", text)
     (said,) = default.found.rows("/panel", "text")[0]
     assert said.startswith("**some, semi_implicit, steps of 0.005 s**")
 
 
-def test_equal_runs_are_equal_recordings_and_others_are_not(tmp_path):
-    hold, long = {"none": c.as_hold(0.0)}, range(0, 200_001, 2)
-    settings = [(0, 0.0005, 200_000, long)] * 2 + [(0, 0.01, 10), (1, 0.01, 10)]
-    one, two, three, four = (
-        made(tmp_path / str(k), c.build_system("pendulum", seed), hold, *rest)
-        for k, (seed, *rest) in enumerate(settings)
-    )
-    assert rerun("rrd", "compare", one.path, two.path).returncode == 0
-    assert rerun("rrd", "compare", three.path, four.path).returncode != 0
-    names = {some.found.store.recording_id for some in (three, four)}
-    assert len(names) == 2  # else a viewer that opens both would take them for one
-
-
-def test_what_stands_still_comes_first_and_modes_come_in_their_order(default):
-    parts = [(part.is_static, part.entity_path) for part in RrdReader(str(default.path)).stream()]
-    still, moving = ([name for static, name in parts if static is kind] for kind in (True, False))
-    assert [static for static, _ in parts] == [True] * len(still) + [False] * len(moving)
-    assert {name.split("/")[1] for name in still + moving} == {
-        "scene",
-        "curves",
-        "panel",
-    }  # no clock
-    for entities in (still, moving):
-        modes = [found[0] for entity in entities if (found := re.findall(r"\d_[a-z]+", entity))]
-        assert modes == sorted(modes) and len(set(modes)) == 5
+def test_other_runs_are_other_recordings(tmp_path):
+    """Else a viewer that opens both would take them for one. Of equal ones: test_same_bytes."""
+    starts, hold = (c.build_system("pendulum", seed) for seed in (0, 1)), {"none": c.as_hold(0.0)}
+    both = [made(tmp_path / "x.rrd", start, hold, 0.01, 10).found for start in starts]
+    assert both[0].store.recording_id != both[1].store.recording_id
 
 
 DRAWN = {name for name in PICTURES if isinstance(PICTURES[name], FunctionType)}
@@ -278,7 +233,7 @@ def test_a_drawing_is_what_its_script_makes(name):
     assert ElementTree.fromstring(stored).find("{http://www.w3.org/2000/svg}title").text
 
 
-def test_every_picture_is_there_and_the_gallery_shows_each_scene():
+def test_the_gallery_shows_each_scene():
     gallery = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\((\w+\.svg)\)", gallery)) == PICTURES.keys() - DRAWN
     assert sum((FOLDER / name).stat().st_size for name in PICTURES) < 1_500_000

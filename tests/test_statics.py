@@ -35,19 +35,15 @@ def test_a_start_that_tears_is_refused_and_no_other(name):
     assert (refusal(planar(*start), c.GRAVITY) is None) == ok
 
 
-def test_without_gravity_a_taut_cable_stays_and_tears_only_if_plucked():
-    assert not refusal(planar(*STARTS["a taut cable"][:-1]), 0.0 * c.GRAVITY)
-    assert refusal(planar(*STARTS["plucked"][:-1]), 0.0 * c.GRAVITY)
-
-
 @pytest.mark.parametrize("sag", [1e-2, 1e-4, 1e-6, 1e-9, 0.0])
 def test_a_tension_may_be_large_while_it_is_finite(sag):
     """A weight on a tight line pulls with m g / (2 sag) until doubles cannot tell it from taut."""
     across = np.sqrt(1.0 - sag * sag)
     bob = planar([(across, -sag)], [(0, -1), (0, -2)], [(0, 0), (2 * across, 0)], [0])
     assert (refusal(bob, c.GRAVITY) is None) == (sag > 1e-8)
-    if sag > 1e-3:
-        assert c.tensions(bob, bob["q0"], bob["v0"], 0.0) == pytest.approx(4.905 / sag, rel=1e-3)
+    assert not refusal(bob, 0.0 * c.GRAVITY)
+    bob["v0"] = bob["v0"] + [0.0, 1.0, 0.0]
+    assert sag > 0.0 or refusal(bob, 0.0 * c.GRAVITY)
 
 
 @pytest.mark.parametrize("wide", [2, 3])
@@ -72,9 +68,10 @@ def test_the_tight_cable_hangs_in_its_equilibrium():
     assert slopes / slopes[-1] == pytest.approx((np.arange(12) - 5.5) / 5.5)
 
 
-@pytest.mark.parametrize(("kind", "told"), [("loop", True), ("diverged", False), (None, False)])
-def test_a_run_that_ends_where_rods_are_in_line_is_told_so(kind, told):
+def test_a_run_that_ends_where_rods_are_in_line_is_told_so():
     system = scene("windows")
     flat = system["q0"] * [1.0, 0.0, 1.0] + [1.0, 0.0, 0.0]  # all bars on the ground
-    run = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
-    assert ("nearly in line there" in in_line(c.constraint_terms, system, run)) == told
+    for kind in ("loop", "diverged", None):
+        run = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
+        hint = in_line(c.constraint_terms, system, run)
+        assert ("nearly in line there" in hint) == (kind == "loop")

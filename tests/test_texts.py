@@ -14,9 +14,9 @@ TEXTS = {
     for path in figures.TEXTS
 }
 BLOCKS = [block for text in TEXTS.values() for block in figures.BLOCK.finditer(text)]
-STUDIES = "python -m curriculum.ch3_4_constraints.studies."
-QUICK = ("python constraints.py", f"{STUDIES}shown")  # the others: figures.py
-SLOW = (f"{STUDIES}shown hour",)
+SHOWN = "python -m curriculum.ch3_4_constraints.studies.shown"
+QUICK = [b for b in BLOCKS if b["command"].startswith(("python constraints.py", SHOWN))]
+QUICK = [b for b in QUICK if b["command"] != f"{SHOWN} hour"]  # the others: figures.py
 
 
 def without_code(text):
@@ -24,20 +24,15 @@ def without_code(text):
     return re.sub(r"^```.*?^```$", "", text, flags=re.S | re.M)
 
 
-def quick(command):
-    return command.startswith(QUICK) and command not in SLOW
-
-
-@pytest.mark.parametrize("block", [b for b in BLOCKS if quick(b["command"])], ids=lambda b: b[2])
+@pytest.mark.parametrize("block", QUICK, ids=lambda b: b[2])
 def test_a_figure_in_a_text_is_what_its_command_prints(block, tmp_path, capsys):
     words = shlex.split(block["command"])[1:]
     if words[0] == "-m":
         importlib.import_module(words[1]).main(words[2:])
     else:
         constraints.main([*words[1:], "--no-rerun", "--out", str(tmp_path)])
-    assert figures.machine_free(capsys.readouterr().out.strip("\n")) == figures.machine_free(
-        block["body"]
-    )
+    printed, said = capsys.readouterr().out.strip("\n"), block["body"]
+    assert figures.machine_free(printed) == figures.machine_free(said)
 
 
 def test_only_times_are_left_out_and_a_block_says_the_command_that_printed_it():
@@ -53,8 +48,7 @@ def test_figures_goes_on_after_a_failure_and_refuses_what_no_text_asks(tmp_path,
     monkeypatch.setattr(figures, "TEXTS", [page])
     monkeypatch.setattr(figures, "ROOT", tmp_path)
     assert figures.main([]) == 1
-    after = page.read_text(encoding="utf-8")
-    assert after == block.format(fails, "old") + block.format(works, "1")
+    assert page.read_text() == block.format(fails, "old") + block.format(works, "1")
     with pytest.raises(SystemExit):
         figures.main(["--only", "zzz"])
 
@@ -72,14 +66,11 @@ def test_a_text_has_figures_and_its_links_lead_somewhere(name):
         assert not heading or heading in anchors, link
 
 
-@pytest.mark.parametrize("name", [name for name in TEXTS if "ch3_4" in name])
-def test_a_text_of_the_chapter_fits_its_page(name):
-    whole = name.endswith("ch3_4_constraints/README.md")
-    lines = (TEXTS[name] if whole else without_code(TEXTS[name])).splitlines()
-    assert not [line for line in lines if len(line) > 100 and not line.startswith("ch3.4 ")]
-
-
-def test_what_the_chapter_names_in_the_file_is_there():
+def test_the_chapters_texts_fit_their_page_and_name_what_is_there():
+    for name in (name for name in TEXTS if "ch3_4" in name):
+        whole = name.endswith("ch3_4_constraints/README.md")
+        lines = (TEXTS[name] if whole else without_code(TEXTS[name])).splitlines()
+        assert not [x for x in lines if len(x) > 100 and not x.startswith("ch3.4 ")], name
     text = TEXTS["curriculum/ch3_4_constraints/README.md"]
     names = {"".join(pair) for pair in re.findall(r"`([a-z]\w*)\(\)`|`([A-Z_]{4,})`", text)}
     assert len(names) > 10

@@ -50,11 +50,6 @@ def rod_force(system, q, v, f, w):
 
 # Nothing below is blank. Once the force is yours, guess before you look: with drag, do the rods
 # still hold? The energy?
-def weight_and_drag(system, q, v):
-    """N (N, 3): the weight, and a drag of 0.2 N s/m."""
-    return system["m"] * c.GRAVITY - 0.2 * v
-
-
 def main():
     """Your force at one state, then in the integrators that the engine's force goes into."""
     system = c.build_system("double")
@@ -63,10 +58,10 @@ def main():
     theirs = c.constraint_force(system, q, v, 20.0)
     off = np.max(np.abs(mine - theirs)) / np.max(np.abs(theirs))
     print(f"at one state yours is the engine's, to 1e-12: {off <= 1e-12}")
-    for name, applied in (("weight", c.external_force), ("weight and drag", weight_and_drag)):
+    for name, drag in (("weight", 0.0), ("weight and drag", 0.2)):  # N s/m
 
-        def force(q, v, applied=applied):
-            f = applied(system, q, v)
+        def force(q, v, drag=drag):
+            f = system["m"] * c.GRAVITY - drag * v
             return f + rod_force(system, q, v, f, 20.0)
 
         ran = c.simulate(c.rk4_step, system, force, 0.005, 1000)

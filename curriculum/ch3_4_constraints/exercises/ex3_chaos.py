@@ -18,9 +18,8 @@ NOTE = c.HERE / "outputs/guess_ex3_chaos.json"  # yours, as it was before the fi
 
 def predict():
     """What you expect: seconds until a launch angle 1e-12 rad off has become a metre."""
-    return {
-        "1e-12": blank("write down a guess: an angle 1e-3 off takes 13.6 s, and one 1e-12 off?")
-    }
+    asked = "write down a guess: an angle 1e-3 off takes 13.6 s, and one 1e-12 off?"
+    return {"1e-12": blank(asked)}
 
 
 def same(a, b):

@@ -32,10 +32,8 @@ def near(x, y, tolerance):
 
 def explained(sentence):
     """What nobody can check of a reason: that it is one."""
-    need(
-        len(str(sentence).split()) > 5,
-        f"why: {sentence!r} is no sentence yet; say it in your words",
-    )
+    said = f"why: {sentence!r} is no sentence yet; say it in your words"
+    need(len(str(sentence).split()) > 5, said)
 
 
 def noted(exercise):
@@ -51,15 +49,13 @@ def noted(exercise):
 def check_drift(exercise):
     """The findings are what the runs do, and g is explained."""
     noted(exercise)
-    found, grows = exercise.found(), "rod: not {rod!r}: compare the errors from line to line"
-    pendulum, heavy = c.build_system("pendulum"), c.build_system("pendulum")
+    found, (pendulum, heavy) = exercise.found(), (c.build_system("pendulum") for _ in range(2))
     heavy["m"] = 10.0 * heavy["m"]
     ran, other = (exercise.naive(x, "semi_implicit", 0.005, 4000) for x in (pendulum, heavy))
-    need((found["rod"] == "grows") == np.all(np.diff(ran.violations) > 0), grows.format(**found))
-    worst = [
-        np.max(exercise.naive(c.build_system("double"), "rk4", dt, round(10 / dt)).violations)
-        for dt in (0.01, 0.005)
-    ]
+    said = f"rod: not {found['rod']!r}: compare the errors from line to line"
+    need((found["rod"] == "grows") == np.all(np.diff(ran.violations) > 0), said)
+    double, steps = c.build_system("double"), {0.01: 1000, 0.005: 2000}
+    worst = [np.max(exercise.naive(double, "rk4", *x).violations) for x in steps.items()]
     said = f"factor: not {found['factor']}: divide one error by the other"
     need(near(found["factor"], worst[0] / worst[1], 0.1), said)
     same = near(other.violations[-1], ran.violations[-1], 1e-6)
@@ -75,33 +71,26 @@ def check_drift(exercise):
 
 
 # Typical wrong answers of exercise 2, and what is to be said of them. Of Jdot v, from d and rate:
-TURNING = [
-    (lambda d, rate: 0.0, "zero: right at rest, wrong in motion. gddot = d . d'' + something"),
-    (
-        lambda d, rate: -(rate @ rate),
-        "the other sign: it stands in gddot, on the left, with a plus",
-    ),
-    (lambda d, rate: 2.0 * (rate @ rate), "twice as much: g has a factor 1/2"),
-    (lambda d, rate: 0.5 * (rate @ rate), "half as much: (d . d')' has no factor 1/2 left"),
-    (lambda d, rate: d @ rate, "gdot. Differentiate once more, by the product rule"),
-    (lambda d, rate: np.sqrt(rate @ rate), "a speed. Jdot v is in m^2/s^2"),
-]
+TURNING = {
+    "zero: right at rest, wrong in motion. gddot = d . d'' + something": lambda d, rate: 0.0,
+    "the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
+    "twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
+    "half as much: (d . d')' has no factor 1/2 left": lambda d, rate: 0.5 * (rate @ rate),
+    "gdot. Differentiate once more, by the product rule": lambda d, rate: d @ rate,
+}
 # of A, from J and 1/m,
-MOBILITY = [
-    (lambda jac, share: jac @ jac.T, "right where all masses are 1 kg: the mass is missing"),
-    (lambda jac, share: (jac / share) @ jac.T, "it multiplies by the mass: M^-1 divides by it"),
-    (lambda jac, share: -(jac * share) @ jac.T, "the other sign"),
-    (lambda jac, share: (jac * share**2) @ jac.T, "it divides by the mass twice"),
-]
+MOBILITY = {
+    "right where all masses are 1 kg: the mass is missing": lambda jac, share: jac @ jac.T,
+    "it multiplies by the mass: M^-1 divides by it": lambda jac, share: (jac / share) @ jac.T,
+    "it divides by the mass twice": lambda jac, share: (jac * share**2) @ jac.T,
+}
 # and of what is wanted, from the spring's coefficients of gdot and of g, w being 3.
 WANTED = {
     (0.0, 0.0): "nothing: right at w = 0 only. The spring is missing",
     (6.0, -9.0): "the damping has the wrong sign: it must act against gdot",
     (-6.0, 9.0): "the stiffness has the wrong sign: it must act against g",
-    (6.0, 9.0): "both signs are wrong: it drives errors on",
     (-3.0, -9.0): "half the damping: (s + w)^2 = s^2 + 2 w s + w^2, and this one swings",
     (-6.0, -3.0): "w g is in m^2/s: the stiffness is w^2",
-    (-9.0, -6.0): "damping and stiffness have changed places",
     (-6.0, 0.0): "no stiffness: an error stops growing, and stays",
     (0.0, -9.0): "no damping: an error swings for ever",
 }
@@ -111,15 +100,12 @@ def check_solve(exercise):
     """Typical mistakes are named; then the force equals the engine's on random chains."""
     rng = np.random.default_rng(0)
     d, rate, jac, share = *rng.normal(size=(2, 3)), rng.normal(size=(2, 6)), rng.uniform(2, 3, 6)
-    for name, arguments, mistakes in (
-        ("turning", (d, rate), TURNING), ("mobility", (jac, share), MOBILITY)
-    ):  # fmt: skip
-        mine = getattr(exercise, name)(*arguments)
-        for mistake, said in mistakes:
-            wrong = mistake(*arguments)
-            need(
-                np.shape(mine) != np.shape(wrong) or not np.allclose(mine, wrong), f"{name}: {said}"
-            )
+    tried = {"turning": ((d, rate), TURNING), "mobility": ((jac, share), MOBILITY)}
+    for name, (arguments, mistakes) in tried.items():
+        mine = np.asarray(getattr(exercise, name)(*arguments))
+        for said, mistake in mistakes.items():
+            wrong = np.asarray(mistake(*arguments))
+            need(mine.shape != wrong.shape or not np.allclose(mine, wrong), f"{name}: {said}")
     spring = np.array([exercise.wanted(0.0, 1.0, 3.0), exercise.wanted(1.0, 0.0, 3.0)])
     for wrong, said in WANTED.items():
         need(not np.allclose(spring, wrong), f"wanted: {said}")
@@ -171,13 +157,10 @@ def check_cliff(exercise):
     edge = exercise.bisect(lambda x: calls.append(x) or x < math.sqrt(2.0), 0.0, 4.0, 1e-6)
     said = f"bisect: x < sqrt(2) holds up to 1.414214, not {edge}"
     need(abs(edge - math.sqrt(2.0)) <= 1e-6, said)
-    said = (
-        f"bisect: {len(calls)} calls for an interval of 4 and a width of 1e-6; 22 halvings will do"
-    )
+    said = f"bisect: {len(calls)} calls from an interval of 4 to 1e-6, where 22 halvings will do"
     need(len(calls) <= 24, said)
-    for rule, step in c.INTEGRATORS.items():
-        if rule not in c.STABILITY_LIMIT:
-            continue
+    for rule in c.STABILITY_LIMIT:
+        step = c.INTEGRATORS[rule]
         x, v, z = 0.3, -0.7, 0.9
         after = np.array(step(x, v, 1.0, lambda x, v: -z * v - z**2 * x, 1.0))  # noqa: B023
         mine = np.asarray(exercise.step_matrix(rule, z))

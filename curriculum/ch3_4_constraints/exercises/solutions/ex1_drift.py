@@ -1,7 +1,4 @@
-"""Exercise 1, answered.
-
-python -m curriculum.ch3_4_constraints.exercises.solutions.ex1_drift
-"""
+"""Exercise 1, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex1_drift"""
 
 from curriculum.ch3_4_constraints.exercises.solutions import run_solution
 

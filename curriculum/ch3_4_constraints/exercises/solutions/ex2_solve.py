@@ -1,7 +1,4 @@
-"""Exercise 2, answered.
-
-python -m curriculum.ch3_4_constraints.exercises.solutions.ex2_solve
-"""
+"""Exercise 2, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex2_solve"""
 
 from curriculum.ch3_4_constraints.exercises.solutions import run_solution
 

@@ -1,7 +1,4 @@
-"""Exercise 3, answered.
-
-python -m curriculum.ch3_4_constraints.exercises.solutions.ex3_chaos
-"""
+"""Exercise 3, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex3_chaos"""
 
 import math
 

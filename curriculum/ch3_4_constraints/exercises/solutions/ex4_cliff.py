@@ -1,7 +1,4 @@
-"""Exercise 4, answered.
-
-python -m curriculum.ch3_4_constraints.exercises.solutions.ex4_cliff
-"""
+"""Exercise 4, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex4_cliff"""
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises.solutions import run_solution

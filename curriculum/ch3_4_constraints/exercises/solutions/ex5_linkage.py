@@ -1,7 +1,4 @@
-"""Exercise 5, answered.
-
-python -m curriculum.ch3_4_constraints.exercises.solutions.ex5_linkage
-"""
+"""Exercise 5, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex5_linkage"""
 
 from pathlib import Path
 
