@@ -261,7 +261,7 @@ def test_a_run_ends_alike_in_every_way(case, monkeypatch):
 
 def test_who_cannot_go_on_in_a_crowd_goes_on_alone():
     """Where one member's loop does not end, it takes halves, and the others do not notice."""
-    system, m = c.build_system("pendulum"), np.ones((1, 1))
+    system = c.build_system("pendulum")
 
     def timid(q, v, m, force, dt):
         size = 40.0 * dt * np.sum(v * v) - 5.0  # a long step is too long for the fast
@@ -277,7 +277,7 @@ def test_who_cannot_go_on_in_a_crowd_goes_on_alone():
         c.simulate(timid, system | {"q0": x, "v0": w}, force, 0.04, 40)
         for x, w in zip(q, v, strict=True)
     ]
-    assert 0 < sum(run.halved > 0 for run in alone)
+    assert any(run.halved for run in alone)
     for way in WAYS[:2]:
         found = c.simulate(timid, system | {"q0": q, "v0": v}, force, 0.04, 40, (), way)
         for k, run in enumerate(alone):

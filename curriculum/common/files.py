@@ -39,18 +39,20 @@ def write_together(folder, writers):
 
 @contextlib.contextmanager
 def undisturbed():
-    """A moment in which no signal ends the program; one that comes then is not heard."""
+    """A moment in which no signal ends the program; one that comes then is heard afterwards."""
     names = {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal))
-    before = {}
+    before, heard = {}, []
     with contextlib.suppress(ValueError):  # only the main thread hears signals
         for name in names:
             number = getattr(signal, name)
-            before[number] = signal.signal(number, signal.SIG_IGN)
+            before[number] = signal.signal(number, lambda number, _: heard.append(number))
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        for number in heard:
+            signal.raise_signal(number)
 
 
 def write_whole(path, write):
