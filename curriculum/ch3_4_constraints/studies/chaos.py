@@ -49,15 +49,20 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, dt, steps):
     """The Ends of a run that is measured at every step, and the seconds of its steps alone."""
     start, rods, energy, alone = c.energy(system, system["q0"], system["v0"]), 0.0, 0.0, 0.0
-    many = crowd(system, rule, mode, dt, lambda q, v: (c.rod_errors(system, q), c.energy(system, q, v)))
+
+    def measure(q, v):
+        return np.abs(c.rod_errors(system, q)), c.energy(system, q, v)
+
+    many = crowd(system, rule, mode, dt, measure)
     size = max(1, ROWS // (len(start) * (1 + len(system["pairs"]))))
     with np.errstate(all="ignore"):  # who flies apart is told of below
         for done in range(0, steps, size):
             clock = time.perf_counter()
             rows = many.advance(min(size, steps - done))
             alone += time.perf_counter() - clock
-            rods = np.maximum(rods, np.abs(rows[:, :-1]).max(axis=(0, 1)))
-            energy = np.maximum(energy, np.abs(rows[:, -1] - start).max(axis=0))
+            rods = np.maximum(rods, rows[:, :-1].max(axis=0).max(axis=0))
+            ends = rows[:, -1].max(axis=0) - start, start - rows[:, -1].min(axis=0)
+            energy = np.maximum(energy, np.maximum(*ends))
     q, _ = many.states()
     energies = rows[-1, -1]
     sane = np.where(rods < 100.0 * np.sum(system["lengths"]), 0.0, math.nan)
