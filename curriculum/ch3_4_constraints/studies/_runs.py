@@ -51,6 +51,20 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     return c.simulate(rule, system, force, dt, steps, keep, way)
 
 
+def machine_run(system, rule, hold, dt, steps):
+    """The Run of `run`, its step compiled to machine code, where that can be, from the start on."""
+    rule, force = case(system, rule, hold, dt)
+
+    def way(step_fn, steps):
+        compiled = Compiled(step_fn, steps, check=False)
+        compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
+        if NATIVE and compiled.runner:
+            compiled.to_machine()
+        return compiled
+
+    return c.simulate(rule, system, force, dt, steps, way=way)
+
+
 def python_run(*settings):
     """The Run of `run`, its step compiled to Python alone."""
     with patch.object(native, "available", bool):

@@ -56,7 +56,7 @@ def beside(repeats, quick):
     for name, rule, mode in cases:
         system, rods = c.build_system(name), []
 
-        def ours(run=run, case=(system, rule, mode, DT, steps), rods=rods):
+        def ours(run=_runs.machine_run, case=(system, rule, mode, DT, steps), rods=rods):
             found = run(*case)
             rods.append(float(found.violations.max()))
             return found.pace

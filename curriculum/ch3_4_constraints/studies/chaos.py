@@ -30,7 +30,7 @@ RUNS = (("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none
 # cache. A batch leaves 48 bytes a member and run, and nothing else.
 BATCH = 4000
 SIZES, WORK = (250, 1000, 4000), 4_000_000  # members timed, and steps of all of them together
-ROWS = 1 << 16  # numbers measured in a block: what the processor's cache holds
+ROWS = 1 << 18  # numbers measured in a block: 2 MB, what a processor's caches hold
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 

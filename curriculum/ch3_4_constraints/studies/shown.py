@@ -234,6 +234,28 @@ def elimination():
     show("one elimination", rows)
 
 
+def catenary():
+    """The pull of a cable's end rods: as solved, by hand, and of a rope that bends anywhere.
+
+    By hand, a link lies as its two ends' pulls ask for: with H their level part, the first of 12
+    links rises by 11 / 2 bobs' weights over H. The rope is the curve y = a cosh(x / a).
+    """
+    system, rows = _runs.scene("tight_cable"), []
+    span, rope = system["anchors"][1, 0], system["lengths"].sum()
+    x, y = np.abs(system["q0"][0, :2])
+    weight = system["m"].sum() * G
+    found = c.tensions(system, system["q0"], system["v0"])[[0, -1]].max()
+    u, last = math.sqrt(6.0 * (rope / span - 1.0)), math.inf  # u = span / 2a: sinh(u) / u is known
+    while u < last:  # Newton's method, from above
+        last, off = u, math.sinh(u) - u * rope / span
+        u -= off / (math.cosh(u) - rope / span)
+    bobs = 0.5 * weight * math.hypot(x, y) / y
+    curve = G * 0.5 * span / u * math.cosh(u)  # a rope of 1 kg/m
+    for what, pull in (("end rods, solved", found), ("by hand", bobs), ("a rope's ends", curve)):
+        rows.append({"pull of": what, "N": f"{pull:.2f}"})
+    show(f"{len(system['m'])} bobs of 1 kg on {rope:g} m between anchors {span:.4f} m apart", rows)
+
+
 def rules():
     """The same number of linear systems, spent by rules of different order."""
     system, rows, spent = c.build_system("double"), [], [("semi_implicit", 0.005), ("rk4", 0.02)]
@@ -316,7 +338,7 @@ def hour():
 
 
 QUICK = (matrices, level, tangent, jdotv, order, halving, knob, seeds, lag, nudge, soft, way_back)
-QUICK += (price, elimination, rules, parting, crowd, laws)
+QUICK += (price, elimination, catenary, rules, parting, crowd, laws)
 SHOWN = {table.__name__: table for table in [*QUICK, hour]}
 
 
