@@ -1,25 +1,16 @@
 """Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures [NAME ...]
 
-Drawings and moving pictures (SVG) are computed, and are the same bytes each time. The recording
-(PNG) is what Rerun's viewer shows, without a window: rerun-sdk 0.41, and a graphics card or, on
-Debian, the package mesa-vulkan-drivers.
+They are computed, and are the same bytes each time.
 """
 
 import contextlib
 import io
-import os
-import signal
-import socket
-import subprocess
-import sys
 import tempfile
-import time
 from functools import partial
 from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.recording import TIMELINE
 from curriculum.ch3_4_constraints.studies import speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PALE, PULL, Drawing
@@ -28,8 +19,7 @@ from curriculum.common.files import write_whole
 
 import numpy as np
 
-FOLDER, TOP_BAR = Path(__file__).parent, 37  # pixels of the viewer's menu
-STARTS, NOTICES = 12.0, 8.0  # s, until the viewer is there, and until its notices are gone
+FOLDER = Path(__file__).parent
 SCENES = {path.stem for path in (FOLDER.parent / "scenes").glob("*.json")} - {"taut_cable"}
 NAMES = {"midpoint8": "midpoint 8", "gauss12": "gauss 12"}
 METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
@@ -226,34 +216,8 @@ def moving(name):
         return Path(folder, "motion.svg").read_text(encoding="utf-8")
 
 
-def viewed():
-    """A PNG of the default run's recording at its end, as the viewer shows it."""
-    from PIL import Image  # which Rerun brings along
-    from rerun.experimental import ViewerClient
-
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        c.main(["--out", folder])
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = str(free.getsockname()[1])
-        how = ["--headless", "--window-size", "1400x900", "--port", port]
-        words = [sys.executable, "-m", "rerun", *how, f"{folder}/constraints.rrd"]
-        viewer = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
-        try:
-            time.sleep(STARTS)
-            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.set_time(TIMELINE, duration=20.0, play_state="paused")
-            time.sleep(NOTICES)
-            picture, file = Image.open(io.BytesIO(client.take_screenshot())), io.BytesIO()
-        finally:
-            os.killpg(viewer.pid, signal.SIGTERM)  # it, and the process that it has started
-            viewer.wait()
-    picture = picture.convert("RGB").crop((0, TOP_BAR, *picture.size)).quantize(256)
-    picture.save(file, "png", optimize=True)
-    return file.getvalue()
-
-
 DRAWINGS = two_pendulums, names, tangent, jacobian, shake, eigenvalue, forces, drift, cost
-PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS} | {"recording.png": viewed}
+PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS}
 PICTURES |= {
     f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *sorted(SCENES))
 }
@@ -266,8 +230,7 @@ def main(argv=None):
     for name in parser.parse_args(argv).names or PICTURES:
         if name not in PICTURES:
             parser.error(f"argument NAME: no picture {name!r}, but {', '.join(PICTURES)}")
-        made = PICTURES[name]()
-        made = made if isinstance(made, bytes) else made.encode()
+        made = PICTURES[name]().encode()
         write_whole(FOLDER / name, lambda path, made=made: path.write_bytes(made))
         print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
     return 0

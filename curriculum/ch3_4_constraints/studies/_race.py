@@ -93,7 +93,7 @@ def climb(measure, ladder, cap):
 
 
 def cheapest(task, found, ladder, target, clock):
-    """The setting that reaches the target soonest, of its steps or in all (`clock`: 0 or 1), or None.
+    """The setting that reaches the target soonest, its steps or in all (`clock`: 0 or 1), or None.
 
     The best three are timed once more, and the first on the ladder: on a busy machine the one of
     the fewest steps may be the best, too.

@@ -12,7 +12,7 @@ from curriculum.common.cli import Parser, number, writable
 from curriculum.common.files import write_json
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
-from curriculum.common.steps import Compiled, Crowd, Plain, followed
+from curriculum.common.steps import Compiled, Crowd, followed
 
 import numpy as np
 
@@ -51,6 +51,18 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     return c.simulate(rule, system, force, dt, steps, keep, way)
 
 
+def once():
+    """A `way` for runs of one rule and hold: traced and compiled once, for steps of any length."""
+    made = []
+
+    def way(step_fn, steps):
+        made[:] = made or [Compiled(step_fn, check=False)]
+        made[0].start(steps)
+        return made[0]
+
+    return way
+
+
 def machine_run(system, rule, hold, dt, steps):
     """The Run of `run`, its step compiled to machine code, where that can be, from the start on."""
     rule, force = case(system, rule, hold, dt)
@@ -75,14 +87,6 @@ def whole_step(system, rule, hold, dt):
     """(step, force) of a case, where the step ends with what the hold does to it."""
     rule, force = case(system, rule, hold, dt)
     return followed(rule, force.after), force
-
-
-def code(system, rule, hold, dt):
-    """The code that a step becomes."""
-    step, force = whole_step(system, rule, hold, dt)
-    compiled = Compiled(step, check=False)
-    compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
-    return compiled.source
 
 
 def crowd(system, rule, hold, dt, measure=None):

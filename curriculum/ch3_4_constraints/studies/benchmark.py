@@ -46,6 +46,12 @@ def shares(found, base):
     return {f"us/{name}": float(np.median(ours / samples)) for name, samples in others.items()}
 
 
+def hinges(system, integrator, steps):
+    """Microseconds a step of MuJoCo in joint angles."""
+    seconds, _ = peers.run_hinges(peers.Task(system, 1, DT * steps, None), steps, integrator)
+    return 1e6 * seconds / steps
+
+
 def beside(repeats, quick):
     """(a) A step beside the same lines in plain numpy, in Python, and beside MuJoCo's."""
     steps, rows, bars = 400 if quick else 4000, [], []
@@ -67,7 +73,7 @@ def beside(repeats, quick):
             jobs["python"] = partial(ours, _runs.python_run)
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             theirs = {"semi_implicit": "Euler", "rk4": "RK4"}[rule]
-            jobs["MuJoCo"] = partial(peers.pace_hinges, system, DT, theirs, steps)
+            jobs["MuJoCo"] = partial(hinges, system, theirs, steps)
         found = in_turns(jobs, repeats)
         what = {"case": f"{name} {rule} {mode}", **spread(found["ours"], "us"), "rods m": rods[0]}
         row = what | {"us/plain": "-", "us/python": "-", "us/MuJoCo": "-"} | shares(found, "ours")

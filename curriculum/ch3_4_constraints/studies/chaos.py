@@ -20,7 +20,6 @@ from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
 from curriculum.common.files import write_json
-from curriculum.common.steps import Crowd
 
 import numpy as np
 
@@ -146,17 +145,12 @@ def growth(system, skip, span, dt):
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
 
-    def project(q, v, m, force, dt):
-        return c.project(system, q, q, v, math.inf)
-
-    back = Crowd(project, system["m"], abs, 1.0, q + away[0], v)
     size, start, turns = np.ones(len(q)), c.energy(system, q, v), round((skip + span) / RENEW)
     tick = progress(f"{len(q)} pairs", turns)
     for turn in range(turns):
         near = away * (CLOSE / size)[:, None, None]
-        back.put(np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit]))
-        back.advance(1)
-        steps.put(*back.states())
+        both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
+        steps.put(*c.project(system, both[0], *both, math.inf))
         steps.advance(round(RENEW / dt))
         q, v = (x.reshape(2, -1, *x.shape[1:]) for x in steps.states())
         rods = max(rods, float(c.constraint_violation(system, q).max()))

@@ -15,7 +15,6 @@ not reach it by a run of half a second, of A01 by one of a minute.
 
 import json
 import os
-from decimal import Decimal, localcontext
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -143,22 +142,13 @@ def games(repeats):
 def swing(times):
     """Positions (T, 1, 2) of the unit pendulum released level, and how well they are known, in m.
 
-    sin(phi / 2) = k cd(sqrt(g) t, k), k = sin(phi_0 / 2), phi from straight down (DLMF 22.19(i));
-    decimals take off whole periods, 2000 s would cost a double three digits. Doubt: scipy's value
-    half a period later is minus this one.
+    sin(phi / 2) = k cd(sqrt(g) t, k), k = sin(phi_0 / 2), phi from straight down (DLMF 22.19(i)).
+    Doubt: half a period later it is the mirror image.
     """
-    from scipy.special import ellipj
+    from scipy.special import ellipj, ellipk
 
-    with localcontext() as context:
-        context.prec = 40
-        a, b = Decimal(1), Decimal("0.5").sqrt()
-        while a - b > Decimal("1e-36"):
-            a, b = (a + b) / 2, (a * b).sqrt()
-        half = Decimal("3.141592653589793238462643383279502884197") / a  # 2 K(k) by Gauss's mean
-        pace = Decimal(peers.G).sqrt()
-        phase = [pace * Decimal(t) % (2 * half) for t in times]
-        u = np.array([[float(x) for x in phase], [float(x + half) for x in phase]])
-    _, cn, dn, _ = ellipj(u, 0.5)
+    u = np.sqrt(peers.G) * np.array(times)
+    _, cn, dn, _ = ellipj([u, u + 2.0 * ellipk(0.5)], 0.5)
     s = np.sqrt(0.5) * cn / dn
     q = np.stack([2.0 * s * np.sqrt(1.0 - s * s), 2.0 * s * s - 1.0], axis=-1)
     return q[0, :, None], float(np.abs(q[0] - q[1] * [-1.0, 1.0]).max())
