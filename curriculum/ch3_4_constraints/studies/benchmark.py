@@ -19,7 +19,7 @@ from importlib.util import find_spec
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, run
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, Machine, Python, run
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
@@ -62,15 +62,15 @@ def beside(repeats, quick):
     for name, rule, mode in cases:
         system, rods = c.build_system(name), []
 
-        def ours(run=_runs.machine_run, case=(system, rule, mode, DT, steps), rods=rods):
-            found = run(*case)
+        def ours(way=Machine, case=(system, rule, mode, DT, steps), rods=rods):
+            found = run(*case, way=way)
             rods.append(float(found.violations.max()))
             return found.pace
 
         plain = partial(run, system, rule, mode, DT, PLAIN, way=Plain)
         jobs = {"ours": ours, "plain": lambda plain=plain: plain().pace}
         if NATIVE:
-            jobs["python"] = partial(ours, _runs.python_run)
+            jobs["python"] = partial(ours, Python)
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             theirs = {"semi_implicit": "Euler", "rk4": "RK4"}[rule]
             jobs["MuJoCo"] = partial(hinges, system, theirs, steps)

@@ -2,8 +2,8 @@
 the block below it.
 
 A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with
-`$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD, `--quick` leaves out
-those that take over a minute; of these, the studies of speed want a machine that does nothing else.
+`$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD, `--quick` leaves
+out those that take over a minute; of these, studies of speed want a machine that does nothing else.
 A text is written after each of its blocks; a command that fails leaves its block as it was, is told
 of, and makes the exit status 1.
 The quick commands, whose digits are the same everywhere, are run by tests/test_texts.py, too.
