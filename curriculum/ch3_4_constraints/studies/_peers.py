@@ -10,8 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.ch3_4_constraints.studies._runs import G, make_system
 
 import numpy as np
 
@@ -19,7 +18,6 @@ OFF = """contact warmstart island sensor actuation spring damper midphase filter
 nativeccd autoreset"""  # of MuJoCo: what these systems do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show
 POINT = 1e-14
-G = float(-c.GRAVITY[1])  # m/s^2
 
 
 class Task(NamedTuple):

@@ -8,15 +8,10 @@ from functools import cache, partial
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import (
-    NATIVE,
-    Machine,
-    Python,
-    make_midpoint,
-    whole_step,
-)
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, make_midpoint, whole_step
 from curriculum.ch3_4_constraints.tables import in_turns, spread
 from curriculum.common.gauss import make_gauss
+from curriculum.common.steps import Compiled
 
 import numpy as np
 
@@ -29,8 +24,10 @@ def run_ours(task, per, mode, rule, machine=NATIVE):
     """
     steps, dt, system = per * task.samples, task.every / per, task.system
     step, force = whole_step(system, rule, mode, dt)
-    compiled = (Machine if machine else Python)(step, steps, check=False)
+    compiled = Compiled(step, steps, check=False)
     compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
+    if machine:
+        compiled.to_machine()
     start = compiled.alone.traced.columns(system["q0"], system["v0"])[:, 0]
     clock = time.perf_counter()
     rows, why = compiled.alone(start, steps, dt)

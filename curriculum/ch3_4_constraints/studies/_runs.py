@@ -16,6 +16,7 @@ from curriculum.common.steps import Compiled, Crowd, followed
 import numpy as np
 
 NATIVE = native.available()  # whether steps are compiled to machine code, and not to Python only
+G = float(-c.GRAVITY[1])  # m/s^2
 SCENES = c.HERE / c.CHAPTER / "scenes"
 RULES = {name: rule for name, rule in c.INTEGRATORS.items() if name not in ("gauss", "midpoint")}
 RULES |= {f"midpoint{order}": make_midpoint(order) for order in (6, 8, 10, 12)}
@@ -62,27 +63,6 @@ def once():
     return way
 
 
-class Machine(Compiled):
-    """A `way`: compiled to machine code from the first step on, however few they are."""
-
-    def trace(self, *given):
-        super().trace(*given)
-        if NATIVE and self.runner:
-            self.to_machine()
-
-
-class Python(Compiled):
-    """A `way`: compiled to Python alone."""
-
-    def improve(self, pace):
-        pass
-
-
-def python_run(*settings):
-    """The Run of `run`, its step compiled to Python alone."""
-    return run(*settings, way=Python)
-
-
 def whole_step(system, rule, hold, dt):
     """(step, force) of a case, where the step ends with what the hold does to it."""
     rule, force = case(system, rule, hold, dt)
@@ -97,7 +77,7 @@ def crowd(system, rule, hold, dt, measure=None):
 
 def energy_scale(system):
     """The unit of energy errors in J: sum m |g| sum L."""
-    return float(np.sum(system["m"]) * np.abs(c.GRAVITY).max() * np.sum(system["lengths"]))
+    return float(np.sum(system["m"]) * G * np.sum(system["lengths"]))
 
 
 def drift(system, run):

@@ -141,7 +141,7 @@ def growth(system, skip, span, dt):
     v is not told of the move), and stay in the x-y plane.
     """
     q, v, rates, rods = system["q0"], system["v0"], [], 0.0
-    unit = math.sqrt(system["lengths"].sum() / np.abs(c.GRAVITY).max())
+    unit = math.sqrt(system["lengths"].sum() / _runs.G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
 
@@ -174,7 +174,7 @@ def parting(name, seeds, quick):
     few = range(20)
     upright = ensemble("double", few) | {"q0": np.tile([[0.0, 1, 0], [0.0, 2, 0]], (20, 1, 1))}
     # upright, angles'' = g/L [[2, -1], [-2, 2]] angles
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * np.abs(c.GRAVITY).max())
+    top = math.sqrt((2.0 + math.sqrt(2.0)) * _runs.G)
     # of single pendulums the periods differ, so neighbours part as t: ln(t)/t, on its way to 0
     shear, rows = math.log((skip + span) / skip) / span, []
     for what, start, known, *settings in (

@@ -147,7 +147,7 @@ def swing(times):
     """
     from scipy.special import ellipj, ellipk
 
-    u = np.sqrt(peers.G) * np.array(times)
+    u = np.sqrt(_runs.G) * np.array(times)
     _, cn, dn, _ = ellipj([u, u + 2.0 * ellipk(0.5)], 0.5)
     s = np.sqrt(0.5) * cn / dn
     q = np.stack([2.0 * s * np.sqrt(1.0 - s * s), 2.0 * s * s - 1.0], axis=-1)

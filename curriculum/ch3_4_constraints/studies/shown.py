@@ -8,7 +8,7 @@ import math
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
-from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.runs import distance
@@ -17,7 +17,6 @@ from curriculum.common.trace import repeat
 import numpy as np
 
 DT = 0.005  # s, where nothing else is said
-G = float(-c.GRAVITY[1])  # m/s^2
 
 
 def bobs(*at, v=None, lengths=None):

@@ -17,7 +17,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import RULES, drift, once, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import run_script
 from curriculum.common.gauss import make_gauss
 from curriculum.common.runs import distance
 from curriculum.common.steps import Compiled, Plain
@@ -109,10 +109,9 @@ def main(argv=None):
     parser = _runs.study_parser("speed_vs_error", __doc__)
     add = parser.add_argument
     add("--system", default="double", metavar="NAME", help="a system, or a scene's file (double)")
-    add("--links", type=number(int, 1, 30), default=5, help="rods of --system chain (5)")
     add("--all", action="store_true", help="print every row, not the frontier alone")
     args = parser.parse_args(argv)
-    system = parser.attempt("--system", c.build_system, args.system, 0, args.links)
+    system = parser.attempt("--system", c.build_system, args.system, 0, 5)
     seconds, growth, truth, known = horizon(system)
     print(
         f"neighbours part {growth:.0f}-fold in {seconds:g} s; the truth is known to {known:.0e} m"
