@@ -1,15 +1,16 @@
-"""Do the tests bite?  One line of a copy is broken at a time, and the tests that should notice are
-run on it.
+"""Do the tests bite?  One line of a copy is broken at a time, and its tests are run on the copy.
 
-    python -m tests.mutants [WORD ...]      all of them, or those whose name or file contains a
-    word; a few minutes
+    python -m tests.mutants [WORD ...]      all, or those whose name or file contains a word
+    python -m tests.mutants --share 0.1     a tenth of them, drawn by the commit
 
 A mutant that no test catches survives, and then the exit status is 1: a test is missing. So it is
 if the line to break is no longer there, or the tests fail before anything is broken: then this file
 is to be mended.
 """
 
+import math
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -17,145 +18,206 @@ import tempfile
 from pathlib import Path
 
 from curriculum.common.banner import progress
-from curriculum.common.cli import Parser, run_script
+from curriculum.common.cli import Parser, number, run_script
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = "constraints.py", "curriculum", "tests", "pyproject.toml", "README.md"
-LIMIT = 60  # s a file: a mutant that hangs is caught, too
-FORCE, MOTION, UNROLL, RULER = (
-    "tests/test_force.py",
-    "tests/test_motion.py",
-    "tests/test_unroll.py",
-    "tests/test_ruler.py",
-)
-LINE, FILES, RESULTS = (
-    "tests/test_command_line.py",
-    "tests/test_files.py",
-    "tests/test_results.py",
-)
-LARGE = "tests/test_large.py"
-SCENES, RECORDING = "tests/test_scenes.py", "tests/test_recording.py"
+LIMIT = 300  # s a file: a mutant that hangs is caught, too
 
-MUTANTS = {  # file: [(what is wrong, the text as it stands there once, what takes its place, who should notice)]
-    "constraints.py": [
-        ("a rod pulls both ends the same way", "jac[..., k, j, :] = -d", "jac[..., k, j, :] = d", FORCE),
-        ("Jdot v with the wrong sign", "+ hold.use_jdotv * jdotv)", "- hold.use_jdotv * jdotv)", FORCE),
-        ("damping with the wrong sign", "- hold.damping * gdot", "+ hold.damping * gdot", FORCE),
-        ("stiffness with the wrong sign", "- hold.stiffness * g\n", "+ hold.stiffness * g\n", FORCE),
-        ("soft measures g like the others", "    if hold.softness:", "    if False:", FORCE),
-        ("tensions with the wrong sign", "return -lam * (rod_errors", "return lam * (rod_errors", FORCE),
-        ("the slack is not taken back", "lam = b + spare * lam", "lam = b + 0.0 * lam", FORCE),
-        ("an elimination in any order", "in reversed(order):", "in order:", FORCE),
-        ("rk4 weighs its third stage once", "2.0 * (a2 + a3)", "(2.0 * a2 + a3)", MOTION),
-        ("semi-implicit Euler is explicit", "    v = v + dt * (force(q, v) / m)\n    return q + dt * v, v\n",
-            "    return q + dt * v, v + dt * (force(q, v) / m)\n", MOTION),
-        ("v is not told of the projection", "v = v + (end - q) / dt", "v = v + 0.0 * (end - q) / dt", MOTION),
-        ("four rounds of Newton's iteration", "repeat(newton, q, 20,", "repeat(newton, q, 4,", MOTION),
-        ("potential energy with the wrong sign", "- m * dot(q, GRAVITY)", "+ m * dot(q, GRAVITY)", MOTION),
-        ("what is not finite is sane", " & np.isfinite(energies)", "", MOTION),
-        ("Euler's limit is 1.98", '{"euler": 2.0,', '{"euler": 1.98,', MOTION),
-        ("--smoke ignored", "SMOKE_STEPS if args.smoke else args.steps", "args.steps", RESULTS),
-        ("--tol accepted without gauss", 'args.tol and args.integrator != "gauss"', "False", LINE),
-        ("a verdict on short runs", 'len(runs["none"].tip) > SMOKE_STEPS', "True", RESULTS),
-        ("error_at by the asked step", '"error_at": truth.step * dt', '"error_at": truth.step * args.dt', RESULTS),
-        ("the out folder not tried before the run",
-            'args.out = parser.attempt("--out", results_folder, args.out)', "args.out = Path(args.out)", LINE),
-        ("the verdict upside down", "none > 3.0 * helped", "none < 3.0 * helped", RESULTS),
+MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its replacement, ...
+    ("constraints.py", "force"): [
+     ("a rod pulls both ends the same way", "jac[..., k, j, :] = -d", "jac[..., k, j, :] = d"),
+     ("Jdot v with the wrong sign", "+ hold.use_jdotv * jdotv)", "- hold.use_jdotv * jdotv)"),
+     ("damping with the wrong sign", "- hold.damping * gdot", "+ hold.damping * gdot"),
+     ("stiffness with the wrong sign", "- hold.stiffness * g\n", "+ hold.stiffness * g\n"),
+     ("soft measures g like the others", "    if hold.softness:", "    if False:"),
+     ("tensions with the wrong sign", "return -lam * (rod_errors", "return lam * (rod_errors"),
     ],
-    "curriculum/common/trace.py": [
-        ("-a - b is a + b", 'self.note("+", b, self.minus)', 'self.note("+", b)', UNROLL),
-        ("a + 0 is -a", "return b if self.x == 0.0 else self", "return b if self.x == 0.0 else -self", UNROLL),
-        ("a quotient loses its sign", "self.note(\"/\", b, minus)", "self.note(\"/\", b)", UNROLL),
+    ("curriculum/ch3_4_constraints/tables.py", "results"): [
+     ("the verdict upside down", "if ratio > 3.0 else", "if ratio < 3.0 else"),
     ],
-    "curriculum/common/arrays.py": [
-        ("a buffer is used again too soon", " == k and x not in kept}", " >= 0}", UNROLL),
+    ("curriculum/common/elimination.py", "force"): [
+     ("the blur is not taken back", "x + rough(rest)", "x + 0.0 * rough(rest)"),
+     ("an elimination in any order", "in reversed(order):", "in order:"),
     ],
-    "curriculum/common/motion.py": [
-        ("a block begins where the last began", "self.columns = states[-1]", "self.columns = states[0]", MOTION),
-        ("the pace is off by one step", "max(1, len(self.tip) - 1)", "len(self.tip)", MOTION),
-        ("a step is never tried in halves", "if level == HALVINGS or", "if level == 0 or", RULER),
+    ("constraints.py", "motion"): [
+     ("semi-implicit Euler is explicit",
+        "    v = v + dt * (force(q, v) / m)\n    return q + dt * v, v\n",
+        "    return q + dt * v, v + dt * (force(q, v) / m)\n"),
+     ("v is not told of the projection", "v = v + (end - q) / dt", "v = v + 0.0 * (end - q) / dt"),
+     ("four rounds of Newton's iteration", "repeat(newton, q, 20,", "repeat(newton, q, 4,"),
+     ("potential energy with the wrong sign", "- m * dot(q, GRAVITY)", "+ m * dot(q, GRAVITY)"),
+     ("Euler's limit is 1.98", '{"euler": 2.0,', '{"euler": 1.98,'),
+     ("rk4 weighs its third stage once", "+ 2.0 * a2 + 2.0 * a3 +", "+ 2.0 * a2 + a3 +"),
+     ("a step is not mended", 'getattr(force, "after", None)', "None"),
     ],
-    "curriculum/common/gauss.py": [
-        ("gauss remembers across dt", "(gauss_step, dt, q.shape)", "(gauss_step, q.shape)", RULER),
-        ("gauss never mends a step ahead", "if k > 2 and (settled", "if False and (settled", RULER),
+    ("constraints.py", "results"): [
+     ("--smoke ignored", "SMOKE_STEPS if args.smoke else args.steps", "args.steps"),
+     ("a verdict on short runs", " and steps > SMOKE_STEPS", ""),
+     ("error_at by the asked step", '"error_at": truth.step * dt',
+        '"error_at": truth.step * args.dt'),
     ],
-    "curriculum/common/ruler.py": [
-        ("the ruler accepts a millimetre", "KNOWN = 1e-9", "KNOWN = 1e-3", RULER),
-        ("a budget without end", "self.left -= 1", "self.left -= 0", RULER),
-        ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:", RESULTS),
-        ("a step lost", "math.ceil(seconds / dt - 1e-9)", "math.floor(seconds / dt)", RESULTS),
+    ("constraints.py", "command_line"): [
+     ("--tol accepted without gauss", 'args.tol and args.integrator != "gauss"', "False"),
+     ("the out folder not tried before", "if not args.show_step:  # last", "if False:  # last"),
     ],
-    "curriculum/ch3_4_constraints/large.py": [
-        ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += ", FORCE),
-        ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up", FORCE),
-        ("loops without slack", "((slack, rounds) if rods.loop else (0.0, 1))", "(0.0, 1)", LARGE),
-        ("few rods, all tied, written out", "> FILL", "> 1e9", LARGE),
-        ("an endless way back for long chains", "np.all(np.abs(g) <= near)",
-            "np.all(np.sum(np.square(g / near), axis=-1) <= 1.0)", LARGE),
+    ("constraints.py", "runs"): [
+     ("a force for other steps", "if hold.dt not in (None, dt):", "if False:"),
     ],
-    "curriculum/ch3_4_constraints/recording.py": [
-        ("one colour for all modes", "COLORS.get(mode, GREY)", "GREY", RECORDING),
-        ("the trail of another particle", "positions=run.q[:, -1]", "positions=run.q[:, 0]", RECORDING),
-        ("the camera behind the scene", "half[2] + reach / SLOPE]", "-half[2] - reach / SLOPE]", RECORDING),
-        ("no anchors", '["$origin/**", "scene/anchors"]', '["$origin/**"]', RECORDING),
-        ("curves swapped", "pulls[mode][:, 0] for mode", "pulls[mode][:, -1] for mode", RECORDING),
-        ("no thinning", "max(1, round(1.0 / (FRAME_RATE * dt)), ", "max(1, ", RECORDING),
-        ("no cap", ", -(-(steps + 1) // most)))", ", 1))", RECORDING),
+    ("curriculum/common/trace.py", "trace"): [
+     ("-a - b is a + b", 'self.note("+", b, self.minus)', 'self.note("+", b)'),
+     ("a + 0 is -a", "return b if self.x == 0.0 else self", "return b if self.x == 0.0 else -self"),
+     ("a quotient loses its sign", 'self.note("/", b, minus)', 'self.note("/", b)'),
+     ("the base of a power loses its minus", 'a.plain().note("**"', 'a.note("**"'),
+     ("an argument loses its minus", "symbol.plain().note(name)", "symbol.note(name)"),
+     ("a - b is b - a", 'if sign in "+*" and', 'if sign in "+*-" and'),
+     ("zeros of a loop stay zero", "if set(grown) <= set(places):", "if True:"),
+     ("numbers of an earlier call", "not tape.open or not Tape.current.sees(tape)", "False"),
+     ("a refusal that is caught is none", "self.tape.refused.append(why)", "pass"),
+     ("an imaginary part is dropped", 'Tape.current.refused.append("it makes',
+        '[].append("it makes'),
+     ("one trace of a routine for all zeros", "mask.tobytes())", "0)"),
+     ("a routine's arguments swapped", "zip(self.inputs, arguments, strict",
+        "zip(self.inputs, arguments[::-1], strict"),
+     ("a routine is never inlined", "if not program.tape.parts and", "if False and"),
+     ("what lasts is done each time", "self.out)]) - set(self.knobs)", "self.out)]) - found"),
+     ("a size that stays is no end", " | ((last <= size) & (size <= nearly))", ""),
+     ("members that are done go on", "np.where(kept, x, following)", "following"),
     ],
-    "curriculum/ch3_4_constraints/scene_files.py": [
-        ("a taut cable let through", "if abs(row @ curl) > TAUT", "if abs(row @ curl) > 1e9", SCENES),
-        ("the second of two equal keys counts", "if len(found) < len(items):", "if False:", SCENES),
-        ("any number of particles", "0 < len(rows) <= MOST", "0 < len(rows)", SCENES),
-        ("a pipe is read", "not path.is_file() or ", "", SCENES),
+    ("curriculum/common/trace.py", "steps"): [
+     ("0 / 0 is 0", "nothing = self.x == 0.0 and safe", "nothing = self.x == 0.0"),
+     ("a body works on what it was given", "body(x.copy())", "body(x)"),
     ],
-    "curriculum/ch3_4_constraints/publish.py": [
-        ("tol missing from the metrics", '"impedance", "tol"', '"impedance"', RULER),
-        ("an old recording beside new numbers", ", RECORDING: None}", "}", FILES),
-        ("a full disk costs the old recording", "if (args.out / name).exists():", "if False:", FILES),
-        ("half a recording stays", "            path.unlink(missing_ok=True)\n", "", FILES),
+    ("curriculum/common/python.py", "trace"): [
+     ("no inf in the code", '{"inf": math.inf, "nan"', '{"nan"'),
+     ("a - (b - c) is a - b - c", "text(right, bound + 1)", "text(right, bound)"),
+     ("-(a + b) is -a + b", "-{text(s.x, 2)}", "-{text(s.x, 1)}"),
+     ("a loop that does not end is fine", 'yield from ("else:",', 'yield from [] and ("else:",'),
+     ("what a loop takes is put in place", "operands * 2 if", "operands if"),
+     ("a call's arguments swapped", "map(signed, part.arguments)",
+        "map(signed, part.arguments[::-1])"),
     ],
-    "curriculum/common/files.py": [
-        ("files written in place", "writers[name](aside / name)", "writers[name](folder / name)", FILES),
-        ("two runs at once", "fcntl.flock(handle, fcntl.LOCK_EX)", "pass", FILES),
-        ("Ctrl-C between two files", "stack.enter_context(ThreadPoolExecutor(1)).submit(rename).result()",
-            "rename()", FILES),
-        ("NaN in JSON", "allow_nan=False", "allow_nan=True", FILES),
-        ("a device replaced by a file", "if path.exists() and not path.is_file():", "if path.is_dir():", FILES),
-        ("what a killed run left stays", "shutil.rmtree(left, ignore_errors=True)", "pass", FILES),
+    ("curriculum/common/arrays.py", "trace"): [
+     ("a buffer is used again too soon", " == k and x not in kept]", " >= 0]"),
+     ("a negative over what is still read", 'not in ("part", "of") and not s.minus:',
+        'not in ("part", "of"):'),
+     ("members that are done go on", "where=logical_not({done})", "where=True"),
+     ("a loop ends with the first", "{done}.all()", "{done}.any()"),
+     ("a size that stays is no end", "({last} <= {size}) & (", "({last} < 0.0) & ("),
+     ("an argument loses its minus", "            if symbol.minus:\n                given",
+        "            if False:\n                given"),
     ],
-    "curriculum/common/cli.py": [
-        ("a traceback at | head", "isinstance(error, BrokenPipeError)", "False", LINE),
-        ("a signal is not heeded", "is not signal.SIG_IGN", "is signal.SIG_IGN", LINE),
-        ("digits of any script", ", text, re.ASCII)", ", text)", LINE),
-        ("1e-400 is zero", "if lost or not low", "if not low", LINE),
-        ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:", LINE),
-        ("frames of ours in a traceback", "shown.stack[:] = own or shown.stack", "pass", LINE),
+    ("curriculum/common/native.py", "native"): [
+     ("trouble is ignored", "br i1 {w.trouble}, label %trouble", "br i1 false, label %trouble"),
+     ("a divisor of zero is no trouble", 'if sign == "/" and right', "if False and right"),
+     ("what is not finite is no trouble", 'if sign != "abs" and self.lanes',
+        "if False and self.lanes"),
+     ("a routine's trouble is its own", "or i1 {self.trouble}, {failed}",
+        "or i1 {self.trouble}, false"),
+     ("a call's arguments swapped", "for s in call.arguments]", "for s in call.arguments[::-1]]"),
+     ("a lane that is done goes on", "{t} {old}, {t} {new}", "{t} {new}, {t} {new}"),
+     ("a loop ends with its first lane", "llvm.vector.reduce.and.v", "llvm.vector.reduce.or.v"),
+     ("lanes that never end are zero", "nan = self.constant(np.nan)", "nan = self.constant(0.0)"),
+     ("a size that stays is no end", "fcmp ole {t} {last}, {size}",
+        "fcmp false {t} {last}, {size}"),
+     ("the last lanes are left out", "state[:, whole:] = few[:, : members - whole]", "pass"),
     ],
-    "curriculum/common/banner.py": [
-        ("every run is said to take so long", "if default else ()", "if True else ()", LINE),
-        ("progress at once", "taken > max(SURE, shown + 0.1)", "taken > shown + 0.1", LINE),
-        ("progress of one part", "(before + step / steps) / parts", "step / steps", LINE),
+    ("curriculum/common/steps.py", "steps"): [
+     ("halves of the wrong length", "state = step(state, 0.5 * dt)", "state = step(state, dt)"),
+     ("halves of halves of the wrong length", "in_halves(step, state, 0.5 * dt, level",
+        "in_halves(step, state, dt, level"),
+     ("a half is not halved", "if level == HALVINGS or", "if level == 1 or"),
+     ("no check at a block's edge", "if self.check and not self.agrees(before",
+        "if False and not self.agrees(before"),
+     ("what functions keep is not seen", "why = memory.changed() or why", "pass"),
+     ("a block begins where the last began", "q, v = q[-1], v[-1]", "q, v = q[0], v[0]"),
+     ("a budget without end", "[], self.tries - 1", "[], self.tries"),
+     ("no numpy after an arithmetic error", "if np.isfinite(end).all():", "if False:"),
+     ("zero in one member is zero in all", "zero = [np.all(a == 0.0,", "zero = [np.any(a == 0.0,"),
+     ("what begins as zero stays zero", "if all(map(np.array_equal, still, stays)):", "if True:"),
+    ],
+    ("curriculum/common/runs.py", "runs"): [
+     ("what is not finite is sane", " & np.isfinite(energies)", ""),
+     ("the pace is off by one step", "max(1, len(self.tip) - 1)", "len(self.tip)"),
+     ("time of steps that were not true", "stepper.seconds * self.done / max(1, stepper.taken)",
+        "stepper.seconds"),
+     ("other steps are kept", "self.kept.append((rows + first,", "self.kept.append((rows,"),
+    ],
+    ("curriculum/common/gauss.py", "ruler"): [
+     ("stages that resolve nothing", "wild = rough / (", "wild = 0.0 * rough / ("),
+     ("positions with weights of speeds", "late = b * (1.0 - c)", "late = b"),
+     ("nodes for polynomials of less", "n[-2:]]", "n[:2]]"),
+    ],
+    ("curriculum/common/ruler.py", "ruler"): [
+     ("the ruler accepts a millimetre", "KNOWN = 1e-9", "KNOWN = 1e-3"),
+     ("a budget that is not spent", "        most -= steps\n", ""),
+     ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:"),
+     ("a step lost", "math.ceil(seconds / dt - 1e-9)", "math.floor(seconds / dt)"),
+    ],
+    ("curriculum/ch3_4_constraints/large.py", "force"): [
+     ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += "),
+     ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up"),
+    ],
+    ("curriculum/ch3_4_constraints/large.py", "large"): [
+     ("few rods, all tied, written out", "> FILL", "> 1e9"),
+    ],
+    ("curriculum/ch3_4_constraints/recording.py", "recording"): [
+     ("the trail of another particle", "positions=run.q[:, -1]", "positions=run.q[:, 0]"),
+     ("curves swapped", "pulls[mode][:, 0] for mode", "pulls[mode][:, -1] for mode"),
+     ("no thinning", "max(1, round(1.0 / (FRAME_RATE * dt)), ", "max(1, "),
+     ("no cap", ", -(-(steps + 1) // most)))", ", 1))"),
+    ],
+    ("curriculum/ch3_4_constraints/scene_files.py", "scenes"): [
+     ("the second of two equal keys counts", "if len(found) < len(items):", "if False:"),
+     ("a pipe is read", "not path.is_file() or ", ""),
+    ],
+    ("curriculum/ch3_4_constraints/publish.py", "ruler"): [
+     ("tol missing from the metrics", '"impedance", "tol"', '"impedance"'),
+    ],
+    ("curriculum/ch3_4_constraints/publish.py", "files"): [
+     ("an old recording beside new numbers", ", RECORDING: None}", "}"),
+     ("a full disk costs the old recording", "if (args.out / name).exists():", "if False:"),
+     ("half a recording stays", "            path.unlink(missing_ok=True)\n", ""),
+    ],
+    ("curriculum/common/files.py", "files"): [
+     ("files written in place", "writers[name](aside / name)", "writers[name](folder / name)"),
+     ("two runs at once", "fcntl.flock(handle, fcntl.LOCK_EX)", "pass"),
+     ("NaN in JSON", "allow_nan=False", "allow_nan=True"),
+     ("a device replaced by a file", "if path.exists() and not path.is_file():",
+        "if path.is_dir():"),
+     ("what a killed run left stays", "shutil.rmtree(left, ignore_errors=True)", "pass"),
+    ],
+    ("curriculum/common/cli.py", "command_line"): [
+     ("a traceback at | head", "isinstance(error, BrokenPipeError)", "False"),
+     ("a signal is not heeded", "is not signal.SIG_IGN", "is signal.SIG_IGN"),
+     ("digits of any script", ", text, re.ASCII)", ", text)"),
+     ("1e-400 is zero", "if lost or not low", "if not low"),
+     ("a file takes a closed stream's place", "os.O_RDWR)) < 3:", "os.O_RDWR)) < 0:"),
+     ("frames of ours in a traceback", "shown.stack[:] = own or shown.stack", "pass"),
+    ],
+    ("curriculum/common/banner.py", "command_line"): [
+     ("every run is said to take so long", "if default else ()", "if True else ()"),
+     ("progress at once", "taken > max(SURE, shown + 0.1)", "taken > shown + 0.1"),
+     ("progress of one part", "(before + step / steps) / parts", "step / steps"),
     ],
 }  # fmt: skip
 
 
 def tests(folder, files):
-    """What pytest says of test files in a copy of the tree: its exit status and its last line; None
-    if it hangs."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
+    """What pytest says of test files in a copy: its exit status, None if it hangs; a last line."""
+    command = [sys.executable, "-m", "pytest", "-xqp", "no:cacheprovider"]
+    command += [f"tests/test_{name}.py" for name in files]
     settings, limit = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}, LIMIT * len(files)
+    how = {"cwd": folder, "env": settings, "capture_output": True, "text": True}
     try:
-        done = subprocess.run(
-            command, cwd=folder, env=settings, capture_output=True, text=True, timeout=limit
-        )
+        done = subprocess.run(command, timeout=limit, **how)
     except subprocess.TimeoutExpired:
         return None, f"did not end in {limit} s"
-    return done.returncode, (done.stdout.strip() or done.stderr.strip() or "nothing").splitlines()[
-        -1
-    ]
+    said = done.stdout.strip() or done.stderr.strip() or "nothing"
+    return done.returncode, said.splitlines()[-1]
 
 
-def fate(folder, file, old, new, test):
+def fate(folder, file, test, old, new):
     """What becomes of a mutant, in words that begin with "caught" if all is well."""
     path = folder / file
     text = path.read_text(encoding="utf-8")
@@ -173,15 +235,19 @@ def fate(folder, file, old, new, test):
 
 def main(argv=None):
     """Break, test, mend, in turn; returns 1 unless all are caught."""
-    parser = Parser(prog="mutants", usage="python -m tests.mutants [WORD ...]", description=__doc__)
-    parser.add_argument(
-        "words", nargs="*", metavar="WORD", help="only mutants whose name or file contains it"
-    )
-    words = parser.parse_args(argv).words or [""]
-    chosen = [(file, *mutant) for file, mutants in MUTANTS.items() for mutant in mutants]
-    chosen = [
-        mutant for mutant in chosen if any(word in f"{mutant[0]}: {mutant[1]}" for word in words)
-    ]
+    use = "python -m tests.mutants [--share X] [WORD ...]"
+    parser = Parser(prog="mutants", usage=use, description=__doc__)
+    parser.add_argument("words", nargs="*", metavar="WORD", help="of a mutant's name or file")
+    share = "of them, drawn by the commit's hash"
+    parser.add_argument("--share", type=number(high=1.0 + 1e-9), default=1.0, help=share)
+    args = parser.parse_args(argv)
+    words = args.words or [""]
+    chosen = [(*place, *mutant) for place, mutants in MUTANTS.items() for mutant in mutants]
+    chosen = [one for one in chosen if any(word in f"{one[0]}: {one[2]}" for word in words)]
+    if args.share < 1.0:
+        head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True).stdout
+        drawn = random.Random(head).sample(range(len(chosen)), math.ceil(args.share * len(chosen)))
+        chosen = [chosen[k] for k in sorted(drawn)]
     if not chosen:
         parser.error(f"argument WORD: no mutant is called {' or '.join(words)}")
     with tempfile.TemporaryDirectory() as name:
@@ -189,13 +255,13 @@ def main(argv=None):
         for part in PARTS:
             copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
             copy(ROOT / part, folder / part)
-        status, said = tests(folder, sorted({mutant[-1] for mutant in chosen}))
+        status, said = tests(folder, sorted({mutant[1] for mutant in chosen}))
         if status != 0:
             print(f"mutants: the tests fail before anything is broken: {said}", file=sys.stderr)
             return 1
-        for k, (file, what, *rest) in enumerate(chosen):
+        for k, (file, test, what, *change) in enumerate(chosen):
             tick(k + 1)
-            end = fate(folder, file, *rest)
+            end = fate(folder, file, test, *change)
             wrong += [] if end.startswith("caught") else [what]
             print(f"{file.rpartition('/')[2]:<15} {what:<42} {end}", flush=True)
         tick(len(chosen) + 1)

@@ -1,26 +1,19 @@
-"""The motion: the chapter's numbers, closed forms, an independent formulation, orders and limits,
-each measured."""
+"""The motion: the chapter's numbers, closed forms, another formulation, orders and limits."""
 
 import json
 import math
-from itertools import count
-from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
-from curriculum.common import motion
 
 import numpy as np
 import pytest
 
-REFERENCE = json.loads(
-    (c.HERE / c.CHAPTER / "studies" / "reference.json").read_text(encoding="utf-8")
-)
+REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies/reference.json").read_text(encoding="utf-8"))
 
 
 def true_error(name, rule, mode, dt, until=5.0):
-    """Largest distance of a particle from where equations of motion in angles put it
-    (studies/reference.py)."""
+    """Largest distance of a particle from where angles put it (studies/reference.py)."""
     steps = [round(t / dt) for t in REFERENCE["times"] if t <= until]  # which the step divides
     truth = np.array(REFERENCE["cases"][name]["positions"])[: len(steps)]
     found = run(c.build_system(name), rule, mode, dt, steps[-1], steps)
@@ -76,8 +69,7 @@ def test_none_drifts_over_three_times_as_far_as_baumgarte_on_every_chapter_scene
 
 
 def test_the_pendulum_keeps_time_with_the_complete_elliptic_integral():
-    """Period 4 K(sin(phi_0/2)) sqrt(L/g), K by Gauss's mean; the bob is at rest again on its own
-    side after it."""
+    """Period 4 K(sin(phi_0/2)) sqrt(L/g), K by Gauss's mean: then the bob is where it began."""
     system = c.build_system("pendulum")
     x, y, _ = system["q0"][0]
     k = math.sin(0.5 * math.atan2(x, -y))
@@ -92,8 +84,7 @@ def test_the_pendulum_keeps_time_with_the_complete_elliptic_integral():
 
 @pytest.mark.parametrize("name", REFERENCE["cases"])
 def test_rk4_meets_the_closed_form_and_the_independent_formulation(name):
-    """The single pendulum against Jacobi's elliptic functions, the others against angles, to more
-    digits than ours."""
+    """The pendulum against Jacobi's functions, the others against angles, to more digits."""
     assert REFERENCE["cases"][name]["error"] < 1e-16
     assert true_error(name, "rk4", "project", 0.001) < 2e-8
 
@@ -144,12 +135,11 @@ def test_project_holds_rods_and_their_rates(rule):
 @pytest.mark.parametrize(("rule", "dt"), [("semi_implicit", 0.05), ("rk4", 0.1)])
 def test_project_finds_the_way_back_from_long_steps(rule, dt):
     found = run(c.build_system("double"), rule, "project", dt, 400)
-    assert not found.stopped and found.violations.max() < 1e-10
+    assert not found.stopped and not found.halved and found.violations.max() < 1e-10
 
 
 def test_semi_implicit_with_project_keeps_energy_without_a_trend():
-    """100 s: within 6e-3, no slope beyond the noise of block means, and half of it at half the
-    step."""
+    """100 s: within 6e-3, no slope beyond the noise of block means, half at half the step."""
     system, worst = c.build_system("double"), []
     for dt in (0.005, 0.0025):
         found = run(system, hold="project", dt=dt, steps=round(100 / dt))
@@ -166,8 +156,7 @@ def test_semi_implicit_with_project_keeps_energy_without_a_trend():
 
 @pytest.mark.parametrize("rule", c.STABILITY_LIMIT)
 def test_baumgarte_holds_up_to_the_stability_limit(rule):
-    """A pendulum at rest, its rod 1e-9 m too long: below dt w = limit the error dies, above it
-    grows. By bisection."""
+    """At rest, the rod 1e-9 m too long: below dt w = limit the error dies, above it grows."""
     hanging = make_system([[0.0, -1.0 - 1e-9, 0.0]], [[0.0, 0.0, 0.0]], [1.0], [(0, -1)], [1.0])
     low, high = 0.1, 4.0
     while high - low > 1e-4:
@@ -175,64 +164,6 @@ def test_baumgarte_holds_up_to_the_stability_limit(rule):
         found = run(hanging, rule, z / 0.005, 0.005, 20000)
         low, high = (low, z) if found.violations[-1] > 1e-9 else (z, high)
     assert low == pytest.approx(c.STABILITY_LIMIT[rule], rel=1e-3)
-
-
-def test_a_force_made_for_another_step_is_refused():
-    system = c.build_system("double")
-    for mode in ("impulse", "soft"):
-        force = c.make_force(system, c.hold_table(0.005)[mode])
-        with pytest.raises(
-            ValueError, match=r"this force is for steps of 0\.005 s, not of 0\.008 s"
-        ):
-            c.simulate(c.semi_implicit_step, system, force, 0.008, 1)
-
-
-def test_a_run_that_blows_up_stops_and_keeps_what_was_true():
-    found = run(c.build_system("double"), hold=40.0, dt=0.05, keep=range(4001))
-    assert found.stopped == f"diverged at step {len(found.tip)}" and len(found.tip) < 50
-    assert list(found.kept) == list(range(len(found.tip)))
-    assert all(np.isfinite(x).all() for x in (*found[:3], found.q, found.v))
-
-
-def test_what_is_not_finite_ends_a_run_before_it_starts_or_there(monkeypatch):
-    """Energy tells first: explicit Euler moves q by the old v, so that the rods are right for one
-    more step."""
-    system = c.build_system("pendulum")
-    with pytest.raises(ValueError, match="this is no start: .* a number is not finite"):
-        run(system | {"v0": np.array([[0.0, 0.0, np.nan]])}, "euler", steps=1)
-    monkeypatch.setattr(c, "external_force", lambda *_: np.array([[0.0, -1e200, 0.0]]))
-    found = run(system, "euler", steps=5)
-    assert found.stopped == "diverged at step 1" and np.isfinite(found.energies).all()
-
-
-@pytest.mark.parametrize(("rule", "steps"), [("semi_implicit", 20000), ("gauss", 1100)])
-def test_every_step_is_measured_whatever_is_kept(rule, steps):
-    """The three series are those of all states, from the start on and over the edges of blocks."""
-    system = c.build_system("double")
-    tip, violations, energies, *_ = full = run(system, rule, steps=steps, keep=range(steps + 1))
-    assert np.array_equal(full.kept, np.arange(steps + 1)) and np.array_equal(
-        full.q[0], system["q0"]
-    )
-    assert np.array_equal(tip, full.q[:, -1])
-    assert np.abs(violations - c.constraint_violation(system, full.q)).max() < 1e-14
-    assert np.abs(energies - c.energy(system, full.q, full.v)).max() < 1e-12
-    some = [0, 7, steps - 60, steps]
-    few, last = (run(system, rule, steps=steps, keep=keep) for keep in (some, ()))
-    assert np.array_equal(few.q, full.q[some]) and np.array_equal(few.v, full.v[some])
-    assert np.array_equal(few.violations, violations) and np.array_equal(last.q, full.q[-1:])
-    assert np.array_equal(few.at(7), full.q[7]) and few.at(8) is None
-
-
-def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
-    """By a clock that says one second has gone by, whenever it is asked for the second time."""
-    monkeypatch.setattr(motion, "time", SimpleNamespace(perf_counter=count().__next__))
-    assert run(c.build_system("double"), steps=4).pace == 250000.0
-
-
-def test_a_run_that_blows_up_is_not_slow(monkeypatch):
-    monkeypatch.setattr(motion, "time", SimpleNamespace(perf_counter=count().__next__))
-    found = run(c.build_system("double"), hold=40.0, dt=0.05, steps=1000)
-    assert found.stopped and found.pace < 2e3
 
 
 @pytest.mark.parametrize(
@@ -246,15 +177,3 @@ def test_an_ensemble_is_its_members(rule, mode):
         alone = run(c.build_system("triple", seed), rule, mode, steps=200)
         for many, single in zip((*together[:3], together.q), (*alone[:3], alone.q), strict=True):
             assert np.abs(many[:, seed] - single).max() < 1e-12
-
-
-@pytest.mark.parametrize("rule", ["semi_implicit", "gauss"])
-def test_the_edges_of_blocks_change_nothing(rule, monkeypatch):
-    """A single run, and members in step; by numbers, by arrays, and step by step."""
-    alone, both = c.build_system("double"), c.build_system("double")
-    both |= {key: np.stack([both[key], both[key]]) for key in ("q0", "v0")}
-    whole = [run(system, rule, steps=100) for system in (alone, both)]
-    monkeypatch.setattr(motion, "BLOCK", 100)
-    for system, found in zip((alone, both), whole, strict=True):
-        pieces = run(system, rule, steps=100)
-        assert all(np.array_equal(a, b) for a, b in zip(pieces[:6], found[:6], strict=True))

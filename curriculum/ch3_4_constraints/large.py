@@ -10,6 +10,7 @@ What a Hold asks for, and when a rod is right, is the chapter's to say: it hands
 from functools import lru_cache
 from itertools import groupby, product
 
+from curriculum.ch3_4_constraints.statics import blur, near
 from curriculum.common.graph import band_order, elimination_order, has_loop
 from curriculum.common.trace import Stop, repeat
 
@@ -241,14 +242,14 @@ class LargeForce:
     """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
     Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
-    A lambda = b, where free is J M^-1 f; blur(lengths, g, jdotv), of each rod alone, the share of
-    A's diagonal that is uncertain; near(lengths, q_start) the |g| (..., C) of a rod that is right.
+    A lambda = b, where free is J M^-1 f. Each rod's own blur is the share of A's diagonal that is
+    uncertain.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
-    def __init__(self, system, hold, external_force, right_side, blur, near):
+    def __init__(self, system, hold, external_force, right_side):
         self.system, self.hold, self.external_force = system, hold, external_force
-        self.right_side, self.blur, self.near = right_side, blur, near
+        self.right_side = right_side
         self.rods = arranged(tuple(map(tuple, system["pairs"])), len(system["m"]))
         self.m, self.lengths = system["m"][:, 0], np.asarray(system["lengths"])[self.rods.order]
         self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
@@ -274,7 +275,7 @@ class LargeForce:
     def multipliers(self, d, along, b, x, g, jdotv, softness=0.0):
         """lambda (..., C), as the rods find it."""
         each = (part[..., None] for part in (self.lengths, g, jdotv))  # by itself
-        slack = self.blur(*each) if self.rods.loop else 0.0
+        slack = blur(*each) if self.rods.loop else 0.0
         return self.rods.multipliers(self.m, d, along, b, x, slack, softness)
 
     def __call__(self, q, v):
@@ -291,7 +292,7 @@ class LargeForce:
     def project(self, q_start, q, v, dt):
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
         start, end, v = (components_first(x) for x in (q_start, q, v))
-        along, near = self.rods.vectors(start, self.anchors), self.near(self.lengths, q_start)
+        along, close = self.rods.vectors(start, self.anchors), near(self.lengths, q_start)
 
         def impulse(d, along, b, x, g):
             return self.rods.pull(along, self.multipliers(d, along, b, x, g, 0.0 * g)) / self.m
@@ -299,7 +300,7 @@ class LargeForce:
         def newton(x):
             d = self.rods.vectors(x, self.anchors)
             g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
-            return x - impulse(d, along, g, x, g), np.max(np.abs(g) / near)
+            return x - impulse(d, along, g, x, g), np.max(np.abs(g) / close)
 
         x = repeat(newton, end, 20, "no way back onto the rods")
         v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)

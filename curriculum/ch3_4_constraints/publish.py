@@ -9,6 +9,8 @@ import textwrap
 from functools import partial
 from pathlib import Path
 
+from curriculum.ch3_4_constraints.picture import write_motion
+from curriculum.ch3_4_constraints.recording import record
 from curriculum.common.cli import shorten, writable
 from curriculum.common.files import write_json, write_together
 
@@ -20,11 +22,13 @@ results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an ar
 class SceneList(argparse.Action):
     """A flag that prints the systems, a line each, and ends the program.
 
-    `const`: {name: what it shows} of those without a file, and the chapter's folder.
+    `const`: {name: how many rods} of those without a file, and the chapter's folder.
     """
 
     def __call__(self, parser, *_):
-        named, folder = self.const
+        counts, folder = self.const
+        named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
+        named["chain"] = "let go level, rods: --links"
         for path in sorted(folder.glob("scenes/*.json")):
             named = named | {path.stem: json.loads(path.read_bytes())["about"]}
         for name, text in named.items():
@@ -32,15 +36,22 @@ class SceneList(argparse.Action):
         parser.exit()
 
 
-def publish(args, used, rows, writers):
-    """Write the metrics, and what `writers` {file name: write(path)} make, into args.out; in words.
+def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
+    """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
     The metrics are `rows`, what was `used`, and those flags that decide them: equal runs are equal
     bytes. Nothing of an earlier run stays beside them. A file that cannot be written is left out;
-    but where an earlier run has left it, all stays as it was, and the error is raised.
+    but where an earlier run has left it, all stays as it was, and the error is raised. The rest is
+    as `record` and `write_motion` take it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
     metrics = partial(write_json, content=flags | used | {"results": rows})
+    scene, writers = (args, used, system, runs), {}
+    if args.picture:
+        writers[PICTURE] = lambda path: write_motion(path, *scene, shown, ghost)
+    if args.rerun:
+        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
+        writers[RECORDING] = lambda path: record(path, *scene, rows, fall, pulls, ghost)
     lost = []
 
     def attempt(name, path):

@@ -215,3 +215,13 @@ def column(raw, key, of_file, refuse):
     refuse(key, bad, lambda _: allowed)
     values = np.array(raw if array is None else array, dtype=int if key == "pairs" else float)
     return values.reshape(-1, *row) if of_file else values
+
+
+def check_run(system, force, dt, steps):
+    """The system as check_system gives it; ValueError if force(q, v) or steps do not fit a run."""
+    made_for = getattr(getattr(force, "hold", None), "dt", None)
+    if made_for not in (None, dt):
+        raise ValueError(f"this force is for steps of {made_for:g} s, not of {dt:g} s")
+    if not (dt > 0.0 and steps >= 0):
+        raise ValueError(f"a run takes steps >= 0 of dt > 0 s, not {steps} of {dt}")
+    return check_system(system)

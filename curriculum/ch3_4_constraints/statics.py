@@ -10,6 +10,24 @@ TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelli
 MOST = 1000  # rods: beyond, a start with loops is not looked at
 FEW = 64  # rods: beyond, the place where a run stopped is not looked at
 
+INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
+
+
+def blur(lengths, g, jdotv):
+    """The share (...) of A's diagonal that an eigenvalue needs to mean anything, in a loop.
+
+    Its root is an angle, from the pose where rods lose rank. It has to be larger than those by
+    which rods turn in an INSTANT, and than the shares by which their lengths are wrong.
+    """
+    square = np.square(lengths)
+    return np.sum(np.square(g / square) + INSTANT**2 * (jdotv / square), axis=-1)
+
+
+def near(lengths, q):
+    """The g (..., C) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
+    far = np.mean(np.sum(np.abs(q), axis=-1), axis=-1, keepdims=True)
+    return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
+
 
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.

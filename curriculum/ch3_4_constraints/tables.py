@@ -1,9 +1,11 @@
 """What runs and studies print: numbers with units, tables, and the bars they are held to."""
 
+import math
 import textwrap
 
 import numpy as np
 
+UNHELD = 1e-3  # m/s^2: so much of an acceleration may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
 
@@ -19,6 +21,42 @@ def length(x):
 def per_cent(share):
     """A share in per cent, two digits."""
     return f"{float(f'{100.0 * share:.2g}'):g} %"
+
+
+def comparison(rows, runs, hints, at, truth, tol):
+    """Print a table of `rows` and Runs by mode, and a sentence for each mark in it.
+
+    `hints`: what else is to be said of a run that ended early; `at`: when the Truth was taken, in
+    words; `tol` m: the error that was asked for, or None.
+    """
+    print("               rods off by      energy off  from the truth    a step")
+    print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
+    for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
+        rods = f"{length(np.max(run.violations)):>9}  {length(run.violations[-1]):>9}"
+        error = "-" if row["error"] is None else length(row["error"])
+        rest = f"{per_cent(row['energy_rel_max']):>10}  {error:>14}  {run.pace:8.3g}"
+        print(f"{mode + '*' * bool(run.note or row['unheld'] > UNHELD):<10}{rods}  {rest}")
+    for mode, run in runs.items():
+        if run.note:
+            print(f"* {mode} {run.note}{hints[mode]}")
+        if (left := rows[mode]["unheld"]) > UNHELD:
+            print(f"* {mode}: no tensions answer {left:.2g} m/s^2 along a rod, at worst")
+    lost = [mode for mode, row in rows.items() if row["error"] is None]
+    if lost:
+        why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"
+        print(f"- {', '.join(lost)}: {why} {at}")
+    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (tol or math.inf)]
+    if tol and over:
+        print(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
+
+
+def verdict(rows):
+    """Print how much further `none` drifts than `baumgarte`, if both got to the end."""
+    drift = {mode: row["max_violation"] for mode, row in rows.items() if not row["stopped"]}
+    if "baumgarte" in drift and drift.get("none", 0.0) > 1e-9:
+        ratio = drift["none"] / max(drift["baumgarte"], 1e-12)
+        words = "as expected, over 3" if ratio > 3.0 else "UNEXPECTED, not over 3"
+        print(f"verdict: worst rod error, none / baumgarte = {ratio:.1f}: {words}")
 
 
 def in_turns(jobs, repeats):

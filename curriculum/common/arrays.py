@@ -61,7 +61,9 @@ class Writer:
             self.give_back(gone)
             if sign not in ("part", "of"):
                 target = targets.get(name) or self.buffer()
-                self.lines.append(f"{UFUNCS[sign]}({', '.join(map(self.text, operands))}, {target})")
+                self.lines.append(
+                    f"{UFUNCS[sign]}({', '.join(map(self.text, operands))}, {target})"
+                )
                 self.place[name] = target
 
     def call(self, call):

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from curriculum.common.files import check_writable
 
-EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[large]", "mujoco": "[compare]"}
-EXTRAS |= dict.fromkeys(("exudyn", "pymunk"), "[peers]") | {"mpmath": "[reference]"}
+EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[compare]", "mujoco": "[compare]"}
+EXTRAS |= dict.fromkeys(("exudyn", "pymunk", "heyoka"), "[peers]") | {"mpmath": "[reference]"}
 FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # files of frames
 
 
@@ -90,7 +90,7 @@ def writable(text, names=("",)):
 
 
 def chapter_parser(prog, folder, out, examples):
-    """(parser, system, method, results): with every chapter's flags, and what adds to its groups.
+    """(parser, system, method): with every chapter's flags, and what adds to its groups.
 
     They take "--flag METAVAR" and the settings of argparse's add_argument.
     """
@@ -118,11 +118,15 @@ def chapter_parser(prog, folder, out, examples):
     system("--seed K", type=number(int, 0), default=0, help="a hair apart may end metres apart")
     results("-h --help", action="help", help="these lines")
     results("--out DIR", default=out, help="a folder")
-    switch = argparse.BooleanOptionalAction
-    results("--rerun", action=switch, default=True, help="the recording; or only numbers")
+    switch = {"action": argparse.BooleanOptionalAction, "default": True}
+    results("--picture", **switch, help="one that moves, for any browser")
+    results("--rerun", **switch, help="the recording, for Rerun's viewer")
+    aim = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
+    method("--plain", action="store_true", help=aim)
+    results("--show-step", action="store_true", help="print the code that a step becomes, no more")
     ci("--smoke", action="store_true", help="few steps whatever --steps says: for a byte-diff")
     ci("--device", choices=["cpu"], default="cpu", help="here nothing needs another")
-    return parser, system, method, results
+    return parser, system, method
 
 
 def mistake(error):

@@ -5,8 +5,8 @@ import json
 import os
 import shutil
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Thread
 
 
 def write_together(folder, writers):
@@ -31,13 +31,24 @@ def write_together(folder, writers):
             except OSError as why:
                 raise OSError(why.errno, why.strerror or str(why), str(folder / name)) from None
 
-        def rename():
-            for name in writers:
-                made = (aside / name).exists()
-                os.replace(aside / name, folder / name) if made else (folder / name).unlink(True)
+        failed = []
 
-        # in a thread of its own, as Ctrl-C interrupts the main one only
-        stack.enter_context(ThreadPoolExecutor(1)).submit(rename).result()
+        def rename():
+            try:
+                for name in writers:
+                    made = (aside / name).exists()
+                    os.replace(aside / name, folder / name) if made else (folder / name).unlink(
+                        True
+                    )
+            except OSError as why:
+                failed.append(why)
+
+        worker = Thread(target=rename)  # as Ctrl-C interrupts the main thread only
+        stack.callback(worker.join)
+        worker.start()
+        worker.join()
+        if failed:
+            raise failed[0]
 
 
 def write_whole(path, write):

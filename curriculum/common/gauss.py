@@ -22,7 +22,7 @@ def legendre(x, degree):
 
 @lru_cache
 def collocation(stages):
-    """Gauss's rule on a step of length 1: nodes c (s,), weights b (s,), matrix a (s, s), its square.
+    """Gauss's rule on a step of 1: nodes c (s,), weights b (s,), matrix a (s, s) and its square.
 
     a_ij is the integral from 0 to c_i of the polynomial that is 1 at c_j and 0 at the other nodes,
     taken in Legendre's basis (E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration,
@@ -63,7 +63,7 @@ def squares(x):
     return np.sum(x * x)
 
 
-def make_gauss(stages=8, tol=1e-13, most=60):
+def make_gauss(stages=8, tol=1e-14, most=60):
     """The rule of Gauss-Legendre collocation: order 2 * `stages`, symplectic, time-reversible.
 
     The accelerations of the stages solve a(t_s) = force(q(t_s), v(t_s)) / m. That is iterated as it
@@ -88,7 +88,9 @@ def make_gauss(stages=8, tol=1e-13, most=60):
         a = repeat(iterate, constant, most, "the Gauss stages do not settle", 1e-18 / tol**2)
         if stages > 5:
             rough, size = squares(combined(last_terms, a)), squares(a) / stages
-            still = 1e-14 * start / dt4  # what is less moves nothing: rounding errors, a narrow spike
+            still = (
+                1e-14 * start / dt4
+            )  # what is less moves nothing: rounding errors, a narrow spike
             wild = rough / (ROUGH**2 * size + still + 1e-300)
             a = repeat(lambda a: (a, wild), a, 1, "the Gauss stages do not resolve the motion")
         end = q + dt * v + dt * dt * combined(late[None], a)[0]

@@ -53,7 +53,7 @@ class Writer:
         self.block = block
 
     def constant(self, x):
-        bits = "0x%016X" % struct.unpack("<Q", struct.pack("<d", float(x)))
+        bits = f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}"
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
     def value(self, env, s):
@@ -219,10 +219,14 @@ def assembly(program, lanes):
         w.lines.append(f"  %s{k} = load {t}, ptr %p{k}, align 8")
     env = {name: f"%in{k}" for k, name in enumerate(program.inputs)}
     for k, knob in enumerate(program.knobs):
-        env[knob] = w.line(f"load double, ptr {w.line(f'getelementptr double, ptr %knobs, i64 {k}')}")
+        env[knob] = w.line(
+            f"load double, ptr {w.line(f'getelementptr double, ptr %knobs, i64 {k}')}"
+        )
         if lanes > 1:
             one = w.line(f"insertelement {t} poison, double {env[knob]}, i32 0")
-            env[knob] = w.line(f"shufflevector {t} {one}, {t} poison, <{lanes} x i32> zeroinitializer")
+            env[knob] = w.line(
+                f"shufflevector {t} {one}, {t} poison, <{lanes} x i32> zeroinitializer"
+            )
     w.operations(tape, tape.needed(program.lasting()), env)
     w.lines += ["  %silent = icmp eq ptr %out, null", "  br label %step"]
     w.begin("step")
@@ -276,19 +280,21 @@ def library():
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
-    `lanes` members go in step, others one after the other. `opt` and `passes`: how much LLVM thinks
-    about registers, and about the whole, 0 to 3; a crowd is worth it.
+    `lanes` members go in step, others one after the other. `best`: LLVM takes its time to find
+    what this processor does in one instruction; else the code is made a few times sooner.
     """
 
-    def __init__(self, program, lanes=1, opt=1, passes=0):
+    def __init__(self, program, lanes=1, best=True):
         llvm = library()
         module = llvm.parse_assembly(assembly(program, lanes))
-        host = {"cpu": llvm.get_host_cpu_name()}
-        host["features"] = llvm.get_host_cpu_features().flatten()
-        target = llvm.Target.from_default_triple()
-        machine = target.create_target_machine(opt=opt, jit=True, **(host if lanes > 1 else {}))
-        if passes:
-            options = llvm.create_pipeline_tuning_options(speed_level=passes)
+        target, host = llvm.Target.from_default_triple(), {}
+        if best:
+            host = {"cpu": llvm.get_host_cpu_name()}
+            host["features"] = llvm.get_host_cpu_features().flatten()
+        machine = target.create_target_machine(opt=2 * best, jit=True, **host)
+        if best:
+            options = llvm.create_pipeline_tuning_options(speed_level=1)
+            options.slp_vectorization = True
             builder = llvm.create_pass_builder(machine, options)
             builder.getModulePassManager().run(module, builder)
         self.engine = llvm.create_mcjit_compiler(module, machine)

@@ -1,4 +1,4 @@
-"""A program as Python: a function of floats, a line an operation, but what is used once in place."""
+"""A program as Python: a function of floats, a line an operation; what is used once, in place."""
 
 import math
 from collections import Counter

@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 from curriculum.common.gauss import make_gauss
+from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Compiled
 
@@ -15,6 +16,7 @@ import numpy as np
 
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
+FRAME, LONG, SEEN = 0.05, 5.0, 1e-3  # s, s, m: the true motion as it is shown
 LADDER = 0.05, 0.025, 0.0125, 0.00625  # s
 
 
@@ -52,6 +54,25 @@ def true_position(run, seconds, most=math.inf):
     return None, math.inf
 
 
+def true_motion(run, seconds):
+    """(times (T,) in s, q (T, N, 3)): the true motion, as long as two steps agree to SEEN m.
+
+    One frame every FRAME s, for LONG s at most; None if it is not known at all.
+    run(rule, dt, steps, keep, way) -> Run.
+    """
+    frames, rule, found = round(min(seconds, LONG) / FRAME), make_midpoint(), []
+    for fine in (1, 2):
+        steps = fine * frames
+        if not steps:
+            return None
+        keep = range(0, steps + 1, fine)
+        end = run(rule, FRAME / fine, steps, keep, partial(Compiled, check=False))
+        found.append(end.q[end.kept % fine == 0])
+    both = [distance(a, b) < SEEN for a, b in zip(*found, strict=False)]
+    known = both.index(False) if False in both else len(both)
+    return (FRAME * np.arange(known), found[1][:known]) if known > 1 else None
+
+
 def step_for(tol, seconds, q, runs):
     """A rule of gauss and a step with which the best of `runs` is within `tol` m of q (N, 3).
 
@@ -76,12 +97,14 @@ def settle(run, modes, rule, dt, steps, tol, most):
     """The rule, step and number of steps to run with, and the Truth.
 
     With `tol` m, gauss finds rule and step. `most` steps may be spent on the truth.
-    run(mode, rule, dt, steps, ...) -> Run. Raises ValueError if the truth is wanted and not to be had.
+    run(mode, rule, dt, steps, ...) -> Run. ValueError if the truth is wanted and not to be had.
     """
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     truth = true_position(partial(run, "project"), at, most)
     if tol and not truth[1] < tol:
-        raise ValueError(f"where the particles are after {at:.3g} s is not known to {tol:g} m; give --dt")
+        raise ValueError(
+            f"where the particles are after {at:.3g} s is not known to {tol:g} m; give --dt"
+        )
     if tol:
         rule, dt = step_for(tol, at, truth[0], [partial(run, mode) for mode in modes])
     return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth)

@@ -1,6 +1,5 @@
 """What a run leaves behind: a log while it goes, and a Run when it has ended."""
 
-import math
 from typing import NamedTuple
 
 from curriculum.common.banner import progress
@@ -43,6 +42,10 @@ class Run(NamedTuple):
         """Positions q (..., N, 3) at a step that was kept; None if the run did not get there."""
         there = np.flatnonzero(self.kept == step)
         return self.q[there[0]] if len(there) else None
+
+    def every(self, steps):
+        """The kept states q, v (K, ..., N, 3) of each so many steps."""
+        return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
 
     def summary(self, scale, truth):
         """What a run of one member came to, rounded: m; its worst energy error as a share of scale.
@@ -127,4 +130,6 @@ class Log:
         series = [x[: self.done + 1] for x in self.series]
         seconds = stepper.seconds * self.done / max(1, stepper.taken)
         ended = self.stopped, self.kind, stepper.halved
-        return Run(*series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source)
+        return Run(
+            *series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source
+        )

@@ -5,6 +5,7 @@ that takes a block of steps a call, and `Plain` runs it as it stands. Arrays (..
 that go in step, each as if it were alone. A step that raises Stop is tried in halves.
 """
 
+import contextlib
 import math
 import sys
 import time
@@ -261,6 +262,30 @@ def pool():
     return ThreadPoolExecutor(native.CORES)
 
 
+def each_state(function, q, v):
+    """function(q, v) (N, 3), which is of one state, of each of q, v (..., N, 3).
+
+    It is traced and done to all at once; if that gives something else, it is asked one by one.
+    """
+    if q.ndim == 2:
+        return function(q, v)
+    shape = q.shape[-2:]
+    states = [x.reshape(-1, *shape) for x in (q, v)]
+    given = list(zip(*states, strict=True))
+    try:
+        free = np.zeros(shape, dtype=bool)
+        program = Program(lambda q, v: (np.broadcast_to(function(q, v), shape),), free, free)
+        rows = np.empty((free.size, len(given)))
+        inputs = np.concatenate([x.reshape(-1, free.size) for x in states], axis=1).T
+        ArrayFunction(program)(list(np.ascontiguousarray(inputs)), list(rows))
+        found = rows.T.reshape(-1, *shape)
+        if all(np.allclose(found[k], function(*given[k]), 1e-9, 1e-12) for k in (0, -1)):
+            return found.reshape(q.shape)
+    except Exception:  # what is wrong with it shows below
+        pass
+    return np.reshape([np.broadcast_to(function(*state), shape) for state in given], q.shape)
+
+
 class Crowd:
     """Many members (R, N, 3) of one system: `advance` them, look at their `states`, `put` others.
 
@@ -272,13 +297,11 @@ class Crowd:
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.dt, self.given, self.measure = dt, (m, force, dt), measure
         self.plain, self.traced, self.machine = Plain(step_fn), None, None
-        try:
+        with contextlib.suppress(Untraceable):
             self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-        except Untraceable:
-            return self.put(q, v)
-        if native.available():
-            self.machine = native.Native(self.traced.program, native.LANES, 1, 2)
-        else:
+        if self.traced and native.available():
+            self.machine = native.Native(self.traced.program, native.LANES)
+        elif self.traced:
             self.function = ArrayFunction(self.traced.program)
         self.put(q, v)
 
@@ -364,7 +387,8 @@ class Compiled:
             first = (x.reshape(-1, *x.shape[-2:])[0] for x in (q, v))
             Plain(self.step_fn)(*first, m, force, dt)  # a mistake shows here, in its own line
             memory.restore()
-            return self.give_up(why)
+            self.give_up(why)
+            return
 
         def plain(q, v, dt):
             return self.step_fn(q, v, m, force, dt)
@@ -398,12 +422,12 @@ class Compiled:
         cost = COMPILING * size * (1.0 + (size / LARGE) ** 2)
         cost += LOADING * ("llvmlite.binding" not in sys.modules)
         if native.available() and self.steps * pace > 1.5 * cost:
-            self.to_machine(1 if self.steps * pace > 50.0 * cost else 0)
+            self.to_machine(self.steps * pace > 50.0 * cost)
 
-    def to_machine(self, level=1):
-        """Machine code from here on; `level`: of LLVM, which takes its time to do better."""
+    def to_machine(self, best=True):
+        """Machine code from here on; the best takes a few times as long to make."""
         lanes = native.LANES if self.lead else 1
-        self.runner.machine = native.Native(self.alone.traced.program, lanes, level)
+        self.runner.machine = native.Native(self.alone.traced.program, lanes, best)
         self.taken, self.seconds, self.way = 0, 0.0, "compiled to machine code"
 
     def __call__(self, q, v, m, force, dt):

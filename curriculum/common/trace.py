@@ -16,7 +16,7 @@ from itertools import count
 import numpy as np
 
 # by these names numpy and math have them
-FUNCTIONS = "sqrt sin cos tan exp log expm1 log1p sinh cosh tanh".split()
+FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
 INLINE = 160  # operations: a routine of fewer is written out wherever it is called
 
 
@@ -278,7 +278,7 @@ class Program:
 
 
 class Routine:
-    """function(*arrays) -> array, traced once for each pattern of zeros, however often it is called.
+    """function(*arrays) -> array, traced once for each pattern of zeros, and called often.
 
     On arrays of floats it is just the function.
     """
