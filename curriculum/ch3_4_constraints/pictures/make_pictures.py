@@ -1,36 +1,27 @@
 """Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures [NAME ...]
 
-Drawings and moving pictures (SVG) are computed, and are the same bytes each time. The recording
-(PNG) is what Rerun's viewer shows, without a window: rerun-sdk 0.41, and a graphics card or, on
-Debian, the package mesa-vulkan-drivers.
+They are computed, and are the same bytes each time.
 """
 
 import contextlib
 import io
-import os
-import signal
-import socket
-import subprocess
-import sys
 import tempfile
-import time
 from functools import partial
 from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.recording import TIMELINE
-from curriculum.ch3_4_constraints.studies import speed_vs_error
-from curriculum.ch3_4_constraints.studies._runs import make_system, run
+from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
+from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.ch3_4_constraints.studies.shown import swinging
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PALE, PULL, Drawing
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.files import write_whole
 
 import numpy as np
 
-FOLDER, TOP_BAR = Path(__file__).parent, 37  # pixels of the viewer's menu
-STARTS, NOTICES = 12.0, 8.0  # s, until the viewer is there, and until its notices are gone
-SCENES = {path.stem for path in (FOLDER.parent / "scenes").glob("*.json")} - {"taut_cable"}
+FOLDER = Path(__file__).parent
+SCENES = sorted({path.stem for path in _runs.SCENES.glob("*.json")} - {"taut_cable"})
 NAMES = {"midpoint8": "midpoint 8", "gauss12": "gauss 12"}
 METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
 METHODS += [("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")]
@@ -114,8 +105,8 @@ def jacobian():
     sheet = Drawing(480, 240, "The rows of J: d for the particle, -d for its partner")
     for k, name in enumerate(("vx0", "vy0", "vx1", "vy1")):
         sheet.words(137 + 95 * k, 66, name, GREY, "middle", 18)
-    for x, name in ((184, "bob 0"), (374, "bob 1")):
-        sheet.words(x, 36, name, INK, "middle", 20, "bold")
+    for k, name in enumerate(("bob 0", "bob 1")):
+        sheet.words(184 + 190 * k, 36, name, INK, "middle", 20, "bold")
     for y, row, cells in ((84, "rod 0", ("d", "0    0")), (156, "rod 1", ("-d", "d"))):
         sheet.words(16, y + 38, row, size=20)
         for x, cell in zip((92, 282), cells, strict=True):
@@ -174,9 +165,7 @@ def forces():
     sheet, metre, newton = Drawing(480, 500, "Which force does the rod apply?"), 235, 5.0  # pixels
     arc(sheet, pivot := np.array([60.0, 60.0]), metre, -12, 90)
     for degrees in (90, 60, 30, 0):
-        (x, y), bob = turned(degrees), pivot + turned(degrees, metre)
-        v = np.sqrt(2.0 * 9.81 * y) * np.array([-y, -x, 0.0])
-        system = make_system([[x, -y, 0.0]], [v], [1.0], [(0, -1)])
+        system, bob = swinging(degrees), pivot + turned(degrees, metre)
         weight = c.external_force(system, system["q0"])[0]
         pull = c.constraint_force(system, system["q0"], system["v0"])[0]
         aside = [10 * (degrees in (0, 90)), 0]  # there they are on one line
@@ -226,48 +215,18 @@ def moving(name):
         return Path(folder, "motion.svg").read_text(encoding="utf-8")
 
 
-def viewed():
-    """A PNG of the default run's recording at its end, as the viewer shows it."""
-    from PIL import Image  # which Rerun brings along
-    from rerun.experimental import ViewerClient
-
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        c.main(["--out", folder])
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = str(free.getsockname()[1])
-        how = ["--headless", "--window-size", "1400x900", "--port", port]
-        words = [sys.executable, "-m", "rerun", *how, f"{folder}/constraints.rrd"]
-        viewer = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
-        try:
-            time.sleep(STARTS)
-            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.set_time(TIMELINE, duration=20.0, play_state="paused")
-            time.sleep(NOTICES)
-            picture, file = Image.open(io.BytesIO(client.take_screenshot())), io.BytesIO()
-        finally:
-            os.killpg(viewer.pid, signal.SIGTERM)  # it, and the process that it has started
-            viewer.wait()
-    picture = picture.convert("RGB").crop((0, TOP_BAR, *picture.size)).quantize(256)
-    picture.save(file, "png", optimize=True)
-    return file.getvalue()
-
-
 DRAWINGS = two_pendulums, names, tangent, jacobian, shake, eigenvalue, forces, drift, cost
-PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS} | {"recording.png": viewed}
-PICTURES |= {
-    f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *sorted(SCENES))
-}
+PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS}
+PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *SCENES)}
 
 
 def main(argv=None):
     """Make the pictures that `argv` names, or all."""
     parser = Parser(prog="make_pictures", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"some of {', '.join(PICTURES)}")
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*PICTURES, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(PICTURES)}")
     for name in parser.parse_args(argv).names or PICTURES:
-        if name not in PICTURES:
-            parser.error(f"argument NAME: no picture {name!r}, but {', '.join(PICTURES)}")
-        made = PICTURES[name]()
-        made = made if isinstance(made, bytes) else made.encode()
+        made = PICTURES[name]().encode()
         write_whole(FOLDER / name, lambda path, made=made: path.write_bytes(made))
         print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
     return 0

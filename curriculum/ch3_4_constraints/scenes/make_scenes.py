@@ -38,13 +38,6 @@ def windows(n):
     return scene(tops, rods, feet, [{"velocity": (1.0, 0.0, 0.0)}] * (n + 1))
 
 
-def net(n):
-    """`n` x `n` particles, tied to neighbours, hung by both upper corners: for the benchmark."""
-    points = [(float(k % n), -float(k // n)) for k in range(n * n)]
-    rods = [(k, k - 1) for k in range(n * n) if k % n] + [(k, k - n) for k in range(n, n * n)]
-    return scene(points, [*rods, (0, -1), (n - 1, -2)], [(0.0, 1.0), (n - 1.0, 1.0)])
-
-
 def cable(span):
     """Ten unit links between anchors `span` apart in an arc; bisection finds a joint's turn."""
 

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.ch3_4_constraints.studies._runs import G, make_system
 
 import numpy as np
 
@@ -19,7 +18,6 @@ OFF = """contact warmstart island sensor actuation spring damper midphase filter
 nativeccd autoreset"""  # of MuJoCo: what these systems do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show
 POINT = 1e-14
-G = float(-c.GRAVITY[1])  # m/s^2
 
 
 class Task(NamedTuple):
@@ -77,7 +75,7 @@ def inertial(m, x, inertia):
     return f'<inertial pos="{x!r} 0 0" mass="{m!r}" diaginertia="{(f"{inertia} " * 3).strip()}"/>'
 
 
-def start_hinges(system, dt, integrator="RK4"):
+def start_hinges(system, dt, integrator):
     """MuJoCo's model of a planar chain in joint angles, and its data at the start: rods cannot
     stretch, and there is no constraint anywhere."""
     import mujoco
@@ -92,23 +90,13 @@ def start_hinges(system, dt, integrator="RK4"):
     return model, data
 
 
-def run_hinges(task, per):
-    """MuJoCo in joint angles, `per` steps of RK4 a sample in one C call."""
+def run_hinges(task, per, integrator="RK4"):
+    """MuJoCo in joint angles, `per` steps a sample in one C call."""
     import mujoco
 
-    model, data = start_hinges(task.system, task.every / per)
+    model, data = start_hinges(task.system, task.every / per, integrator)
     advance = partial(mujoco.mj_step, model, data, per)
     return clocked(task, advance, lambda: placed(task.system, np.cumsum(data.qpos)))
-
-
-def pace_hinges(system, dt, integrator, steps):
-    """Microseconds a step of MuJoCo in joint angles, all steps in one C call."""
-    import mujoco
-
-    model, data = start_hinges(system, dt, integrator)
-    clock = time.perf_counter()
-    mujoco.mj_step(model, data, steps)
-    return 1e6 * (time.perf_counter() - clock) / steps
 
 
 def tendons(system, dt, axes=3, **option):

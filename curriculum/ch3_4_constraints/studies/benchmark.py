@@ -2,10 +2,10 @@
 
 (a) What is a step worth beside the same lines in plain numpy, and beside MuJoCo's C?  (b) How long
 does one wait for a whole run, and for its recording?  (c) How does a step grow with the chain?
-A step is the loop of `simulate`, without what measures its states. Whatever is
-compared is timed in turns, A B A B, so that a busy machine slows both. Only ratios and exponents
-carry over to another machine. In (a), `plain` is the chapter's lines as numpy runs them, `python`
-the step compiled to Python alone, MuJoCo its rule of the same order on hinges. In (c) its rods are
+Whatever is compared is timed in turns, A B A B, so that a busy machine slows both. Only ratios and
+exponents carry over to another machine. In (a), steps are those of one call for a whole run, and
+nothing is measured of their states. `plain` is the chapter's lines as numpy runs them, `python` the
+step compiled to Python alone, MuJoCo its rule of the same order on hinges. In (c) its rods are
 tendons on particles with three axes, our model.
 """
 
@@ -19,6 +19,7 @@ from importlib.util import find_spec
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._race import run_ours
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, run
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
@@ -46,30 +47,35 @@ def shares(found, base):
     return {f"us/{name}": float(np.median(ours / samples)) for name, samples in others.items()}
 
 
+def plain(system, rule, mode):
+    """Microseconds a step in plain numpy."""
+    return run(system, rule, mode, DT, PLAIN, way=Plain).pace
+
+
 def beside(repeats, quick):
     """(a) A step beside the same lines in plain numpy, in Python, and beside MuJoCo's."""
-    steps, rows, bars = 400 if quick else 4000, [], []
+    steps, rows, bars = 2000 if quick else 4000, [], []
     cases = [(n, rule, "none") for n in ("double", "triple") for rule in ("semi_implicit", "rk4")]
     cases += [("double", "semi_implicit", mode) for mode in list(c.hold_table())[1:]]
     loops = ("jansen_leg", "windows")
     cases += [(n, "semi_implicit", mode) for n in loops for mode in ("impulse", "project")]
     for name, rule, mode in cases:
-        system, rods = c.build_system(name), []
+        system = c.build_system(name)
+        task = peers.Task(system, 1, DT * steps, None)
 
-        def ours(run=run, case=(system, rule, mode, DT, steps), rods=rods):
-            found = run(*case)
-            rods.append(float(found.violations.max()))
-            return found.pace
+        def pace(job, *settings, task=task):
+            return 1e6 * job(task, steps, *settings)[0] / steps
 
-        plain = partial(run, system, rule, mode, DT, PLAIN, way=Plain)
-        jobs = {"ours": ours, "plain": lambda plain=plain: plain().pace}
+        jobs = {"ours": partial(pace, run_ours, mode, rule)}
+        jobs["plain"] = partial(plain, system, rule, mode)
         if NATIVE:
-            jobs["python"] = partial(ours, _runs.python_run)
+            jobs["python"] = partial(pace, run_ours, mode, rule, False)
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             theirs = {"semi_implicit": "Euler", "rk4": "RK4"}[rule]
-            jobs["MuJoCo"] = partial(peers.pace_hinges, system, DT, theirs, steps)
+            jobs["MuJoCo"] = partial(pace, peers.run_hinges, theirs)
         found = in_turns(jobs, repeats)
-        what = {"case": f"{name} {rule} {mode}", **spread(found["ours"], "us"), "rods m": rods[0]}
+        off = float(run(system, rule, mode, DT, steps).violations.max())
+        what = {"case": f"{name} {rule} {mode}", **spread(found["ours"], "us"), "rods m": off}
         row = what | {"us/plain": "-", "us/python": "-", "us/MuJoCo": "-"} | shares(found, "ours")
         rows.append(row)
         for case, limits in BARS.items():

@@ -20,7 +20,6 @@ from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
 from curriculum.common.files import write_json
-from curriculum.common.steps import Crowd
 
 import numpy as np
 
@@ -30,7 +29,7 @@ RUNS = (("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none
 # cache. A batch leaves 48 bytes a member and run, and nothing else.
 BATCH = 4000
 SIZES, WORK = (250, 1000, 4000), 4_000_000  # members timed, and steps of all of them together
-ROWS = 1 << 16  # numbers measured in a block: what the processor's cache holds
+ROWS = 1 << 18  # numbers measured in a block: 2 MB, what a processor's caches hold
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
@@ -49,15 +48,20 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, dt, steps):
     """The Ends of a run that is measured at every step, and the seconds of its steps alone."""
     start, rods, energy, alone = c.energy(system, system["q0"], system["v0"]), 0.0, 0.0, 0.0
-    many = crowd(system, rule, mode, dt, lambda q, v: (c.rod_errors(system, q), c.energy(system, q, v)))
+
+    def measure(q, v):
+        return np.abs(c.rod_errors(system, q)), c.energy(system, q, v)
+
+    many = crowd(system, rule, mode, dt, measure)
     size = max(1, ROWS // (len(start) * (1 + len(system["pairs"]))))
     with np.errstate(all="ignore"):  # who flies apart is told of below
         for done in range(0, steps, size):
             clock = time.perf_counter()
             rows = many.advance(min(size, steps - done))
             alone += time.perf_counter() - clock
-            rods = np.maximum(rods, np.abs(rows[:, :-1]).max(axis=(0, 1)))
-            energy = np.maximum(energy, np.abs(rows[:, -1] - start).max(axis=0))
+            rods = np.maximum(rods, rows[:, :-1].max(axis=0).max(axis=0))
+            ends = rows[:, -1].max(axis=0) - start, start - rows[:, -1].min(axis=0)
+            energy = np.maximum(energy, np.maximum(*ends))
     q, _ = many.states()
     energies = rows[-1, -1]
     sane = np.where(rods < 100.0 * np.sum(system["lengths"]), 0.0, math.nan)
@@ -137,21 +141,16 @@ def growth(system, skip, span, dt):
     v is not told of the move), and stay in the x-y plane.
     """
     q, v, rates, rods = system["q0"], system["v0"], [], 0.0
-    unit = math.sqrt(system["lengths"].sum() / np.abs(c.GRAVITY).max())
+    unit = math.sqrt(system["lengths"].sum() / _runs.G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
 
-    def project(q, v, m, force, dt):
-        return c.project(system, q, q, v, math.inf)
-
-    back = Crowd(project, system["m"], abs, 1.0, q + away[0], v)
     size, start, turns = np.ones(len(q)), c.energy(system, q, v), round((skip + span) / RENEW)
     tick = progress(f"{len(q)} pairs", turns)
     for turn in range(turns):
         near = away * (CLOSE / size)[:, None, None]
-        back.put(np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit]))
-        back.advance(1)
-        steps.put(*back.states())
+        both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
+        steps.put(*c.project(system, both[0], *both, math.inf))
         steps.advance(round(RENEW / dt))
         q, v = (x.reshape(2, -1, *x.shape[1:]) for x in steps.states())
         rods = max(rods, float(c.constraint_violation(system, q).max()))
@@ -175,7 +174,7 @@ def parting(name, seeds, quick):
     few = range(20)
     upright = ensemble("double", few) | {"q0": np.tile([[0.0, 1, 0], [0.0, 2, 0]], (20, 1, 1))}
     # upright, angles'' = g/L [[2, -1], [-2, 2]] angles
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * np.abs(c.GRAVITY).max())
+    top = math.sqrt((2.0 + math.sqrt(2.0)) * _runs.G)
     # of single pendulums the periods differ, so neighbours part as t: ln(t)/t, on its way to 0
     shear, rows = math.log((skip + span) / skip) / span, []
     for what, start, known, *settings in (

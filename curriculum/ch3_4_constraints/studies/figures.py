@@ -2,9 +2,10 @@
 the block below it.
 
 A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with
-`$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD: the studies of
-speed take minutes, and want a machine that does nothing else. A text is written after each of its
-blocks; a command that fails leaves its block as it was, is told of, and makes the exit status 1.
+`$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD, `--quick` leaves
+out those that take over a minute; of these, studies of speed want a machine that does nothing else.
+A text is written after each of its blocks; a command that fails leaves its block as it was, is told
+of, and makes the exit status 1.
 The quick commands, whose digits are the same everywhere, are run by tests/test_texts.py, too.
 """
 
@@ -26,6 +27,7 @@ TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
 BLOCK = re.compile(
     r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?(?P<body>.*?)(```\n)", re.S
 )
+SLOW = re.compile(r"studies\.(hard_cases|real_thing|benchmark|shown hour)")  # over a minute
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
@@ -59,13 +61,17 @@ def main(argv=None):
     """Rewrite the blocks."""
     parser = Parser(prog="figures", description=__doc__.partition("\n\n")[0])
     parser.add_argument("--only", default="", metavar="WORD", help="commands that contain this")
-    only, failed = parser.parse_args(argv).only, False
+    parser.add_argument("--quick", action="store_true", help="not those that take over a minute")
+    args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
-    asked = [(path, match) for path, match in blocks if only in match["command"]]
+    asked = [(path, match) for path, match in blocks if args.only in match["command"]]
     if not asked:
-        parser.error(f"argument --only: no command in a text contains {only!r}")
+        parser.error(f"argument --only: no command in a text contains {args.only!r}")
     for path, match in asked:
+        if args.quick and SLOW.search(match["command"]):
+            print(f"left out  {match['command']}")
+            continue
         output = printed(match["command"])
         failed |= output is None
         if output is None or output == match["body"]:

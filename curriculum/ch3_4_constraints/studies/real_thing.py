@@ -15,7 +15,6 @@ not reach it by a run of half a second, of A01 by one of a minute.
 
 import json
 import os
-from decimal import Decimal, localcontext
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -24,7 +23,7 @@ from pathlib import Path
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._race import ours, race, run_ours, steps_ladder
+from curriculum.ch3_4_constraints.studies._race import in_python, ours, race, run_ours, steps_ladder
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, make_system
 from curriculum.ch3_4_constraints.tables import say, show
 from curriculum.common.cli import run_script
@@ -102,11 +101,19 @@ def double():
 
 def to_an_error(repeats, quick):
     """(b) The double pendulum, raced to four errors."""
-    task = double()
-    steps, tols = partial(steps_ladder, task), (1e-5, 1e-6, 1e-7, 1e-10, 1e-13)
-    ladders = ours(task, ((6, 7, 8, 9, 10, 12), (2, 3), tols), ((6, 8, 10, 12), (1, 17)))
+    task, tols = double(), (1e-5, 1e-7, 1e-10, 1e-13)
+    steps = partial(steps_ladder, task)
+    ladders = ours(task, (range(4, 13), tols, (2, 3)), ((6, 8, 10, 12), (1, 17)))
     rk4 = [steps(run_ours, 5, 600, mode, "rk4", text=f"{mode} ") for mode in ("none", "project")]
-    ladders |= {"ours, rk4": rk4[0] | rk4[1], HINGES: steps(peers.run_hinges, 4, 1500)}
+    ladders["ours, rk4"] = rk4[0] | rk4[1]
+    rough = in_python(ladders)
+    if NATIVE:
+        ladders["ours, Python"] = {
+            f"{who.split()[1]} {setting}": job
+            for who, ladder in rough.items()
+            for setting, job in ladder.items()
+        }
+    ladders[HINGES] = steps(peers.run_hinges, 4, 1500)
     for name, job, last in ((TAYLOR, peers.run_heyoka, 16.0), ("scipy", peers.run_scipy, 13.5)):
         if has(name):
             powers = np.arange(1.0, last, 0.25)
@@ -119,7 +126,7 @@ def to_an_error(repeats, quick):
         beside = {HINGES: (limits[not NATIVE], None)} | ({TAYLOR: (1.2, 0.5)} if NATIVE else {})
         targets[f"{error:.0e} m"] = error, beside
     title = "(b) the double pendulum, 5 s, time to an error"
-    return race(title, task, ladders, targets, 0.1 if quick else 0.5, repeats)
+    return race(title, task, ladders, targets, 0.1 if quick else 0.5, repeats, rough)
 
 
 def games(repeats):
@@ -135,22 +142,13 @@ def games(repeats):
 def swing(times):
     """Positions (T, 1, 2) of the unit pendulum released level, and how well they are known, in m.
 
-    sin(phi / 2) = k cd(sqrt(g) t, k), k = sin(phi_0 / 2), phi from straight down (DLMF 22.19(i));
-    decimals take off whole periods, 2000 s would cost a double three digits. Doubt: scipy's value
-    half a period later is minus this one.
+    sin(phi / 2) = k cd(sqrt(g) t, k), k = sin(phi_0 / 2), phi from straight down (DLMF 22.19(i)).
+    Doubt: half a period later it is the mirror image.
     """
-    from scipy.special import ellipj
+    from scipy.special import ellipj, ellipk
 
-    with localcontext() as context:
-        context.prec = 40
-        a, b = Decimal(1), Decimal("0.5").sqrt()
-        while a - b > Decimal("1e-36"):
-            a, b = (a + b) / 2, (a * b).sqrt()
-        half = Decimal("3.141592653589793238462643383279502884197") / a  # 2 K(k) by Gauss's mean
-        pace = Decimal(peers.G).sqrt()
-        phase = [pace * Decimal(t) % (2 * half) for t in times]
-        u = np.array([[float(x) for x in phase], [float(x + half) for x in phase]])
-    _, cn, dn, _ = ellipj(u, 0.5)
+    u = np.sqrt(_runs.G) * np.array(times)
+    _, cn, dn, _ = ellipj([u, u + 2.0 * ellipk(0.5)], 0.5)
     s = np.sqrt(0.5) * cn / dn
     q = np.stack([2.0 * s * np.sqrt(1.0 - s * s), 2.0 * s * s - 1.0], axis=-1)
     return q[0, :, None], float(np.abs(q[0] - q[1] * [-1.0, 1.0]).max())
@@ -170,7 +168,7 @@ def a01(repeats):
         return np.sqrt(np.mean((np.abs(found - q) / np.maximum(np.abs(q), 1e-3)) ** 2))
 
     task = peers.Task(level(), len(times), 0.5, error)
-    gauss = (8, 10), (2, 3), (1e-9, 1e-10, 1e-11)
+    gauss = (8, 10), (1e-9, 1e-10, 1e-11), (2, 3)
     ladders = ours(task, gauss, ((8, 10, 12), (3, 9)))
     ladders[HINGES] = steps_ladder(task, peers.run_hinges, 25, 120)
     title = f"(c) A01, the simple pendulum for 2000 s; the truth is known to {doubt:.0e} m"

@@ -7,18 +7,16 @@ the text. `hour` takes long, and is shown only if it is named.
 import math
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies import _runs, chaos, speed_vs_error
-from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
+from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
+from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
-from curriculum.common.graph import elimination_order
 from curriculum.common.runs import distance
 from curriculum.common.trace import repeat
 
 import numpy as np
 
 DT = 0.005  # s, where nothing else is said
-G = float(-c.GRAVITY[1])  # m/s^2
 
 
 def bobs(*at, v=None, lengths=None):
@@ -208,30 +206,26 @@ def way_back():
     show("the double pendulum, semi_implicit: energy error as a share of m g L after", rows)
 
 
-def price():
-    """Arithmetic of a step, as counted in the code that --show-step prints."""
-    rows = []
-    for mode in ("none", "impulse", "baumgarte", "soft"):
-        row = {"mode": mode}
-        for name in c.SYSTEMS:
-            text = _runs.code(c.build_system(name), "semi_implicit", mode, DT)
-            row[name] = sum(map(text.count, (" + ", " - ", " * ", " / ", "sqrt(")))
-        rows.append(row)
-    show("semi_implicit: operations a step", rows)
+def catenary():
+    """The pull of a cable's end rods: as solved, by hand, and of a rope that bends anywhere.
 
-
-def elimination():
-    """How many entries of A the elimination changes, and how many it would if every rod felt every
-    other."""
-    systems = {f"chain of {n}": c.build_system("chain", links=n) for n in (10, 100)}
-    systems |= {name: _runs.scene(name) for name in ("jansen_leg", "windows")}
-    rows = []
-    for name, system in systems.items():
-        n, order = len(system["pairs"]), elimination_order(tuple(system["pairs"]))
-        changed = sum(len(rest) ** 2 for _, rest in order)
-        row = {"scene": name, "rods": n, "entries changed": changed}
-        rows.append(row | {"if A were full": sum(k * k for k in range(n))})
-    show("one elimination", rows)
+    By hand, a link lies as its two ends' pulls ask for: with H their level part, the first of 12
+    links rises by 11 / 2 bobs' weights over H. The rope is the curve y = a cosh(x / a).
+    """
+    system, rows = _runs.scene("tight_cable"), []
+    span, rope = system["anchors"][1, 0], system["lengths"].sum()
+    x, y = np.abs(system["q0"][0, :2])
+    weight = system["m"].sum() * G
+    found = c.tensions(system, system["q0"], system["v0"])[[0, -1]].max()
+    u, last = math.sqrt(6.0 * (rope / span - 1.0)), math.inf  # u = span / 2a: sinh(u) / u is known
+    while u < last:  # Newton's method, from above
+        last, off = u, math.sinh(u) - u * rope / span
+        u -= off / (math.cosh(u) - rope / span)
+    bobs = 0.5 * weight * math.hypot(x, y) / y
+    curve = G * 0.5 * span / u * math.cosh(u)  # a rope of 1 kg/m
+    for what, pull in (("end rods, solved", found), ("by hand", bobs), ("a rope's ends", curve)):
+        rows.append({"pull of": what, "N": f"{pull:.2f}"})
+    show(f"{len(system['m'])} bobs of 1 kg on {rope:g} m between anchors {span:.4f} m apart", rows)
 
 
 def rules():
@@ -257,13 +251,6 @@ def parting():
     show(f"the double pendulum, baumgarte: {what}", [row])
     same = all(np.array_equal(a, b) for a, b in zip(once[:3], again[:3], strict=True))
     print(f"seed 0, twice: the same to the last bit: {same}")
-
-
-def crowd():
-    """Two hundred seeds: is the ordering luck, and what does drift make of the crowd?"""
-    found = chaos.crowds("double", range(200), DT, 4000)
-    show("worst rod error over 20 s, none over baumgarte", [chaos.ordering(found)])
-    show("after 20 s: medians, and worst; energies as shares of m g L", chaos.fates(found))
 
 
 def thrown():
@@ -316,7 +303,7 @@ def hour():
 
 
 QUICK = (matrices, level, tangent, jdotv, order, halving, knob, seeds, lag, nudge, soft, way_back)
-QUICK += (price, elimination, rules, parting, crowd, laws)
+QUICK += (catenary, rules, parting, laws)
 SHOWN = {table.__name__: table for table in [*QUICK, hour]}
 
 

@@ -15,12 +15,12 @@ from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import RULES, drift, run
+from curriculum.ch3_4_constraints.studies._runs import RULES, drift, once, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import run_script
 from curriculum.common.gauss import make_gauss
 from curriculum.common.runs import distance
-from curriculum.common.steps import Plain
+from curriculum.common.steps import Compiled, Plain
 
 import numpy as np
 
@@ -33,10 +33,10 @@ MODES |= dict.fromkeys(c.FOR_IMPULSE, list(c.hold_table()))
 METHODS = [(name, mode) for name in RULES for mode in MODES.get(name, ["none", "project"])]
 
 
-def sampled(system, rule, mode, seconds, steps):
+def sampled(system, rule, mode, seconds, steps, way=Compiled):
     """The Run of `steps` steps over `seconds`, and its positions (20, N, 3); None if it stops."""
     per = steps // SAMPLES
-    found = run(system, rule, mode, seconds / steps, steps, range(per, steps + 1, per))
+    found = run(system, rule, mode, seconds / steps, steps, range(per, steps + 1, per), way)
     return found, None if found.stopped else found.q
 
 
@@ -75,9 +75,10 @@ def ladder(system, seconds, rule, mode, truth):
     """The rows of one method: the number of steps doubles until it costs too much or the error
     stops to fall."""
     rows, steps, count = [], SAMPLES, 0.0
+    way = Compiled if c.hold_table()[mode].dt else once()  # some holds are for one step alone
     while count < MOST and (len(rows) < 4 or rows[-1]["error"] < 0.9 * rows[-4]["error"]):
         dt = seconds / steps
-        found, q = sampled(system, rule, mode, seconds, steps)
+        found, q = sampled(system, rule, mode, seconds, steps, way)
         if q is not None:
             count = solves(system, rule, mode, dt, steps) / dt
             row = {"method": f"{rule} {mode}", "dt": dt, "error": distance(q, truth)}
@@ -108,10 +109,9 @@ def main(argv=None):
     parser = _runs.study_parser("speed_vs_error", __doc__)
     add = parser.add_argument
     add("--system", default="double", metavar="NAME", help="a system, or a scene's file (double)")
-    add("--links", type=number(int, 1, 30), default=5, help="rods of --system chain (5)")
     add("--all", action="store_true", help="print every row, not the frontier alone")
     args = parser.parse_args(argv)
-    system = parser.attempt("--system", c.build_system, args.system, 0, args.links)
+    system = parser.attempt("--system", c.build_system, args.system, 0, 5)
     seconds, growth, truth, known = horizon(system)
     print(
         f"neighbours part {growth:.0f}-fold in {seconds:g} s; the truth is known to {known:.0e} m"
