@@ -420,7 +420,8 @@ def main(argv=None):
         row["unheld"] = round(float(np.max(left)), 6)
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    ghost = None if most == 0 or not shown else ruler.true_motion(partial(run, "none"), steps * dt)
+    free = partial(run, "none"), rk4_step, steps * dt
+    ghost = ruler.true_motion(*free) if most and shown else None
     print(publish.publish(args, used, system, runs, rows, fall, forces, shown, ghost))
     return 0
 

@@ -8,7 +8,6 @@ from functools import partial
 from typing import NamedTuple
 
 from curriculum.common.gauss import make_gauss
-from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Compiled
 
@@ -28,19 +27,25 @@ class Truth(NamedTuple):
     known: float = math.inf
 
 
+def once_for_all(tries=math.inf):
+    """A way for simulate by which a rule is traced and compiled once, for steps of all lengths."""
+    made = []
+
+    def way(step_fn, steps):
+        made[:] = made or [Compiled(step_fn, steps, check=False, tries=tries)]
+        made[0].start(steps)
+        return made[0]
+
+    return way
+
+
 def true_position(run, seconds, most=math.inf):
     """q (N, 3) after `seconds`, and by how many m two steps of gauss differ.
 
     (None, inf) if that is over KNOWN, or not found within `most` steps.
     run(rule, dt, steps, way) -> Run.
     """
-    rule, before, made = make_gauss(6), None, []
-
-    def way(step_fn, steps):  # traced and compiled once
-        made[:] = made or [Compiled(step_fn, steps, check=False, tries=most)]
-        made[0].start(steps)
-        return made[0]
-
+    rule, before, way = make_gauss(6), None, once_for_all(most)
     for longest in LADDER:
         steps = math.ceil(seconds / longest)
         if steps + (before is None) * 2 * steps > most:  # two are needed
@@ -54,19 +59,18 @@ def true_position(run, seconds, most=math.inf):
     return None, math.inf
 
 
-def true_motion(run, seconds):
-    """(times (T,) in s, q (T, N, 3)): the true motion, as long as two steps agree to SEEN m.
+def true_motion(run, rule, seconds):
+    """(times (T,) in s, q (T, N, 3)): the true motion, while two steps of a rule agree to SEEN.
 
     One frame every FRAME s, for LONG s at most; None if it is not known at all.
     run(rule, dt, steps, keep, way) -> Run.
     """
-    frames, rule, found = round(min(seconds, LONG) / FRAME), make_midpoint(), []
-    for fine in (1, 2):
+    frames, found, way = round(min(seconds, LONG) / FRAME), [], once_for_all()
+    if not frames:
+        return None
+    for fine in (4, 8):
         steps = fine * frames
-        if not steps:
-            return None
-        keep = range(0, steps + 1, fine)
-        end = run(rule, FRAME / fine, steps, keep, partial(Compiled, check=False))
+        end = run(rule, FRAME / fine, steps, range(0, steps + 1, fine), way)
         found.append(end.q[end.kept % fine == 0])
     both = [distance(a, b) < SEEN for a, b in zip(*found, strict=False)]
     known = both.index(False) if False in both else len(both)
