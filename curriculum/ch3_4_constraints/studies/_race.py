@@ -29,6 +29,7 @@ def run_ours(task, per, mode, rule, machine=NATIVE):
     if machine:
         compiled.to_machine()
     start = compiled.alone.traced.columns(system["q0"], system["v0"])[:, 0]
+    compiled.alone(start, 1, dt)  # a peer's code has been called before, too
     clock = time.perf_counter()
     rows, why = compiled.alone(start, steps, dt)
     seconds = time.perf_counter() - clock
