@@ -33,6 +33,22 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("soft measures g like the others", "    if hold.softness:", "    if False:"),
      ("tensions with the wrong sign", "return -lam * (rod_errors", "return lam * (rod_errors"),
     ],
+    ("curriculum/ch3_4_constraints/scene_files.py", "motion"): [
+     ("a force for other steps", "if made_for not in (None, dt):", "if False:"),
+    ],
+    ("curriculum/ch3_4_constraints/studies/chaos.py", "chaos"): [
+     ("a standard error without n - 1", "ddof=1", "ddof=0"),
+    ],
+    ("curriculum/ch3_4_constraints/studies/hard_cases.py", "hard_cases"): [
+     ("the longest rod as limit", "RODS * np.min(", "RODS * np.max("),
+     ("shares upside down", "if share else", "if not share else"),
+    ],
+    ("curriculum/ch3_4_constraints/studies/speed_vs_error.py", "real_thing"): [
+     ("ahead if anybody is slower", "min(those) >= mine", "min(those) <= mine"),
+    ],
+    ("curriculum/ch3_4_constraints/tables.py", "real_thing"): [
+     ("quartiles swapped", "[50, 25, 75]", "[50, 75, 25]"),
+    ],
     ("curriculum/ch3_4_constraints/tables.py", "results"): [
      ("the verdict upside down", "if ratio > 3.0 else", "if ratio < 3.0 else"),
     ],
@@ -53,7 +69,7 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
     ],
     ("constraints.py", "results"): [
      ("--smoke ignored", "SMOKE_STEPS if args.smoke else args.steps", "args.steps"),
-     ("a verdict on short runs", " and steps > SMOKE_STEPS", ""),
+     ("a verdict on short runs", " and steps >= SMOKE_STEPS", ""),
      ("error_at by the asked step", '"error_at": truth.step * dt',
         '"error_at": truth.step * args.dt'),
     ],
@@ -62,7 +78,6 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("the out folder not tried before", "if not args.show_step:  # last", "if False:  # last"),
     ],
     ("constraints.py", "runs"): [
-     ("a force for other steps", "if hold.dt not in (None, dt):", "if False:"),
     ],
     ("curriculum/common/trace.py", "trace"): [
      ("-a - b is a + b", 'self.note("+", b, self.minus)', 'self.note("+", b)'),
@@ -101,7 +116,7 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("a buffer is used again too soon", " == k and x not in kept]", " >= 0]"),
      ("a negative over what is still read", 'not in ("part", "of") and not s.minus:',
         'not in ("part", "of"):'),
-     ("members that are done go on", "where=logical_not({done})", "where=True"),
+     ("members that are done go on", "{target}, where=logical_not({done})", "{target}, where=True"),
      ("a loop ends with the first", "{done}.all()", "{done}.any()"),
      ("a size that stays is no end", "({last} <= {size}) & (", "({last} < 0.0) & ("),
      ("an argument loses its minus", "            if symbol.minus:\n                given",
@@ -127,7 +142,7 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("halves of halves of the wrong length", "in_halves(step, state, 0.5 * dt, level",
         "in_halves(step, state, dt, level"),
      ("a half is not halved", "if level == HALVINGS or", "if level == 1 or"),
-     ("no check at a block's edge", "if self.check and not self.agrees(before",
+     ("no check at a block's edge", "if self.check and sane and not self.agrees(before",
         "if False and not self.agrees(before"),
      ("what functions keep is not seen", "why = memory.changed() or why", "pass"),
      ("a block begins where the last began", "q, v = q[-1], v[-1]", "q, v = q[0], v[0]"),
