@@ -4,6 +4,7 @@ import json
 from importlib.util import find_spec
 
 import constraints as c
+from curriculum.ch3_4_constraints import tables
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _race, real_thing, speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -100,3 +101,14 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     _, rows, bars = _race.race("", task, ladders, targets, 9.0, 2)
     assert [row["ours/it"] for row in rows] == [1.0, 0.5, 0.25] and rows[2]["who"] == "peer"
     assert [(share, limit) for _, share, limit in bars] == [(0.25, 0.3), (pytest.approx(1.0), 1.5)]
+
+
+def test_a_table_tells_the_median_and_its_quartiles_in_order():
+    assert tables.spread([5.0, 1.0, 4.0, 2.0, 3.0], "us") == {"us": 3.0, "us q1": 2.0, "us q3": 4.0}
+
+
+def test_a_method_is_ahead_if_none_has_both_fewer_solves_and_a_smaller_error():
+    cost = [(4, 1e-3), (5, 1e-3), (6, 1e-6), (7, 1e-5), (9, 1e-13), (10, 1e-14)]
+    rows = [{"solves": solves, "error": error} for solves, error in cost]
+    found = speed_vs_error.ahead(rows, 1e-12)  # below that all errors are equal
+    assert [row["solves"] for row in found] == [4, 6, 9]
