@@ -417,7 +417,7 @@ def main(argv=None):
     rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
     for mode, row in rows.items():
         left = 0.0 if many else unheld(system, *runs[mode].every(look), forces[mode].hold)
-        row["unheld"] = round(float(np.max(left)), 6)
+        row["unheld"] = float(f"{round(float(np.max(left)), 6):.3g}")  # the rest may be rounding
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     free = partial(run, "none"), rk4_step, steps * dt
