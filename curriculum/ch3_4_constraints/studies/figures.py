@@ -47,7 +47,7 @@ def machine_free(text):
     """Its lines, a list of cells each, without what belongs to the machine: the banner, times,
     where files went."""
     lines, header = [], []
-    for line in text.splitlines():
+    for line in re.sub(", compiled to .*", "", text).splitlines():
         cells = re.split(r" {2,}", line.strip())
         header = cells if any(cell in TIMES for cell in cells) else header
         if len(cells) == len(header):
