@@ -33,7 +33,7 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("soft measures g like the others", "    if hold.softness:", "    if False:"),
      ("tensions with the wrong sign", "return -lam * (rod_errors", "return lam * (rod_errors"),
     ],
-    ("curriculum/ch3_4_constraints/scene_files.py", "motion"): [
+    ("curriculum/ch3_4_constraints/scene_files.py", "runs"): [
      ("a force for other steps", "if made_for not in (None, dt):", "if False:"),
     ],
     ("curriculum/ch3_4_constraints/studies/chaos.py", "chaos"): [

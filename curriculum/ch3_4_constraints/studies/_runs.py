@@ -51,18 +51,6 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     return c.simulate(rule, system, force, dt, steps, keep, way)
 
 
-def once():
-    """A `way` for runs of one rule and hold: traced and compiled once, for steps of any length."""
-    made = []
-
-    def way(step_fn, steps):
-        made[:] = made or [Compiled(step_fn, check=False)]
-        made[0].start(steps)
-        return made[0]
-
-    return way
-
-
 def whole_step(system, rule, hold, dt):
     """(step, force) of a case, where the step ends with what the hold does to it."""
     rule, force = case(system, rule, hold, dt)

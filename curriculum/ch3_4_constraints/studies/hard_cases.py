@@ -20,6 +20,8 @@ from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run
 from curriculum.ch3_4_constraints.tables import say, show
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
+from curriculum.common.ruler import once_for_all
+from curriculum.common.steps import Compiled
 
 import numpy as np
 
@@ -56,12 +58,12 @@ def starts(system, count, seed=0):
     return found
 
 
-def held(system, rule, mode, dt, seconds):
+def held(system, rule, mode, dt, seconds, way=Compiled):
     """Whether a method holds a start; most that it loses it loses soon."""
     v = system["v0"]
     scale = max(energy_scale(system), 0.5 * float(np.sum(system["m"] * v * v)))
     for steps in (round(0.1 * seconds / dt), round(seconds / dt)):
-        found = run(system, rule, mode, dt, steps)
+        found = run(system, rule, mode, dt, steps, (), way)
         energy = np.abs(found.energies - found.energies[0]) / scale
         good = (found.violations <= RODS * np.min(system["lengths"])) & (energy <= ENERGY)
         if found.stopped or not good.all():
@@ -71,13 +73,19 @@ def held(system, rule, mode, dt, seconds):
 
 def cell(crowd, rule, mode, seconds, ladder=LADDER):
     """What the table says of a method and the starts of a scene."""
-    fragile = list(crowd)
+    fragile, any_step = list(crowd), c.hold_table()[mode].dt is None
+    ways = {id(one): once_for_all() for one in crowd}  # compiled once, if for steps of any length
+
+    def holds(one, dt):
+        way = ways[id(one)] if any_step else once_for_all()
+        return held(one, rule, mode, dt, seconds, way)
+
     for dt in ladder:
-        lost = next((one for one in fragile if not held(one, rule, mode, dt, seconds)), None)
+        lost = next((one for one in fragile if not holds(one, dt)), None)
         if lost is None:
             return f"{dt:g}"
         fragile = [lost, *(one for one in fragile if one is not lost)]  # it is asked first
-    share = sum(held(one, rule, mode, ladder[-1], seconds) for one in fragile[1:])
+    share = sum(holds(one, ladder[-1]) for one in fragile[1:])
     return f"{share}/{len(crowd)}" if share else "-"
 
 

@@ -15,10 +15,11 @@ from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import RULES, drift, once, run
+from curriculum.ch3_4_constraints.studies._runs import RULES, drift, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import run_script
 from curriculum.common.gauss import make_gauss
+from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import distance
 from curriculum.common.steps import Compiled, Plain
 
@@ -75,7 +76,9 @@ def ladder(system, seconds, rule, mode, truth):
     """The rows of one method: the number of steps doubles until it costs too much or the error
     stops to fall."""
     rows, steps, count = [], SAMPLES, 0.0
-    way = Compiled if c.hold_table()[mode].dt else once()  # some holds are for one step alone
+    way = (
+        Compiled if c.hold_table()[mode].dt else once_for_all()
+    )  # some holds are for one step alone
     while count < MOST and (len(rows) < 4 or rows[-1]["error"] < 0.9 * rows[-4]["error"]):
         dt = seconds / steps
         found, q = sampled(system, rule, mode, seconds, steps, way)
