@@ -26,7 +26,7 @@ from curriculum.common.files import write_whole
 import numpy as np
 
 DT, MODE = 0.005, "impulse"  # s; what holds the rods but in the strip
-LOOK, BATCH = 4, 32768  # steps; members that go in step: memory is theirs, and a byte a pixel
+LOOK, BATCH = 8, 32768  # steps; members that go in step: memory is theirs, and a byte a pixel
 NEVER, WHITE = 0, 255  # of the palette; between them are the times
 STRIP = 6  # of so many rows one is shown by `none` as well
 
@@ -116,7 +116,8 @@ def main(argv=None):
         row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER).item()}
         rows.append(row | {"without the energy": int(np.sum(seen[inside[: len(seen)]] > NEVER))})
     table = show(f"share of starts at rest that turn over within {args.seconds:g} s", rows)
-    edge = inside & ~(np.roll(inside, 1, 0) & np.roll(inside, 1, 1))
+    around = [np.roll(inside, shift, axis) for shift in (1, -1) for axis in (0, 1)]
+    edge = inside & ~np.logical_and.reduce(around)
     line = np.full((max(1, args.size // 200), args.size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
     args.out.parent.mkdir(parents=True, exist_ok=True)
