@@ -187,7 +187,7 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("the second of two equal keys counts", "if len(found) < len(items):", "if False:"),
      ("a pipe is read", "not path.is_file() or ", ""),
     ],
-    ("curriculum/ch3_4_constraints/publish.py", "ruler"): [
+    ("curriculum/ch3_4_constraints/publish.py", "results"): [
      ("tol missing from the metrics", '"impedance", "tol"', '"impedance"'),
     ],
     ("curriculum/ch3_4_constraints/publish.py", "files"): [

@@ -58,6 +58,7 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(results):
     errors = {mode: row["error"] for mode, row in found["results"].items()}
     assert found["dt"] > 0.005 and found["error_at"] == pytest.approx(2.0)
     assert min(errors.values()) <= 1e-6 < max(errors.values())
+    assert found["tol"] == 1e-6
     (line,) = marked(lines, "--tol")
     assert all((mode in line.split("not met by")[1]) == (x > 1e-6) for mode, x in errors.items())
 
