@@ -170,11 +170,9 @@ MUTANTS = {  # (file, its tests): what is wrong, what stands there once, its rep
      ("a tolerance that nobody can judge", "if tol and not truth[1] < tol:", "if False:"),
      ("a step lost", "math.ceil(seconds / dt - 1e-9)", "math.floor(seconds / dt)"),
     ],
-    ("curriculum/ch3_4_constraints/large.py", "force"): [
+    ("curriculum/ch3_4_constraints/large.py", "large"): [
      ("a rod of a chain pulls both ends alike", "felt[..., :-1] -= ", "felt[..., :-1] += "),
      ("a halving forgets the right neighbour", "half -= right * up", "half -= 0.0 * up"),
-    ],
-    ("curriculum/ch3_4_constraints/large.py", "large"): [
      ("few rods, all tied, written out", "> FILL", "> 1e9"),
     ],
     ("curriculum/ch3_4_constraints/recording.py", "recording"): [
