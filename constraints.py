@@ -185,11 +185,12 @@ def linear_system(system, q, v, hold, f=None):
 
 
 def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N), and Lagrange's multipliers lambda (..., C) in N/m, at q, v (..., N, 3)."""
+    """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C)."""
     (jac, a, b, g), turned = linear_system(system, q, v, as_hold(hold), f), 0.0
     if has_loop(tuple(system["pairs"])):  # rods that turn together come no nearer to losing rank
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
-    return jac, solve(system, a, b, statics.blur(system["lengths"], g), turned)
+    lam = solve(system, a, b, statics.blur(system["lengths"], g), turned)
+    return jac, lam, b - dot(a, lam[..., None, :])
 
 
 def pull(jac, lam):
@@ -199,20 +200,19 @@ def pull(jac, lam):
 
 def constraint_force(system, q, v, hold=0.0, f=None):
     """The force of the rods (..., N, 3) in N: `hold` is a Hold, or Baumgarte's w in rad/s."""
-    return pull(*multipliers(system, q, v, hold, f))
+    return pull(*multipliers(system, q, v, hold, f)[:2])
 
 
 def tensions(system, q, v, hold=0.0):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    _, lam = multipliers(system, q, v, hold)
+    _, lam, _ = multipliers(system, q, v, hold)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
 def unheld(system, q, v, hold=0.0):
     """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
-    _, lam = multipliers(system, q, v, hold)
-    _, a, b, _ = linear_system(system, q, v, as_hold(hold))
-    return np.max(np.abs(b - dot(a, lam[..., None, :])) / system["lengths"], axis=-1)
+    _, _, left = multipliers(system, q, v, hold)
+    return np.max(np.abs(left) / system["lengths"], axis=-1)
 
 
 class Force(namedtuple("Force", "system hold")):

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 from curriculum.ch3_4_constraints import publish
@@ -39,12 +40,12 @@ def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path):
 
 
 def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkeypatch):
-    def interrupted(new, path, replace=os.replace):
+    def interrupted(new, path, replace=Path.replace):
         if path.name == "a":
             os.kill(os.getpid(), signal.SIGINT)
         replace(new, path)
 
-    monkeypatch.setattr(files.os, "replace", interrupted)
+    monkeypatch.setattr(files.Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         files.write_together(tmp_path, dict.fromkeys("ab", lambda path: path.write_text("new")))
     assert contents(tmp_path) == {"a": "new", "b": "new"}

@@ -12,7 +12,7 @@ from pathlib import Path
 from curriculum.ch3_4_constraints.picture import write_motion
 from curriculum.ch3_4_constraints.recording import record
 from curriculum.common.cli import shorten, writable
-from curriculum.common.files import write_json, write_together
+from curriculum.common.files import dump_json, write_together
 
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
@@ -45,7 +45,7 @@ def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
     as `record` and `write_motion` take it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    metrics = partial(write_json, content=flags | used | {"results": rows})
+    metrics = partial(dump_json, content=flags | used | {"results": rows})
     scene, writers = (args, used, system, runs), {}
     if args.picture:
         writers[PICTURE] = lambda path: write_motion(path, *scene, shown, ghost)

@@ -5,7 +5,6 @@ python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run,
 
 import datetime
 import platform
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -78,6 +77,8 @@ def processor():
 
 def main():
     """Measure: the median wall-clock of five processes, to the ledger."""
+    import subprocess  # here: no chapter needs it
+
     chapter, *command = sys.argv[1:]
     seconds = []
     for _ in range(5):

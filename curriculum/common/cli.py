@@ -8,9 +8,7 @@ import re
 import signal
 import sys
 import textwrap
-import traceback
 import warnings
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 
@@ -44,6 +42,8 @@ class Parser(argparse.ArgumentParser):
             known = re.findall(
                 r"[\w-]+" if wrong[2] else r"--[\w-]+", wrong[2] or self.format_help()
             )
+            from difflib import get_close_matches  # here: it takes its time to load
+
             near = get_close_matches((wrong[1] or wrong[3] or "").lower(), known, 1)
             message += f"; did you mean {near[0]}?" if near else ""
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
@@ -131,6 +131,8 @@ def chapter_parser(prog, folder, out, examples):
 
 def mistake(error):
     """The traceback of an exception, without frames of this package, of libraries, of made code."""
+    import traceback
+
     shown = whole = traceback.TracebackException.from_exception(error)
     while shown:
         own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]

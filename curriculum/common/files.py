@@ -3,10 +3,10 @@
 import contextlib
 import json
 import os
-import shutil
 import signal
-import tempfile
 from pathlib import Path
+
+UNFINISHED = ".unfinished-"  # and a process: files that are being written
 
 
 def write_together(folder, writers):
@@ -16,25 +16,26 @@ def write_together(folder, writers):
     interrupted, all is as it was, and an OSError names the file. Processes wait for each other.
     """
     (folder := Path(folder)).mkdir(parents=True, exist_ok=True)
+    aside = {name: folder / f"{UNFINISHED}{os.getpid()}-{k}" for k, name in enumerate(writers)}
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError):  # of a system that cannot lock folders
             import fcntl
 
             stack.callback(os.close, handle := os.open(folder, os.O_RDONLY))
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
-            for left in folder.glob(".unfinished-*"):
-                shutil.rmtree(left, ignore_errors=True)
-        aside = Path(stack.enter_context(tempfile.TemporaryDirectory("", ".unfinished-", folder)))
+            for left in folder.glob(f"{UNFINISHED}*"):
+                left.unlink()
+        for path in aside.values():
+            stack.callback(path.unlink, missing_ok=True)
         for name in filter(writers.get, writers):
             try:
-                writers[name](aside / name)
+                writers[name](aside[name])
             except OSError as why:
                 raise OSError(why.errno, why.strerror or str(why), str(folder / name)) from None
 
         with undisturbed():
-            for name in writers:
-                made = (aside / name).exists()
-                os.replace(aside / name, folder / name) if made else (folder / name).unlink(True)
+            for name, path in aside.items():
+                path.replace(folder / name) if path.exists() else (folder / name).unlink(True)
 
 
 @contextlib.contextmanager
@@ -60,10 +61,15 @@ def write_whole(path, write):
     write_together(Path(path).parent, {Path(path).name: write})
 
 
-def write_json(path, content):
-    """`content` as JSON, strict (no NaN), keys in order, whole or not at all."""
+def dump_json(path, content):
+    """A writer: `content` as JSON, strict (no NaN), keys in order."""
     text = json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
-    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    path.write_text(text, encoding="utf-8")
+
+
+def write_json(path, content):
+    """The same, whole or not at all."""
+    write_whole(path, lambda aside: dump_json(aside, content))
 
 
 def check_writable(path):
@@ -75,4 +81,5 @@ def check_writable(path):
         raise OSError(f"{above.name} is {'no folder' if above.exists() else 'a link to nothing'}")
     if path.exists() and not path.is_file():  # a device, a pipe: a file would take its place
         raise OSError(f"{path.name} is {'a folder' if path.is_dir() else 'no plain file'} there")
-    tempfile.TemporaryFile(dir=above).close()
+    (probe := above / f"{UNFINISHED}{os.getpid()}").touch()
+    probe.unlink()

@@ -2,9 +2,9 @@
 
 import math
 from decimal import Decimal, localcontext
-from functools import lru_cache
+from functools import lru_cache, partial
 
-from curriculum.common.trace import repeat
+from curriculum.common.trace import entrywise, repeat
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def combined(weights, a):
 
 def squares(x):
     """The sum of the squares of an array."""
-    return np.sum(x * x)
+    return np.sum(np.square(x))
 
 
 def make_gauss(stages=8, tol=1e-16, most=60):
@@ -71,29 +71,30 @@ def make_gauss(stages=8, tol=1e-16, most=60):
     relatively, or as little as rounding allows. Raises Stop after `most` rounds, or where the
     polynomial through the stages has no digits: then a run tries the step in halves.
     """
-    c, b, once, twice, last_terms = collocation(stages)
-    late = b * (1.0 - c)
 
     def gauss_step(q, v, m, force, dt):
+        c, b, once, twice, last_terms = collocation(stages)
+        ways = partial(combined, np.concatenate([once, twice]))
+        ends = partial(combined, np.stack([b, b * (1.0 - c), *last_terms]))
         coast = q + dt * c[:, None, None] * v
         start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
 
         def iterate(a):
-            places, speeds = coast + dt * dt * combined(twice, a), v + dt * combined(once, a)
+            speeds, places = np.split(entrywise(ways, a), 2)
+            places, speeds = coast + dt * dt * places, v + dt * speeds
             following = np.stack([force(x, y) / m for x, y in zip(places, speeds, strict=True)])
             moved, size = dt4 * squares(following - a), dt4 * squares(a)
             return following, moved / (tol**2 * (start + size) + 1e-300)
 
         constant = np.stack([force(q, v) / m] * stages)
         a = repeat(iterate, constant, most, "the Gauss stages do not settle", 1e-18 / tol**2)
+        speed, place, *terms = entrywise(ends, a)
         if stages > 5:
-            rough, size = squares(combined(last_terms, a)), squares(a) / stages
-            still = (
-                1e-14 * start / dt4
-            )  # what is less moves nothing: rounding errors, a narrow spike
-            wild = rough / (ROUGH**2 * size + still + 1e-300)
-            a = repeat(lambda a: (a, wild), a, 1, "the Gauss stages do not resolve the motion")
-        end = q + dt * v + dt * dt * combined(late[None], a)[0]
-        return end, v + dt * combined(b[None], a)[0]
+            still = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike
+            wild = sum(map(squares, terms)) / (ROUGH**2 * squares(a) / stages + still + 1e-300)
+            end = np.stack([speed, place])
+            why = "the Gauss stages do not resolve the motion"
+            speed, place = repeat(lambda x: (x, wild), end, 1, why)
+        return q + dt * v + dt * dt * place, v + dt * speed
 
     return gauss_step

@@ -11,7 +11,7 @@ import struct
 from functools import cache
 from importlib.util import find_spec
 
-from curriculum.common.trace import FUNCTIONS, Call
+from curriculum.common.trace import FUNCTIONS, INLINE, Call
 
 import numpy as np
 
@@ -201,7 +201,8 @@ def routine(program, name, lanes, routines):
     values = [w.value(env, s) for s in made]
     stores(w, values, lambda k: w.line(f"getelementptr {w.type}, ptr %out, i64 {k}"))
     given = ", ".join([*(f"{w.type} {env[x]}" for x in program.inputs), "ptr %out"])
-    head = f"define internal i1 @{name}({given}) noinline {{"
+    inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
+    head = f"define internal i1 @{name}({given}) {inline} {{"
     return "\n".join([head, "top:", *w.top, *w.lines, f"  ret i1 {w.trouble}", "}", ""])
 
 

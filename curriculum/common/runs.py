@@ -1,5 +1,6 @@
 """What a run leaves behind: a log while it goes, and a Run when it has ended."""
 
+import math
 from typing import NamedTuple
 
 from curriculum.common.banner import progress
@@ -79,7 +80,7 @@ class Log:
     """
 
     def __init__(self, steps, keep, far):
-        self.steps, self.keep, self.far = steps, np.unique([*keep, -1]), far
+        self.steps, self.keep, self.far = steps, np.array(sorted({*keep, -1})), far
         self.done, self.stopped, self.kind, self.series, self.kept = -1, None, None, [], []
 
     def __enter__(self):
@@ -129,7 +130,7 @@ class Log:
     def run(self, stepper):
         """All that was noted, as a Run; `stepper` knows how the steps were done."""
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
-        _, once = np.unique(steps, return_index=True)
+        once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
         series = [x[: self.done + 1] for x in self.series]
         seconds = stepper.seconds * self.done / max(1, stepper.taken)
         ended = self.stopped, self.kind, stepper.halved

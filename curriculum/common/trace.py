@@ -17,7 +17,9 @@ import numpy as np
 
 # by these names numpy and math have them
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
-INLINE = 160  # operations: a routine of fewer is written out wherever it is called
+# operations: a routine of at most so many is written out wherever it is called; where that is in a
+# loop, of which there is much to write already, only a short one
+INLINE, IN_LOOP = 160, 20
 
 
 class Untraceable(Exception):
@@ -136,11 +138,13 @@ class Symbol:
 
     def note(self, sign, other=None, minus=False):
         """The symbol of an operation on x, or on x and another's; asked for again, the same one."""
-        tapes = [s.tape for s in (self, other) if s is not None and isinstance(s.x, str)]
-        tape = tapes[0] if tapes else Tape.current
-        if len(tapes) == 2 and not tape.sees(tapes[1]):
-            tape = tapes[1] if tapes[1].sees(tape) else None
-        if tape is None or not tape.open or not Tape.current.sees(tape):
+        tape, known = self.tape if type(self.x) is str else Tape.current, True
+        if other is not None and type(other.x) is str and other.tape is not tape:
+            if type(self.x) is float or other.tape.sees(tape):
+                tape = other.tape  # of two, the inner one
+            else:
+                known = tape.sees(other.tape)
+        if not (known and tape.open and Tape.current.sees(tape)):
             raise Untraceable("it keeps a number from an earlier call")
         key = (sign, self.x) if other is None else (sign, self.x, other.x)
         if sign in "+*" and (sign, *key[:0:-1]) in tape.names:
@@ -280,11 +284,11 @@ class Program:
 class Routine:
     """function(*arrays) -> array, traced once for each pattern of zeros, and called often.
 
-    On arrays of floats it is just the function.
+    On arrays of floats it is just the function. `often`: as if all its calls stood in a loop.
     """
 
-    def __init__(self, function):
-        self.function, self.programs = function, {}
+    def __init__(self, function, often=False):
+        self.function, self.programs, self.often = function, {}, often
 
     def __call__(self, *arrays):
         if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
@@ -299,11 +303,24 @@ class Routine:
             self.programs[key] = once
         program = self.programs[key]
         arguments = [arrays[k][place] for k, place in program.live]
-        if not program.tape.parts and len(program.tape.nodes) <= INLINE:
+        short = IN_LOOP if self.often or Tape.current.outer else INLINE
+        if not program.tape.parts and len(program.tape.nodes) <= short:
             out = program.replay(arguments)
         else:
             out = Call(program, arguments).out
         return np.array(out, dtype=object).reshape(program.results[0].shape)
+
+
+def entrywise(function, a):
+    """function(a), which does the same to every entry of the axes after the first, and only there.
+
+    On symbols it is traced once for an entry, and called for each.
+    """
+    if a.dtype != object:
+        return function(a)
+    routine = Routine(function, often=True)
+    made = [routine(a[(slice(None), *place)]) for place in np.ndindex(a.shape[1:])]
+    return np.stack(made, axis=-1).reshape(-1, *a.shape[1:])
 
 
 class Call:
