@@ -15,13 +15,15 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints import large, publish, recording, scene_files, statics, tables
 from curriculum.common import banner, ruler
+from curriculum.common.arrays import each_state
 from curriculum.common.cli import chapter_parser, number, run_script
+from curriculum.common.compiled import Compiled
 from curriculum.common.elimination import eliminated, refined
 from curriculum.common.gauss import make_gauss
 from curriculum.common.graph import elimination_order, has_loop
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
-from curriculum.common.steps import Compiled, Plain, each_state, followed
+from curriculum.common.steps import Plain, followed
 from curriculum.common.trace import repeat
 
 import numpy as np

@@ -6,10 +6,10 @@ import math
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import ruler
+from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import collocation, make_gauss
 from curriculum.common.ruler import settle, step_for, true_position
 from curriculum.common.runs import distance
-from curriculum.common.steps import Compiled
 from curriculum.common.trace import Stop
 
 import numpy as np

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import steps
+from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import Truth
 from curriculum.common.runs import distance
-from curriculum.common.steps import Compiled, Plain
+from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop
 
 import numpy as np

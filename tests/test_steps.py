@@ -7,7 +7,8 @@ from itertools import product
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import scene
 from curriculum.common import native, steps
-from curriculum.common.steps import Compiled, Plain, followed
+from curriculum.common.compiled import Compiled
+from curriculum.common.steps import Plain, followed
 from curriculum.common.trace import Stop, repeat
 
 import numpy as np

@@ -7,9 +7,9 @@ import math
 from functools import partial
 from typing import NamedTuple
 
+from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.runs import distance
-from curriculum.common.steps import Compiled
 
 import numpy as np
 

@@ -10,8 +10,8 @@ from itertools import product
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, make_midpoint, whole_step
 from curriculum.ch3_4_constraints.tables import in_turns, spread
+from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
-from curriculum.common.steps import Compiled
 
 import numpy as np
 

@@ -8,10 +8,12 @@ from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import native
 from curriculum.common.banner import processor
 from curriculum.common.cli import Parser, number, writable
+from curriculum.common.compiled import Compiled
+from curriculum.common.crowds import Crowd
 from curriculum.common.files import write_json
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
-from curriculum.common.steps import Compiled, Crowd, followed
+from curriculum.common.steps import followed
 
 import numpy as np
 

@@ -20,8 +20,8 @@ from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run
 from curriculum.ch3_4_constraints.tables import say, show
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
+from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import once_for_all
-from curriculum.common.steps import Compiled
 
 import numpy as np
 

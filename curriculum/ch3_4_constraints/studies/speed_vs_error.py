@@ -18,10 +18,11 @@ from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import RULES, drift, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import run_script
+from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import distance
-from curriculum.common.steps import Compiled, Plain
+from curriculum.common.steps import Plain
 
 import numpy as np
 
