@@ -1,8 +1,4 @@
-"""Exercise 3, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex3_chaos"""
-
 import math
-
-from curriculum.ch3_4_constraints.exercises.solutions import run_solution
 
 import numpy as np
 
@@ -23,7 +19,3 @@ def parted(gap, dt):
 def found():
     why = "A gap grows by the same factor in every second, so a factor buys seconds, not a share."
     return {"1e-12": 34.4, "1e-24": 60.0, "why": why}
-
-
-if __name__ == "__main__":
-    run_solution("ex3_chaos", globals())
