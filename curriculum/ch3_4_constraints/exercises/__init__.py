@@ -61,7 +61,7 @@ def run(main):
         except (Blank, Wrong, SceneError) as message:
             print(message)
             return int(not isinstance(message, Blank))
-        print(f"{name}.py: solved. Compare your sentence with the one in solutions/README.md.")
+        print(f"{name}.py: solved. Compare your sentence with the one in solutions/{name}.py.")
         return 0
 
     run_script(script)

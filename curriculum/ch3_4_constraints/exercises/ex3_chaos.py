@@ -65,7 +65,6 @@ def main():
     print("\nbeside seed 0       a metre apart after")
     for name, other in starts.items():
         print(f"{name:<18} {parted(np.linalg.norm(first - other, axis=1), DT):18.1f} s")
-    print("\nyou found", *(f"{key:>10}: {said}" for key, said in found().items()), sep="\n")
 
 
 if __name__ == "__main__":

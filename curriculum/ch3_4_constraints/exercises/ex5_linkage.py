@@ -43,15 +43,13 @@ def worst(system, mode):
 
 
 def main():
-    """What every mode makes of your scene, then what you say of it."""
+    """What every mode makes of your scene."""
     system = c.build_system(str(SCENE))
     print(f"{SCENE.name}: {len(system['pairs'])} rods, 2 s by semi_implicit")
     print("worst rod error, in % of the shortest rod")
     for mode in c.hold_table(DT):
         share = worst(system, mode)
         print(f"{mode:<10} {100.0 * share:10.4f}   {'holds it' if share <= SHARE else 'loses it'}")
-    print(f"\nyou would ship {ship()}; your scene")
-    print(*(f"{key:>10}: {said}" for key, said in claim().items()), sep="\n")
 
 
 if __name__ == "__main__":
