@@ -76,7 +76,7 @@ WRONG = [
     (TWO, "- w**2 * g", "- 1.1 * w**2 * g", "wanted: a chain of 1 in motion, w 20"),
     (THREE, "a.tobytes() == b.tobytes()", "np.allclose(a, b)", "last bit"),
     (THREE, "gap > 1.0", "gap > 0.0", "parted"),
-    (THREE, "else math.inf", "else 0.0", "never"),
+    (THREE, "else np.inf", "else 0.0", "never"),
     (THREE, "34.4", "26.9", "1e-12: not"),
     (FOUR, "(middle, high) if", "(low, middle) if not", "bisect"),
     (FOUR, "0.5 * (low + high)", "0.95 * low + 0.05 * high", "calls"),

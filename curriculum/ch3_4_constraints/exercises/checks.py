@@ -1,8 +1,6 @@
 """The checks, one an exercise: each takes its module, and raises Blank where something is left to
 do, Wrong where an answer is not so. What is right it asks of the engine, or of theory."""
 
-import math
-
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import Wrong
 from curriculum.ch3_4_constraints.studies._runs import make_system
@@ -24,8 +22,7 @@ def near(x, y, tolerance):
 
 def explained(sentence):
     """What nobody can check of a reason: that it is one."""
-    said = f"why: {sentence!r} is no sentence yet; say it in your words"
-    need(len(str(sentence).split()) > 5, said)
+    need(len(str(sentence).split()) > 5, f"why: {sentence!r} is no sentence; use your own words")
 
 
 def check_drift(exercise):
@@ -99,9 +96,8 @@ def check_chaos(exercise):
     need(exercise.same(a, a.copy()), "same: these two arrays are equal")
     need(not exercise.same(a, b), "same: these two arrays differ, though in one last bit only")
     gap = np.array([0.0, 0.4, 0.9, 1.3, 0.2, 1.7])
-    said = "parted: of [0, 0.4, 0.9, 1.3, 0.2, 1.7], dt 0.1, it is 0.3 s"
-    need(near(exercise.parted(gap, 0.1), 0.3, 1e-9), said)
-    need(exercise.parted(gap[:3], 0.1) == math.inf, "parted: [0, 0.4, 0.9] never passes a metre")
+    need(near(exercise.parted(gap, 0.1), 0.3, 1e-9), f"parted: of {gap}, dt 0.1, it is 0.3 s")
+    need(exercise.parted(gap[:3], 0.1) == np.inf, "parted: [0, 0.4, 0.9] never passes a metre")
     found, double = exercise.found(), c.build_system("double")
     gaps = [exercise.tip(exercise.turned(double, x)) - exercise.tip(double) for x in (1e-3, 1e-12)]
     wide, fine = (exercise.parted(np.linalg.norm(x, axis=1), exercise.DT) for x in gaps)
@@ -116,9 +112,9 @@ def check_chaos(exercise):
 def check_cliff(exercise):
     """A bisection, not a search; a matrix that steps as the rule does; and the runs break there."""
     calls = []
-    edge = exercise.bisect(lambda x: calls.append(x) or x < math.sqrt(2.0), 0.0, 4.0, 1e-6)
+    edge = exercise.bisect(lambda x: calls.append(x) or x < np.sqrt(2.0), 0.0, 4.0, 1e-6)
     said = f"bisect: x < sqrt(2) holds up to 1.414214, not {edge}"
-    need(abs(edge - math.sqrt(2.0)) <= 1e-6, said)
+    need(abs(edge - np.sqrt(2.0)) <= 1e-6, said)
     said = f"bisect: {len(calls)} calls from an interval of 4 to 1e-6, where 22 halvings will do"
     need(len(calls) <= 24, said)
     x, z = np.array([0.3, -0.7]), 0.9

@@ -9,15 +9,11 @@ import constraints as c
 from curriculum.ch3_4_constraints.exercises import blank, run, write_down
 from curriculum.ch3_4_constraints.studies import _runs
 
-import numpy as np
-
 NOTE = c.HERE / "outputs/guess_ex1_drift.json"  # yours, as it was before the first run
 
 
-# Fill in predict() first, then run this file. A wrong guess costs nothing, and a guess made after
-# the run counts nothing.
 def predict():
-    """What you expect, before you have seen it."""
+    """What you expect, before you have seen it: a wrong guess costs nothing."""
     return {
         "rod": blank("guess how a pendulum's rod error goes on: 'stays', 'grows' or 'oscillates'"),
         "factor": blank("guess: half the step divides the worst rod error under rk4 by what?"),
@@ -60,9 +56,9 @@ def main():
         print(f"{seconds:6d} s" + "".join(f"{run.violations[200 * seconds]:14.6f}" for run in runs))
     print("\nrk4, the double pendulum over 10 s, worst rod error in m")
     for dt in (0.01, 0.005):
-        print(f"dt {dt:<5g} {np.max(naive(double, 'rk4', dt, 10).violations):12.3e}")
+        print(f"dt {dt:<5g} {naive(double, 'rk4', dt, 10).violations.max():12.3e}")
     g = c.constraint_terms(pendulum, runs[0].q[-1], runs[0].v[-1])[1][0]
-    line = expected_g(np.sqrt(c.dot(runs[0].v, runs[0].v))[1:, 0], 0.005)
+    line = expected_g(c.dot(runs[0].v, runs[0].v)[1:, 0] ** 0.5, 0.005)
     print(f"\ng of the first run after 20 s, in m^2: {g:.9f}; by your line: {line:.9f}")
 
 

@@ -42,10 +42,8 @@ def rod_force(system, q, v, f, w):
     return (jac.T @ np.linalg.solve(mobility(jac, inverse_m), b)).reshape(q.shape)
 
 
-# Nothing below is blank. Once the force is yours, guess before you look: with drag, do the rods
-# still hold? The energy?
 def main():
-    """Your force in an integrator of the engine's, without drag and with it."""
+    """Your force in the engine's integrator. Guess: with drag, do rods still hold? The energy?"""
     system = c.build_system("double")
     for name, drag in (("weight", 0.0), ("weight and drag", 0.2)):  # N s/m
 
@@ -54,7 +52,7 @@ def main():
             return f + rod_force(system, q, v, f, 20.0)
 
         ran = c.simulate(c.rk4_step, system, force, 0.005, 1000)
-        end, lost = np.max(ran.violations), ran.energies[-1] - ran.energies[0]
+        end, lost = ran.violations.max(), ran.energies[-1] - ran.energies[0]
         print(f"5 s with {name:<16} worst rod error {end:.0e} m, energy {lost:+.3f} J")
 
 

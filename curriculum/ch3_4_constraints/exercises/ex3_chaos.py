@@ -5,8 +5,6 @@
 The double pendulum, by rk4 with Baumgarte's spring, from starts that are equal, or a hair apart.
 """
 
-import math
-
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import blank, run, write_down
 
@@ -27,7 +25,7 @@ def same(a, b):
 
 
 def parted(gap, dt):
-    """The time in s when a gap (steps + 1,) in m first passes a metre; math.inf if it never is."""
+    """The time in s when a gap (steps + 1,) in m first passes a metre; np.inf if it never is."""
     return blank("the first time at which the gap is over a metre; and if there is none?")
 
 
@@ -35,8 +33,7 @@ def found():
     """What the table says, and what follows from it: fill this in once it is printed."""
     return {
         "1e-12": blank("seconds, from the table, until an angle 1e-12 rad off has become a metre"),
-        # Nobody can run this one: doubles have 16 digits.
-        "1e-24": blank("seconds an angle known to 1e-24 would last: what does each digit buy?"),
+        "1e-24": blank("and one 1e-24 off? No double has 24 digits: what does each digit buy?"),
         "why": blank("one sentence: why does a thousand times the precision buy so little?"),
     }
 
@@ -44,7 +41,7 @@ def found():
 def turned(system, angle):
     """The same system, launched `angle` rad higher."""
     x, y, z = system["q0"].T
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos, sin = np.cos(angle), np.sin(angle)
     return system | {"q0": np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)}
 
 

@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 
 
@@ -13,7 +11,7 @@ def same(a, b):
 
 def parted(gap, dt):
     wide = np.flatnonzero(gap > 1.0)
-    return dt * float(wide[0]) if len(wide) else math.inf
+    return dt * float(wide[0]) if len(wide) else np.inf
 
 
 def found():
