@@ -1,13 +1,13 @@
-"""Five scripts with blanks. A blank says what belongs there, its check in test_answers.py whether
-it does."""
+"""Five scripts with blanks. A blank says what belongs there; checks.py says whether it does."""
 
 import json
 import sys
+from importlib import import_module, reload
 from pathlib import Path
-from types import SimpleNamespace
 
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.common.cli import run_script
+from curriculum.common.files import write_json
 
 
 class Blank(Exception):
@@ -24,43 +24,44 @@ def blank(what):
     raise Blank(f"{Path(place.f_code.co_filename).name}, line {place.f_lineno}: {what}")
 
 
-def write_down(note, guess, allowed):
-    """The guess as it was before the first run: written to the file `note` once, and then read.
+def write_down(note, guess):
+    """Print the guess, which the file `note` keeps as it was before the first run."""
+    if not note.exists():
+        write_json(note, guess)
+    noted = json.loads(note.read_text(encoding="utf-8"))
+    if guess != noted:
+        raise Wrong(f"before, you wrote down {noted}; put that back: a wrong guess costs nothing")
+    print(f"you wrote down {guess}\n")
 
-    `allowed`: for each question the answers to choose from, or None if a number is wanted.
-    """
-    for key, choices in allowed.items():
-        if choices is None and not isinstance(guess[key], (int, float)):
-            raise Wrong(f"{key!r} is {guess[key]!r}; a number is wanted")
-        if choices and guess[key] not in choices:
-            raise Wrong(f"{key!r} is {guess[key]!r}; choose one of {', '.join(map(repr, choices))}")
-    try:
-        return json.loads(note.read_text(encoding="utf-8"))
-    except (FileNotFoundError, ValueError):  # none so far, or one that a full disk cut short
-        note.parent.mkdir(parents=True, exist_ok=True)
-        part = note.with_suffix(".part")
-        part.write_text(json.dumps(guess) + "\n", encoding="utf-8")
-        part.replace(note)
-        return guess
+
+def solved(name, answers):
+    """The exercise `name`, anew, with what stands in the module `answers` for its blanks."""
+    exercise = reload(import_module(f"{__name__}.{name}"))
+    vars(exercise).update({key: x for key, x in vars(answers).items() if key[0] != "_"})
+    if hasattr(exercise, "NOTE"):  # beside the reader's own
+        exercise.NOTE = exercise.NOTE.with_name(f"guess_{name}_solved.json")
+    return exercise
 
 
 def run(main):
     """As a script: main(), then the check, up to the first blank or mistake, and a line about it.
 
-    The exit status is 0 where something is left to do, and 1 after a mistake.
+    With --solved it is done with the answers. The exit status is 1 after a mistake, or else 0.
     """
 
     def script():
-        from curriculum.ch3_4_constraints.exercises.test_answers import CHECKS
+        from curriculum.ch3_4_constraints.exercises.checks import CHECKS
 
-        name = Path(main.__code__.co_filename).stem
+        name, exercise = Path(main.__code__.co_filename).stem, sys.modules[main.__module__]
+        if "--solved" in sys.argv:
+            exercise = solved(name, import_module(f"{__name__}.solutions.{name}"))
         try:
-            main()
-            CHECKS[name](SimpleNamespace(**main.__globals__))
+            exercise.main()
+            CHECKS[name](exercise)
         except (Blank, Wrong, SceneError) as message:
             print(message)
             return int(not isinstance(message, Blank))
-        print(f"{name}.py: solved. Compare your sentence with the one in solutions/README.md.")
+        print(f"{name}.py: solved. Compare your sentence with the one in solutions/{name}.py.")
         return 0
 
     run_script(script)

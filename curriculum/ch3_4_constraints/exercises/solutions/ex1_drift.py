@@ -1,8 +1,3 @@
-"""Exercise 1, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex1_drift"""
-
-from curriculum.ch3_4_constraints.exercises.solutions import run_solution
-
-
 def predict():
     return {"rod": "grows", "factor": 16, "heavy": "the same"}
 
@@ -14,7 +9,3 @@ def found():
 
 def expected_g(speeds, dt):
     return 0.5 * dt**2 * (speeds**2).sum()
-
-
-if __name__ == "__main__":
-    run_solution("ex1_drift", globals())

@@ -1,8 +1,3 @@
-"""Exercise 2, answered: python -m curriculum.ch3_4_constraints.exercises.solutions.ex2_solve"""
-
-from curriculum.ch3_4_constraints.exercises.solutions import run_solution
-
-
 def turning(d, rate):
     return rate @ rate
 
@@ -17,7 +12,3 @@ def wanted(g, gdot, w):
 
 def why():
     return "The solve asks for gddot under the sum of all other forces, and drag is in that sum."
-
-
-if __name__ == "__main__":
-    run_solution("ex2_solve", globals())

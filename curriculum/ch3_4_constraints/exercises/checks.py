@@ -1,0 +1,153 @@
+"""The checks, one an exercise: each takes its module, and raises Blank where something is left to
+do, Wrong where an answer is not so. What is right it asks of the engine, or of theory."""
+
+import constraints as c
+from curriculum.ch3_4_constraints.exercises import Wrong
+from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.common.graph import has_loop
+
+import numpy as np
+
+
+def need(true, otherwise):
+    """Raise Wrong, saying what is otherwise, unless `true`."""
+    if not true:
+        raise Wrong(otherwise)
+
+
+def near(x, y, tolerance):
+    """Whether x is a number within `tolerance`, a share of y, of y."""
+    return isinstance(x, (int, float, np.number)) and bool(abs(x - y) <= tolerance * abs(y))
+
+
+def explained(sentence):
+    """What nobody can check of a reason: that it is one."""
+    need(len(str(sentence).split()) > 5, f"why: {sentence!r} is no sentence; use your own words")
+
+
+def check_drift(exercise):
+    """The findings are what theory says of them, and g is explained."""
+    found, pendulum = exercise.found(), c.build_system("pendulum")
+    hints = {  # tangents lie outside, rk4 is of order 4, and a bob's mass cancels from the solve
+        "rod": (found["rod"] == "grows", "compare the errors from line to line"),
+        "factor": (near(found["factor"], 2**4, 0.1), "divide one error by the other"),
+        "heavy": (found["heavy"] == "the same", "compare the columns"),
+    }
+    for key, (true, hint) in hints.items():
+        need(true, f"{key}: not {found[key]!r}: {hint}")
+    ran = exercise.naive(pendulum, "semi_implicit", 0.01, 1)
+    g = c.constraint_terms(pendulum, ran.q[-1], ran.v[-1])[1][0]
+    line = exercise.expected_g(np.linalg.norm(ran.v[1:, 0], axis=-1), 0.01)
+    said = f"expected_g says {line} m^2 after 1 s in steps of 0.01 s, and the run has {g:.9f}"
+    need(near(line, g, 1e-6), said)
+    explained(found["why"])
+
+
+# Typical wrong answers of exercise 2, by its functions, and what is to be said of them.
+MISTAKES = {
+    "turning": {
+        "zero: right at rest, wrong in motion. gddot = d . d'' + something": lambda d, rate: 0.0,
+        "the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
+        "twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
+    },
+    "mobility": {
+        "right where all masses are 1 kg: the mass is missing": lambda jac, share: jac @ jac.T,
+        "it multiplies by the mass: M^-1 divides by it": lambda jac, share: (jac / share) @ jac.T,
+    },
+    "wanted": {
+        "nothing: right at w = 0 only. The spring is missing": lambda g, gdot, w: 0.0,
+        "damping must act against gdot": lambda g, gdot, w: 2.0 * w * gdot - w**2 * g,
+        "stiffness must act against g": lambda g, gdot, w: -2.0 * w * gdot + w**2 * g,
+        "half the damping: this one swings": lambda g, gdot, w: -w * gdot - w**2 * g,
+    },
+}
+
+
+def check_solve(exercise):
+    """Typical mistakes are named; then the force equals the engine's on random chains."""
+    rng = np.random.default_rng(0)
+    tried = {"turning": rng.normal(size=(2, 3)), "wanted": (0.3, 0.7, 3.0)}
+    tried["mobility"] = rng.normal(size=(2, 6)), rng.uniform(2.0, 3.0, 6)
+    for name, mistakes in MISTAKES.items():
+        mine = getattr(exercise, name)(*tried[name])
+        for said, mistake in mistakes.items():
+            wrong = mistake(*tried[name])
+            same = np.shape(mine) == np.shape(wrong) and np.allclose(mine, wrong)
+            need(not same, f"{name}: {said}")
+    for n in (1, 2, 5, 8):
+        d, v, f = rng.normal(size=(3, n, 3))
+        lengths = np.sqrt(c.dot(d, d)) * rng.uniform(0.98, 1.02, n)
+        pairs, m = [(k, k - 1) for k in range(n)], rng.uniform(0.1, 10.0, n)
+        chain = make_system(np.cumsum(d, axis=0), v, m, pairs, lengths)
+        for blame, speed, w in (("mobility", 0, 0.0), ("turning", 1, 0.0), ("wanted", 1, 20.0)):
+            mine = exercise.rod_force(chain, chain["q0"], speed * v, f, w)
+            theirs = c.constraint_force(chain, chain["q0"], speed * v, w, f)
+            off = np.max(np.abs(mine - theirs)) / max(1.0, np.max(np.abs(theirs)))
+            at = f"{'in motion' if speed else 'at rest'}, w {w:g} rad/s"
+            said = f"{blame}: a chain of {n} {at}: off by {off:.0e} of the largest force"
+            need(off <= 1e-12, said)
+    explained(exercise.why())
+
+
+def check_chaos(exercise):
+    """same() sees the last bit, parted() a gap that never opens; the findings are what runs do."""
+    a = np.linspace(-1.0, 1.0, 12).reshape(4, 3)
+    b = np.where(a == a[2, 1], np.nextafter(a, 2.0), a)
+    need(exercise.same(a, a.copy()), "same: these two arrays are equal")
+    need(not exercise.same(a, b), "same: these two arrays differ, though in one last bit only")
+    gap = np.array([0.0, 0.4, 0.9, 1.3, 0.2, 1.7])
+    need(near(exercise.parted(gap, 0.1), 0.3, 1e-9), f"parted: of {gap}, dt 0.1, it is 0.3 s")
+    need(exercise.parted(gap[:3], 0.1) == np.inf, "parted: [0, 0.4, 0.9] never passes a metre")
+    found, double = exercise.found(), c.build_system("double")
+    gaps = [exercise.tip(exercise.turned(double, x)) - exercise.tip(double) for x in (1e-3, 1e-12)]
+    wide, fine = (exercise.parted(np.linalg.norm(x, axis=1), exercise.DT) for x in gaps)
+    said = f"1e-12: not {found['1e-12']} s: see the last line of the table"
+    need(near(found["1e-12"], fine, 0.01), said)
+    farther = fine + (fine - wide) / 9.0 * 12.0  # nine digits bought so much, and twelve more?
+    said = f"1e-24: not {found['1e-24']} s: each factor of 1000 buys about as many seconds"
+    need(near(found["1e-24"], farther, 0.3), said)
+    explained(found["why"])
+
+
+def check_cliff(exercise):
+    """A bisection, not a search; a matrix that steps as the rule does; and the runs break there."""
+    calls = []
+    edge = exercise.bisect(lambda x: calls.append(x) or x < np.sqrt(2.0), 0.0, 4.0, 1e-6)
+    said = f"bisect: x < sqrt(2) holds up to 1.414214, not {edge}"
+    need(abs(edge - np.sqrt(2.0)) <= 1e-6, said)
+    said = f"bisect: {len(calls)} calls from an interval of 4 to 1e-6, where 22 halvings will do"
+    need(len(calls) <= 24, said)
+    x, z = np.array([0.3, -0.7]), 0.9
+    for rule in c.STABILITY_LIMIT:
+        after = c.INTEGRATORS[rule](*x, 1.0, lambda x, v: -z * v - z**2 * x, 1.0)
+        mine = np.asarray(exercise.step_matrix(rule, z))
+        said = f"step_matrix: of {rule} at z = {z}, it takes (x, x') elsewhere than a step does"
+        need(not np.allclose(x @ mine, after), f"{said}: it is transposed")
+        need(np.allclose(mine @ x, after), said)
+        cliff, tried = exercise.cliffs(rule)
+        said = f"the runs of {rule} break at z = {tried:.3f}, theory says {cliff:.3f}"
+        need(near(tried, cliff, 0.01), said)
+    explained(exercise.why())
+
+
+def check_linkage(exercise):
+    """The mode shipped is the cheapest that will do; the scene has a loop, and does as claimed."""
+    mode, claim, leg = exercise.ship(), exercise.claim(), c.build_system("jansen_leg")
+    hold, tried = c.hold_table(exercise.DT), {key: claim[key] for key in ("holds", "loses")}
+    named = {mode, *tried.values()} <= set(hold) and "none" not in tried.values()
+    need(named, f"{mode!r}, {tried}: the modes are {', '.join(hold)}, and 'none' is no remedy")
+    off = exercise.worst(leg, mode) * np.min(leg["lengths"])
+    need(off <= 1e-3, f"ship: under {mode} a rod of the leg is {1e3 * off:.2g} mm off")
+    said = f"ship: {mode} solves more systems after each step; another will do with one"
+    need(hold[mode].after is None, said)
+    system, scene = c.build_system(str(exercise.SCENE)), exercise.SCENE.name
+    need(has_loop(tuple(system["pairs"])), f"{scene}: its rods close no loop; a linkage has one")
+    for key, remedy in tried.items():
+        share = exercise.worst(system, remedy)
+        said = f"{key}: under {remedy} the worst rod error of {scene} is {100.0 * share:.2g} %"
+        need((share <= exercise.SHARE) == (key == "holds"), said)
+    explained(claim["why"])
+
+
+CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check_chaos}
+CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
