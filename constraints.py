@@ -135,9 +135,9 @@ def solve(system, a, b, share=0.0, turned=0.0):
 # e^(st) solves that if (s + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
 # on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
-# A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt`, if they are for steps of so many seconds only;
-# and `after`, (system, q_start, q, v, dt) -> (q, v), if finished steps are mended.
-Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt after")
+# A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt` and `rule`, if they are for steps of so many
+# seconds by one rule only; `after`, (system, q_start, q, v, dt) -> (q, v), if steps are mended.
+Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt rule after", defaults=3 * [None])
 
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
@@ -146,19 +146,19 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     soft = 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance
     return {
         # gddot = 0. Fails by slow rot: what has drifted stays, and every step adds to it.
-        "none": Hold(1.0, 0.0, 0.0, 0.0, None, None),
+        "none": Hold(1.0, 0.0, 0.0, 0.0),
         # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
         # Fails when dt w passes STABILITY_LIMIT.
-        "baumgarte": Hold(1.0, 2.0 * baumgarte, baumgarte**2, 0.0, None, None),
+        "baumgarte": Hold(1.0, 2.0 * baumgarte, baumgarte**2, 0.0),
         # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
         # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Made for one rule only.
-        "impulse": Hold(0.0, 1.0 / dt, 1.0 / dt**2, 0.0, dt, None),
+        "impulse": Hold(0.0, 1.0 / dt, 1.0 / dt**2, 0.0, dt, "semi_implicit"),
         # A rod that gives, as MuJoCo's tendon, g being |d| (|d| - L): with p, T its impedance and
         # time constant, gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/T - g/T^2 for a single one.
         # Fails by design: a rod under load is longer.
-        "soft": Hold(0.0, *soft, dt, None),
+        "soft": Hold(0.0, *soft, dt),
         # gddot = 0, and steps end with Newton's way back onto the rods. Fails if it is too long.
-        "project": Hold(1.0, 0.0, 0.0, 0.0, None, project),
+        "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
     }
 
 
@@ -177,19 +177,18 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
     return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
 
 
-def linear_system(system, q, v, hold, f=None):
-    """J (..., C, 3N), A (..., C, C) and b (..., C) of A lambda = b, and g; f: the other forces."""
+def multipliers(system, q, v, hold=0.0, f=None):
+    """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C).
+
+    At q, v (..., N, 3); f (..., N, 3): every force but the rods', if it is known.
+    """
+    hold, pairs, turned = as_hold(hold), tuple(system["pairs"]), 0.0
     f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
-    return jac, mobility(system, jac) * (1.0 + hold.softness * np.eye(b.shape[-1])), b, g
-
-
-def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C)."""
-    (jac, a, b, g), turned = linear_system(system, q, v, as_hold(hold), f), 0.0
-    if has_loop(tuple(system["pairs"])):  # rods that turn together come no nearer to losing rank
+    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(pairs)))
+    if has_loop(pairs):  # rods that turn together come no nearer to losing rank
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     lam = solve(system, a, b, statics.blur(system["lengths"], g), turned)
     return jac, lam, b - dot(a, lam[..., None, :])
@@ -294,12 +293,18 @@ def rk4_step(q, v, m, force, dt):
 # for the others, Gauss-Legendre collocation, order 16, exact to rounding at 0.05 s here.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
-FOR_IMPULSE = ["semi_implicit"]  # v_next = v + dt a and q_next = q + dt v_next, as it presumes
-NOT_IMPULSE = "which does not end a step at q + dt (v + dt a)"
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
 # Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (math.sqrt(2.0) - 1.0), "rk4": 2.785294}
+
+
+def misfit(hold, step_fn):
+    """Why a Hold does not go with one of INTEGRATORS, in words; None if it does."""
+    for name, rule in INTEGRATORS.items():
+        if rule is step_fn and hold.rule not in (None, name):
+            return f"does not fit {name}, which does not end a step at q + dt (v + dt a)"
+    return None
 
 
 # --- endregion ---
@@ -333,6 +338,8 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     Members of leading axes in q0, v0 go in step. `way`: Compiled or, lines as they stand, Plain.
     """
     system = scene_files.check_run({"anchors": PIVOT[None], **system}, force, dt, steps)
+    if why := misfit(getattr(force, "hold", as_hold("none")), step_fn):
+        raise ValueError(f"the force {why}")
     q, v, m = system["q0"], system["v0"], system["m"]
     step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
@@ -366,9 +373,9 @@ def parse(argv):
     args = parser.parse_args(argv)
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
-    if args.stabilization == "impulse" and args.integrator not in FOR_IMPULSE:
-        why = f"does not fit {args.integrator}, {NOT_IMPULSE}; give --integrator {FOR_IMPULSE[0]}"
-        parser.error(f"argument --stabilization: impulse {why}")
+    hold = hold_table().get(mode := args.stabilization, as_hold("none"))
+    if why := misfit(hold, INTEGRATORS[args.integrator]):
+        parser.error(f"argument --stabilization: {mode} {why}; give --integrator {hold.rule}")
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
     usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
@@ -406,20 +413,20 @@ def main(argv=None):
         print(run(modes[0], rule, args.dt, 1).source)
         return 0
     print(banner.banner("ch3.4", "constraints", args.device, usual))
-    if args.stabilization == "all" and args.integrator not in FOR_IMPULSE:
-        modes.remove("impulse")
-        print(f"impulse left out: it does not fit {args.integrator}, {NOT_IMPULSE}")
+    for mode in list(modes):
+        if why := misfit(hold_table()[mode], rule):
+            modes.remove(mode)
+            print(f"{mode} left out: it {why}")
     most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)
     rule, dt, steps, truth = attempt(ruler.settle, run, modes, rule, args.dt, steps, args.tol, most)
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
     keep = [truth.step, *range(0, steps + 1, look := max(1, steps // LOOKS)), *shown]
     runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
-    forces = {mode: force_of(mode, dt) for mode in modes}
-    rows = {mode: runs[mode].summary(fall, truth) for mode in modes}
-    for mode, row in rows.items():
-        left = 0.0 if many else unheld(system, *runs[mode].every(look), forces[mode].hold)
-        row["unheld"] = float(f"{round(float(np.max(left)), 6):.3g}")  # the rest may be rounding
+    forces, rows = {mode: force_of(mode, dt) for mode in modes}, {}
+    for mode, force in forces.items():
+        left = 0.0 if many else np.max(unheld(system, *runs[mode].every(look), force.hold))
+        rows[mode] = runs[mode].summary(fall, truth, float(left))
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     free = partial(run, "none"), rk4_step, steps * dt

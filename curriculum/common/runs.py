@@ -48,10 +48,11 @@ class Run(NamedTuple):
         """The kept states q, v (K, ..., N, 3) of each so many steps."""
         return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
 
-    def summary(self, scale, truth):
+    def summary(self, scale, truth, left=0.0):
         """What a run of one member came to, rounded: m; its worst energy error as a share of scale.
 
-        `scale` in J. `error`: how far a particle is from the Truth, if that is known.
+        `scale` in J. `error`: how far a particle is from the Truth, if that is known. `left`: the
+        largest acceleration in m/s^2 that was not answered.
         """
         there = self.at(truth.step)
         known = truth.q is not None and there is not None
@@ -64,6 +65,7 @@ class Run(NamedTuple):
             "error": round(distance(there, truth.q), 12) if known else None,
             "halved": self.halved,
             "stopped": self.stopped,
+            "unheld": float(f"{round(left, 6):.3g}"),  # the rest may be rounding
         }
 
 
