@@ -21,12 +21,9 @@ def row(n):
     return [(k, k - 1) for k in range(n)]
 
 
-def tree(n, more=0):
-    """Each particle on an earlier one or an anchor, and `more` rods that close loops."""
-    rng = np.random.default_rng(n)
-    pairs = [(k, int(rng.integers(-2, k))) for k in range(n)]
-    spare = [(i, j) for i in range(n) for j in range(-2, i) if (i, j) not in pairs]
-    return pairs + [spare[k] for k in rng.choice(len(spare), more, replace=False)]
+def tree(n, loops=0):
+    """Each particle on two others, the first on an anchor; rods that close so many loops."""
+    return [(k, (k - 1) // 2) for k in range(n)] + [(n - 1, -2), *row(n)[2::2]][:loops]
 
 
 def moving(n, pairs, short=0.0, points=None, seed=3):

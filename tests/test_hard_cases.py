@@ -3,26 +3,16 @@
 import constraints as c
 from curriculum.ch3_4_constraints.studies import hard_cases
 from curriculum.ch3_4_constraints.studies._runs import drift, make_system, run, scene
-from curriculum.ch3_4_constraints.studies.shown import spin, thrown
-from curriculum.common.runs import distance
 
 import numpy as np
 import pytest
 
 EXACT, NEAR, ROUGHLY = 1e-10, 1e-5, 1e-3  # energy errors: rounding, and what halved steps leave
-HARD = {  # gauss project: steps of 0.02 s, the energy error stays below; rk4 project: step in s
-    "braced": (100, EXACT, 0.02),
-    "cable": (100, EXACT, 0.02),
-    "heavy_tip": (100, NEAR, 0.001),
-    "light_tip": (100, EXACT, 0.02),
-    "long_chain": (40, EXACT, 0.02),
-    "peaucellier": (100, ROUGHLY, 0.002),
-    "ring": (20, NEAR, 0.01),
-    "spin": (150, ROUGHLY, 0.001),
-    "tonne": (100, EXACT, 0.02),
-    "upright": (100, EXACT, 0.02),
-    "windows": (75, EXACT, 0.005),
-}
+# gauss project: steps of 0.02 s, and what the energy error stays below; s, rk4 project's step
+HARD = dict.fromkeys(("braced", "cable", "light_tip", "tonne", "upright"), (100, EXACT, 0.02))
+HARD |= {"heavy_tip": (100, NEAR, 0.001), "ring": (20, NEAR, 0.01), "spin": (150, ROUGHLY, 0.001)}
+HARD |= {"long_chain": (40, EXACT, 0.02), "windows": (75, EXACT, 0.005)}
+HARD |= {"peaucellier": (100, ROUGHLY, 0.002)}
 RULES = ("semi_implicit", "rk4", "gauss")
 
 
@@ -31,8 +21,8 @@ def test_every_start_is_held_keeps_its_energy_and_moves_as_it_must(name):
     """Windows pass the flat pose, Peaucellier draws a line to the end of its reach."""
     system = hard_cases.starts(scene(name), 3)[2]
     steps, energy, dt = HARD[name]
-    for case in (("gauss", steps, 0.02, energy), ("rk4", round(2.0 / dt), dt, ROUGHLY)):
-        rule, steps, dt, energy = case
+    cases = ("gauss", steps, 0.02, energy), ("rk4", round(2.0 / dt), dt, ROUGHLY)
+    for rule, steps, dt, energy in cases:
         found = run(system, rule, "project", dt, steps, range(steps))
         assert not found.stopped and found.violations.max() < 1e-11
         assert drift(system, found) < energy
@@ -97,22 +87,6 @@ def test_the_command_refuses_a_taut_cable_and_a_method_that_is_none(capsys):
     with pytest.raises(SystemExit) as end:
         hard_cases.main(["--methods", "zzz"])
     assert end.value.code == 2 and "none contains 'zzz'" in capsys.readouterr().err
-
-
-def test_nothing_but_rounding_could_tip_the_upright_pendulum_and_it_does_not():
-    runs = [run(scene("upright"), *method, 0.005, 400) for method in hard_cases.METHODS]
-    assert max(np.abs(found.tip[:, 0]).max() for found in runs) < 1e-9
-
-
-def test_bodies_thrown_free_keep_their_spin_and_gauss_runs_back_in_time():
-    free, double = thrown(), c.build_system("double")
-    for rule, mode in (*((rule, "project") for rule in RULES), ("gauss", "none")):
-        found = run(free, rule, mode, 0.005, 200, range(201))
-        turns = spin(free, found.q, found.v)[:, 2]
-        assert np.ptp(turns) < 1e-11 * abs(turns[0])
-    there = run(double, "gauss", "project", 0.02, 100)
-    back = run(double | {"q0": there.q[-1], "v0": -there.v[-1]}, "gauss", "project", 0.02, 100)
-    assert distance(back.q[-1], double["q0"]) < 1e-13
 
 
 @pytest.mark.parametrize("rule", RULES)

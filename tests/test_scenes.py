@@ -27,27 +27,27 @@ LIST, ONLY, TWICE = "a list of 1 to ", "an object with no keys but ", "once; rod
 # fmt: off
 MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
     ("particles", ["[]", "null"], LIST),
-    ("particles/0", ["7"], ONLY + "position, velocity, mass"),
-    ("particles/1/position", ["[2, 0]", "[NaN, 0, 0]", "[1e999, 0, 0]"], POINT),
-    ("particles/0/velocity", ["[0, -Infinity, 0]", "[0, true, 0]", f"[1{'0' * 400}, 0, 0]"], POINT),
-    ("particles/0/mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"], "a finite number of kilo"),
+    ("particles[0]", ["7"], ONLY + "position, velocity, mass"),
+    ("particles[1].position", ["[2, 0]", "[NaN, 0, 0]", "[1e999, 0, 0]"], POINT),
+    ("particles[0].velocity", ["[0, -Infinity, 0]", "[0, true, 0]", f"[1{'0' * 400}, 0, 0]"], POINT),
+    ("particles[0].mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"], "a finite number of kilo"),
     ("anchors", ["{}", "7"], "a list of 0 to "),
-    ("anchors/0", ["[0, 0]"], POINT),
-    ("rods/1/pair", ["[1]", "[1, 0.0]", "[true, 0]", "null"], "two whole numbers [i, j]"),
-    ("rods/1/pair", ["[2, 0]", "[1, 2]", "[1, -2]", "[-1, 1]", "[1, 1]"], END),
-    ("rods/1/pair", ["[0, -1]"], TWICE),
-    ("rods/1/length", ["0", "-1", "null"], "a finite number of metres > 0"),
-    ("rods/1/length", ["1.01"], "1 m, as its ends are apart, to 0.0001 %"),
+    ("anchors[0]", ["[0, 0]"], POINT),
+    ("rods[1].pair", ["[1]", "[1, 0.0]", "[true, 0]", "null"], "two whole numbers [i, j]"),
+    ("rods[1].pair", ["[2, 0]", "[1, 2]", "[1, -2]", "[-1, 1]", "[1, 1]"], END),
+    ("rods[1].pair", ["[0, -1]"], TWICE),
+    ("rods[1].length", ["0", "-1", "null"], "a finite number of metres > 0"),
+    ("rods[1].length", ["1.01"], "1 m, as its ends are apart, to 0.0001 %"),
 ]
 ANSWERED = [(place, value, "", to) for place, values, to in MISTAKES for value in values] + [
     ("", "[1]", "the file is [1]", ONLY + "about, anchors, particles, rods"),
     ("by", '"me"', 'the file is ["anchors", "by", "particles", "rods"]', ONLY + "about, anchors"),
     ("anchors", "[]", "rods[0].pair is [0, -1]", "tied to another; there are no anchors"),
-    ("rods/0/pair", "[0, 1]", "rods[1].pair is [1, 0]", TWICE),
-    ("particles/0/position/0", "0", "rods[0].pair is [0, -1]", "two points apart"),
-    ("particles/0/velocity/0", "0.5", "rods[0] is stretched at 0.5 m/s", "0: velocities keep"),
+    ("rods[0].pair", "[0, 1]", "rods[1].pair is [1, 0]", TWICE),
+    ("particles[0].position[0]", "0", "rods[0].pair is [0, -1]", "two points apart"),
+    ("particles[0].velocity[0]", "0.5", "rods[0] is stretched at 0.5 m/s", "0: velocities keep"),
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
-    ("particles/1/mass", "1e13", "particles[1].mass is ", "1e+12 times 1 kg"),
+    ("particles[1].mass", "1e13", "particles[1].mass is ", "1e+12 times 1 kg"),
 ]
 STARTS = np.array([[[1.0, 0, 0], [2, 0, 0]], [[1, 0, 0], [3, 0, 0]]])
 STAR = [[k + 1, k % 7, 0] for k in range(700)], np.zeros((700, 3)), np.ones(700)
@@ -86,15 +86,15 @@ def answer(capsys, name):
 
 @pytest.mark.parametrize(("place", "value", "found", "allowed"), ANSWERED)
 def test_a_mistake_in_a_file_is_named(place, value, found, allowed, capsys):
-    at = document = {"": json.loads(json.dumps(GOOD))}
-    *keys, last = [int(x) if x.isdigit() else x for x in f"/{place}".rstrip("/").split("/")]
+    at = document = {"file": json.loads(json.dumps(GOOD))}
+    words = re.findall(r"\w+", f"file.{place}")
+    *keys, last = [int(word) if word.isdigit() else word for word in words]
     for key in keys:
         at = at[key]
     at[last] = "@"
-    Path("scene.json").write_text(json.dumps(document[""]).replace('"@"', value))
-    field = re.sub("/([0-9])", r"[\1]", place).replace("/", ".")
+    Path("scene.json").write_text(json.dumps(document["file"]).replace('"@"', value))
     said, right = answer(capsys, "scene.json").split("; must be ")
-    assert (found or f": {field} is {json.dumps(json.loads(value))[:50]}") in said
+    assert (found or f": {place} is {json.dumps(json.loads(value))[:50]}") in said
     assert allowed in right
 
 
