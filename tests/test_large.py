@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from test_force import TABLE, assert_close, cantilever, moving, row, tree
 
-
 STAR = [(0, -1), *((k, 0) for k in range(1, 30))]
 PAIRS = {f"chain of {n}": row(n) for n in (large.CHAIN + 1, 162)} | {
     "tree": tree(large.LINKAGE + 1),
