@@ -88,14 +88,11 @@ def test_the_command_refuses_a_taut_cable_and_a_method_that_is_none(capsys):
 
 @pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
 def test_rods_are_held_far_away_and_where_lengths_differ_by_a_million(rule):
-    double = c.build_system("double")
-    for away in (0.0, 1e7):  # m: as well as coordinates are rounded there
-        at, bodies = np.array([away, 0.0, 0.0]), (double[key] for key in ("v0", "m", "pairs"))
-        system = make_system(at + double["q0"], *bodies, double["lengths"], [at])
-        found = run(system, rule, "project", 0.005, 200)
-        assert not found.stopped and found.violations.max() < 1e-12 + 2e-15 * away
+    double, chain, away = c.build_system("double"), c.build_system("chain", links=7), [1e7, 0, 0]
+    far = double | {"q0": double["q0"] + away, "anchors": double["anchors"] + away}
     lengths = 10.0 ** np.arange(3, -4, -1)
-    q0 = np.cumsum(lengths)[:, None] * [1.0, 0.0, 0.0]
-    system = make_system(q0, 0.0 * q0, np.ones(7), [(k, k - 1) for k in range(7)], lengths)
-    found = run(system, rule, "project", 0.001, 200)
-    assert not found.stopped and found.violations.max() < 1e-8 and drift(system, found) < 1e-5
+    unlike = chain | {"lengths": lengths, "q0": np.outer(np.cumsum(lengths), [1.0, 0.0, 0.0])}
+    for system, dt, worst, energy in ((far, 0.005, 2e-8, 0.01), (unlike, 0.001, 1e-8, NEAR)):
+        found = run(system, rule, "project", dt, 200)  # far away, as coordinates are rounded there
+        assert not found.stopped and found.violations.max() < worst
+        assert drift(system, found) < energy

@@ -14,7 +14,8 @@ from test_ruler import REFERENCE, measured
 @pytest.mark.parametrize(("name", "rule", "mode", "digits", "published"), [
     ("pendulum", "rk4", "none", "{0:.1e} {2:.1e}", "8.8e-06 1.2e-05"),
     ("double", "semi_implicit", "none", "{0:.12f} {1:.3f} {2:.2f}", "0.384014620396 0.384 0.43"),
-    ("double", "semi_implicit", "baumgarte", "{0:.12f} {1:.4f} {2:.2f}", "0.023470285993 0.0014 0.32"),
+    ("double", "semi_implicit", "baumgarte", "{0:.12f} {1:.4f} {2:.2f}",
+     "0.023470285993 0.0014 0.32"),
     ("triple", "semi_implicit", "none", "{0:.12f}", "0.403663129450"),
 ])  # fmt: on
 def test_the_published_script_finds_the_same_digits(name, rule, mode, digits, published):
@@ -26,10 +27,9 @@ def test_the_published_script_finds_the_same_digits(name, rule, mode, digits, pu
 
 
 def test_neighbouring_seeds_part_and_a_generator_is_as_good_as_a_seed():
-    drawn = c.build_system("double", np.random.default_rng(1))
-    assert np.array_equal(drawn["q0"], c.build_system("double", 1)["q0"])
-    tips = [run(system, hold=20.0).tip[-1] for system in (c.build_system("double", 0), drawn)]
-    assert f"{np.linalg.norm(tips[0] - tips[1]):.1f}" == "1.1"
+    starts = (c.build_system("double", seed) for seed in (0, np.random.default_rng(1), 1))
+    one, drawn, other = (run(start, hold="baumgarte").tip[-1] for start in starts)
+    assert np.array_equal(drawn, other) and f"{np.linalg.norm(one - other):.1f}" == "1.1"
 
 
 @pytest.mark.parametrize(("name", "seed"), [*product(c.SYSTEMS, range(3))])
@@ -95,14 +95,3 @@ def test_baumgarte_holds_up_to_the_stability_limit(rule):
     for share in (0.999, 1.001):
         found = run(hanging, rule, share * c.STABILITY_LIMIT[rule] / 0.005, 0.005, 20000)
         assert (found.violations[-1] < 1e-9) == (share < 1.0)
-
-
-@pytest.mark.parametrize(("rule", "mode"), [("rk4", "project"), ("gauss", "none")])
-def test_an_ensemble_is_its_members(rule, mode):
-    starts = np.stack([c.build_system("double", seed)["q0"] for seed in range(4)])
-    ensemble = c.build_system("double") | {"q0": starts, "v0": np.zeros_like(starts)}
-    together = run(ensemble, rule, mode, steps=100)
-    for seed in range(4):
-        alone = run(c.build_system("double", seed), rule, mode, steps=100)
-        for many, single in zip((*together[:3], together.q), (*alone[:3], alone.q), strict=True):
-            assert np.abs(many[:, seed] - single).max() < 1e-12

@@ -15,11 +15,12 @@ from curriculum.common.graph import has_loop
 import numpy as np
 import pytest
 
-CHAINS = {"long_chain", "heavy_tip", "light_tip", "spin", "upright"}
-BOB = {"position": [1, 0, 0]}
 GOOD = {
     "anchors": [[0, 0, 0]],
-    "particles": [BOB | {"velocity": [0, 0, 0], "mass": 1}, {"position": [2, 0, 0]}],
+    "particles": [
+        {"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 1},
+        {"position": [2, 0, 0]},
+    ],
     "rods": [{"pair": [0, -1]}, {"pair": [1, 0], "length": 1}],
 }
 POINT, END = "three finite numbers [x, y, z]", "a particle 0..1, tied to another or to an anchor"
@@ -29,13 +30,11 @@ MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
     ("particles", ["[]", "null"], LIST),
     ("particles[0]", ["7"], ONLY + "position, velocity, mass"),
     ("particles[1].position", ["[2, 0]", "[NaN, 0, 0]", "[1e999, 0, 0]"], POINT),
-    ("particles[0].velocity", ["[0, -Infinity, 0]", "[0, true, 0]", f"[1{'0' * 400}, 0, 0]"], POINT),
+    ("particles[0].velocity", ["[0, -Infinity, 0]", "[0, true, 0]", f"[{10**400}, 0, 0]"], POINT),
     ("particles[0].mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"], "a finite number of kilo"),
     ("anchors", ["{}", "7"], "a list of 0 to "),
-    ("anchors[0]", ["[0, 0]"], POINT),
     ("rods[1].pair", ["[1]", "[1, 0.0]", "[true, 0]", "null"], "two whole numbers [i, j]"),
     ("rods[1].pair", ["[2, 0]", "[1, 2]", "[1, -2]", "[-1, 1]", "[1, 1]"], END),
-    ("rods[1].pair", ["[0, -1]"], TWICE),
     ("rods[1].length", ["0", "-1", "null"], "a finite number of metres > 0"),
     ("rods[1].length", ["1.01"], "1 m, as its ends are apart, to 0.0001 %"),
 ]
@@ -53,11 +52,9 @@ STARTS = np.array([[[1.0, 0, 0], [2, 0, 0]], [[1, 0, 0], [3, 0, 0]]])
 STAR = [[k + 1, k % 7, 0] for k in range(700)], np.zeros((700, 3)), np.ones(700)
 TYPED = {  # keys of a double pendulum that was typed in, and the sentence
     "the shape of m is [2]; must be (N, 1)": {"m": np.ones(2)},
-    "m[1] is [-1.0]; must be a finite number of kilograms > 0": {"m": np.array([[1.0], [-1.0]])},
     "the shape of lengths is [3]; must be (2,)": {"lengths": np.ones(3)},
     "lengths[1] is 2.0; must be 1 m, as its ends are apart, to 10 %": {"lengths": [1.0, 2.0]},
     "lengths[1] is 1.0; must be 2 m": {"q0": STARTS, "v0": 0.0 * STARTS},
-    "pairs[1] is [2, 0]; must be a particle 0..1": {"pairs": [(0, -1), (2, 0)]},
     "pairs[0] is [0.0, -1]; must be two whole numbers": {"pairs": [(0.0, -1), (1, 0)]},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0[1] is [2.0, NaN, 0.0]; must be three": {"q0": np.array([[1.0, 0, 0], [2, np.nan, 0]])},
@@ -158,8 +155,8 @@ def test_shipped_scenes_are_on_their_rods_and_what_they_are_called(capsys, monke
     assert "are taut: in this pose no finite tension" in answer(capsys, "taut_cable")
     monkeypatch.setattr(c, "GRAVITY", np.zeros(3))  # is known in one place
     systems = {name: c.build_system(name) for name in MADE}
-    for name, system in systems.items():
-        assert has_loop(tuple(system["pairs"])) == (name not in CHAINS)
+    for system in systems.values():
+        assert has_loop(tuple(system["pairs"])) == (len(system["pairs"]) > len(system["m"]))
         assert c.constraint_violation(system, system["q0"]) < 1e-15
     braced, leg = systems["braced"], systems["jansen_leg"]
     jac = c.constraint_terms(braced, braced["q0"], braced["v0"])[0]
