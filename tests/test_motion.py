@@ -65,8 +65,7 @@ def test_halving_the_step_shows_the_order(rule, mode, dt, low, high):
     assert (low < found).all() and (found < high).all(), found
 
 
-@pytest.mark.parametrize("rule", ["semi_implicit", "rk4"])
-@pytest.mark.parametrize("dt", [0.005, 0.05])
+@pytest.mark.parametrize(("rule", "dt"), [("rk4", 0.005), ("semi_implicit", 0.05), ("rk4", 0.1)])
 def test_project_holds_rods_and_their_rates_and_finds_back_from_long_steps(rule, dt):
     system = c.build_system("double")
     found = run(system, rule, "project", dt, round(20.0 / dt))

@@ -75,6 +75,6 @@ def test_a_run_that_ends_where_rods_are_in_line_is_told_so():
     system = scene("windows")
     flat = system["q0"] * [1.0, 0.0, 1.0] + [1.0, 0.0, 0.0]  # all bars on the ground
     for kind in ("loop", "diverged", None):
-        run = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
-        hint = in_line(c.constraint_terms, system, run)
+        end = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
+        hint = in_line(c.constraint_terms, system, end)
         assert ("nearly in line there" in hint) == (kind == "loop")
