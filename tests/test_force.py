@@ -108,8 +108,7 @@ def cantilever(bays, both=False):
     return make_system(q, np.zeros((n, 3)), np.ones(n), rods, None, anchors)
 
 
-CABLES = product((12, 66, 150), (1e-3, 3e-6), (1.0, 1000.0), (0.0, 0.1))  # sway in m/s
-NEEDED = [tight_cable(*cable) for cable in CABLES]
+NEEDED = [tight_cable(*x) for x in product((12, 66, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
 TONNE = scene("tonne")  # hangs on a brace too many; a thousand of them, too
 NEEDED += [TONNE, TONNE | {"m": TONNE["m"] ** 2}, cantilever(30)]
 
