@@ -36,10 +36,7 @@ def moving(pairs, short=0.0, loose=0):
 
 @pytest.mark.parametrize("asked", [*TABLE, 20.0, 0.0])
 def test_rods_accelerate_as_the_hold_asks(asked, monkeypatch):
-    """Chains, trees and loops, on the rods and off them; a number is a Baumgarte frequency.
-
-    A force that may be noise is asked once: what the rods answer is what is applied.
-    """
+    """Chains, trees and loops, on the rods and off them; a number is a Baumgarte frequency."""
     calls, hold = [], TABLE[{20.0: "baumgarte", 0.0: "none"}.get(asked, asked)]
 
     def drag(system, q, v=None):
@@ -52,7 +49,7 @@ def test_rods_accelerate_as_the_hold_asks(asked, monkeypatch):
         q, v, w = system["q0"], system["v0"], np.repeat(1.0 / system["m"][:, 0], 3)
         calls.clear()
         force = c.make_force(system, TABLE.get(asked, asked))(q, v)
-        assert len(calls) == 1
+        assert len(calls) == 1  # a force may be noise: what is applied is what the rods answer
         (jac, g, gdot, jdotv), off = c.constraint_terms(system, q, v), c.rod_errors(system, q)
         lam = -c.tensions(system, q, v, hold) / (off + system["lengths"])
         assert_close(jac.T @ lam, (force - drag(system, q, v)).ravel(), 1e-11)
@@ -109,8 +106,8 @@ def cantilever(bays, both=False):
 
 
 NEEDED = [tight_cable(*x) for x in product((12, 66, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
-TONNE = scene("tonne")  # hangs on a brace too many; a thousand of them, too
-NEEDED += [TONNE, TONNE | {"m": TONNE["m"] ** 2}, cantilever(30)]
+NEEDED += [scene("tonne") | {"m": scene("tonne")["m"] ** load} for load in (1, 2)]  # a rod too many
+NEEDED += [cantilever(30)]
 
 
 @pytest.mark.parametrize("system", NEEDED)
@@ -133,8 +130,7 @@ def test_what_no_tension_can_hold_is_let_go_and_told():
     system, angle = scene("windows"), 1e-5 + 1e-6 * (np.arange(11) == 4)
     out = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
     q, v = system["anchors"] + out, 4.0 * np.cross([0.0, 0.0, 1.0], out)
-    a = c.constraint_force(system, q, v) / system["m"]
-    assert_close(a, -16.0 * out, 1e-4)  # centripetal, and they fall freely
+    assert_close(c.constraint_force(system, q, v) / system["m"], -16.0 * out, 1e-4)  # they fall
     assert 1e-12 < c.unheld(system, q, v, 0.0) < 1e-3
 
 

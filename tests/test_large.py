@@ -10,11 +10,9 @@ import pytest
 from test_force import TABLE, assert_close, cantilever, moving, row, tree
 
 STAR = [(0, -1), *((k, 0) for k in range(1, 30))]
-PAIRS = {f"chain of {n}": row(n) for n in (large.CHAIN + 1, 162)} | {
-    "tree": tree(large.LINKAGE + 1),
-    "loops": tree(large.LINKAGE, 8),
-    "wheel": STAR + row(30)[2:],
-}
+PAIRS = {f"chain of {n}": row(n) for n in (large.CHAIN + 1, 162)}
+PAIRS |= {"tree": tree(large.LINKAGE + 1), "loops": tree(large.LINKAGE, 8)}
+PAIRS |= {"wheel": STAR + row(30)[2:]}
 
 
 @pytest.mark.parametrize("pairs", PAIRS.values(), ids=PAIRS)

@@ -16,17 +16,13 @@ from curriculum.common.graph import has_loop
 import numpy as np
 import pytest
 
+# fmt: off
 GOOD = {
-    "anchors": [[0, 0, 0]],
-    "particles": [
-        {"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 1},
-        {"position": [2, 0, 0]},
-    ],
-    "rods": [{"pair": [0, -1]}, {"pair": [1, 0], "length": 1}],
+    "anchors": [[0, 0, 0]], "rods": [{"pair": [0, -1]}, {"pair": [1, 0], "length": 1}],
+    "particles": [{"position": [1, 0, 0], "velocity": [0] * 3, "mass": 1}, {"position": [2, 0, 0]}],
 }
 POINT, END = "three finite numbers [x, y, z]", "a particle 0..1, tied to another or to an anchor"
 LIST, ONLY, TWICE = "a list of 1 to ", "an object with no keys but ", "once; rods[0] ties the same"
-# fmt: off
 MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
     ("particles", ["[]", "null"], LIST),
     ("particles[0]", ["7"], ONLY + "position, velocity, mass"),
@@ -47,12 +43,12 @@ ANSWERED = [(place, value, "", to) for place, values, to in MISTAKES for value i
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
     ("particles[1].mass", "1e13", "particles[1].mass is ", "1e+12 times 1 kg"),
 ]
-STARTS = np.array([[[1.0, 0, 0], [2, 0, 0]], [[1, 0, 0], [3, 0, 0]]])
+TWO = np.array([[[1.0, 0, 0], [2, 0, 0]], [[1, 0, 0], [3, 0, 0]]])
 STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
 TYPED = {  # keys of a double pendulum that was typed in, and the sentence
     "the shape of m is [2]; must be (N, 1)": {"m": np.ones(2)},
     "the shape of lengths is [3]; must be (2,)": {"lengths": np.ones(3)},
-    "lengths[1] is 1.0; must be 2 m, as its ends are apart, to ": {"q0": STARTS, "v0": 0 * STARTS},
+    "lengths[1] is 1.0; must be 2 m, as its ends are apart, to 10 %": {"q0": TWO, "v0": 0 * TWO},
     "pairs[0] is [0.0, -1]; must be two whole numbers": {"pairs": [(0.0, -1), (1, 0)]},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0[1] is [2.0, NaN, 0.0]; must be three": {"q0": np.array([[1.0, 0, 0], [2, np.nan, 0]])},
@@ -103,12 +99,10 @@ def test_a_mistake_in_a_file_is_named(place, value, found, allowed, answer):
 
 @pytest.mark.parametrize("sentence", TYPED)
 def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
-    system = c.build_system("double") | {"q0": STARTS[0]}
-    assert run(system, steps=2).stopped is None
     with pytest.raises(SceneError, match=re.escape(sentence)):
-        run(system | TYPED[sentence], steps=2)
+        run(c.build_system("double") | {"q0": TWO[0]} | TYPED[sentence], steps=2)
     with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
-        check_system({"q0": system["q0"]})
+        check_system({"q0": TWO[0]})
 
 
 def test_a_clean_system_is_float64_keeps_other_keys_and_costs_little():
@@ -120,9 +114,8 @@ def test_a_clean_system_is_float64_keeps_other_keys_and_costs_little():
     assert clean["pairs"] == [(0, -1), (1, 0)] and clean["wind"] == 3.0
     assert np.array_equal(clean["q0"], short["q0"]) and clean["lengths"][1] == 0.999
     system, begin = c.build_system("chain", links=20_000), time.process_time()
-    for _ in range(5):
-        check_system(system)
-    assert time.process_time() - begin < 2.5  # 25 ms each, if idle
+    check_system(system)
+    assert time.process_time() - begin < 0.5  # 25 ms, if idle
 
 
 def test_a_file_or_a_name_that_is_no_scene(answer):
@@ -145,11 +138,10 @@ def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first():
     for encoding in ("utf-8", "utf-8-sig", "utf-16"):  # editors mark their bytes
         Path("braced").write_text(json.dumps(GOOD), encoding)
         assert len(c.build_system("braced")["q0"]) == 2
-    assert {path.stem for path in SCENES.glob("*.json")} == set(MADE)
+
+
+def test_shipped_scenes_are_as_made_on_their_rods_and_what_they_are_called(answer, monkeypatch):
     assert all(path.read_text() == again(path) for path in SCENES.glob("*.json"))
-
-
-def test_shipped_scenes_are_on_their_rods_and_what_they_are_called(answer, monkeypatch):
     assert "are taut: in this pose no finite tension" in answer("taut_cable")
     monkeypatch.setattr(c, "GRAVITY", np.zeros(3))  # is known in one place
     systems = {name: c.build_system(name) for name in MADE}

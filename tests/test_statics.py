@@ -53,8 +53,7 @@ def test_a_strip_of_plates_sags_and_a_square_of_them_cannot(wide):
 
 
 def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
-    """A cable that is 0.1 % longer than its span, and an upright pendulum."""
-    cable = scene("tight_cable")
+    cable = scene("tight_cable")  # 0.1 % longer than its span
     assert np.sum(cable["lengths"]) / cable["anchors"][1, 0] == pytest.approx(1.001, rel=1e-15)
     for method in METHODS:
         assert np.abs(run(scene("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
@@ -67,5 +66,5 @@ def test_a_run_that_ends_where_rods_are_in_line_is_told_so():
     flat = system["q0"] * [1.0, 0.0, 1.0] + [1.0, 0.0, 0.0]  # all bars on the ground
     for kind in ("loop", "diverged", None):
         end = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
-        hint = in_line(c.constraint_terms, system, end)
-        assert ("nearly in line there" in hint) == (kind == "loop")
+        told = "nearly in line there" in in_line(c.constraint_terms, system, end)
+        assert told == (kind == "loop")
