@@ -2,83 +2,32 @@
 
 import constraints as c
 from curriculum.ch3_4_constraints import large
-from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.common.trace import Stop
 
 import numpy as np
 import pytest
+from test_force import TABLE, assert_close, cantilever, moving, row, tree
 
-TABLE = c.hold_table(dt=0.005)
-
-
-def assert_close(a, b, tolerance=1e-12):
-    assert np.abs(a - b).max() <= tolerance * max(1.0, np.abs(b).max())
-
-
-def moving(n, pairs, points=None):
-    """n particles of random masses and velocities, at random points; rods a little too short."""
-    rng = np.random.default_rng(3)
-    points = n ** (1 / 3) * rng.normal(size=(n, 3)) if points is None else points
-    m, v, anchors = rng.uniform(0.1, 10.0, n), rng.normal(size=(n, 3)), [[0.0, 0, 0], [4.0, 0, 0]]
-    system = make_system(points, v, m, pairs, None, anchors)
-    return system | {"lengths": 0.999 * system["lengths"]}
+STAR = [(0, -1), *((k, 0) for k in range(1, 30))]
+PAIRS = {f"chain of {n}": row(n) for n in (large.CHAIN + 1, 162)}
+PAIRS |= {"tree": tree(large.LINKAGE + 1), "loops": tree(large.LINKAGE, 8)}
+PAIRS |= {"wheel": STAR + row(30)[2:]}
 
 
-def row(n):
-    return [(k, k - 1) for k in range(n)]
-
-
-def tree(n, more=0):
-    """Each particle on an earlier one or an anchor, and `more` rods that close loops."""
-    rng = np.random.default_rng(n)
-    pairs = [(k, int(rng.integers(-2, k))) for k in range(n)]
-    spare = [(i, j) for i in range(n) for j in range(-2, i) if (i, j) not in pairs]
-    return moving(n, pairs + [spare[k] for k in rng.choice(len(spare), more, replace=False)])
-
-
-def net(n):
-    points = np.array([(k % n, -(k // n), 0.0) for k in range(n * n)])
-    pairs = [(k, k - 1) for k in range(n * n) if k % n] + [(k, k - n) for k in range(n, n * n)]
-    points += 0.1 * np.random.default_rng(0).normal(size=points.shape)
-    return moving(n * n, [*pairs, (0, -1), (n - 1, -2)], points)
-
-
-def cable(rods):
-    """A taut line at rest between two anchors."""
-    q = np.arange(rods + 1.0)[:, None] * [1.0, 0.0, 0.0]
-    pairs = [*row(rods - 1), (rods - 2, -2)]
-    return make_system(q[1:-1], 0.0 * q[1:-1], np.ones(rods - 1), pairs, None, q[[0, -1]])
-
-
-def truss(bays):
-    """A cantilever at rest; with both diagonals, a rod too many in each of its bays."""
-    q = np.array([[k, level, 0.0] for k in range(1, bays + 1) for level in (0, 1)])
-    pairs = [(0, -1), (0, -2), (1, -2), (1, 0), (1, -1)]
-    for k in range(2, 2 * bays, 2):
-        pairs += [(k, k - 2), (k, k - 1), (k + 1, k - 1), (k + 1, k), (k + 1, k - 2)]
-    return make_system(q, 0.0 * q, np.ones(2 * bays), pairs, None, [[0.0, 0, 0], [0.0, 1.0, 0]])
-
-
-SCENES = {
-    **{f"chain of {n}": moving(n, row(n)) for n in (large.CHAIN + 1, 162)},
-    "tree": tree(large.LINKAGE + 1),
-    "loops": tree(large.LINKAGE, 8),
-    "net": net(6),
-}
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_large_scenes_equal_the_chapters_lines(name):
+@pytest.mark.parametrize("pairs", PAIRS.values(), ids=PAIRS)
+def test_large_scenes_equal_the_chapters_lines(pairs):
     """Forces, tensions and the way back, of one state and of a stack of them."""
-    system = SCENES[name]
+    system = moving(pairs, 0.001)
     q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
+    two = np.stack([q, moved]), np.stack([v, 0.5 * v])
     for hold in TABLE.values():
-        force, two = c.make_force(system, hold), (np.stack([q, moved]), np.stack([v, 0.5 * v]))
+        force = c.make_force(system, hold)
         assert isinstance(force, large.LargeForce)
         expected = c.external_force(system, *two) + c.constraint_force(system, *two, hold)
         assert_close(force(*two), expected)
         assert_close(force(q, v), expected[0])
-        assert_close(force.tensions(*two), c.tensions(system, *two, hold))
+    assert_close(force.tensions(*two), c.tensions(system, *two, hold))
     system = system | {"lengths": system["lengths"] / 0.999}  # the start is on its rods
     back = c.make_force(system, TABLE["project"]).after(q, moved, v, 1e-3)
     for ours, theirs in zip(back, c.project(system, q, moved, v, 1e-3), strict=True):
@@ -87,23 +36,17 @@ def test_large_scenes_equal_the_chapters_lines(name):
 
 def test_rods_too_many_stay_put_and_long_chains_find_their_way_back():
     """With less slack, what rounding leaves between the rods of a braced truss blows up."""
-    system = truss(20)
-    force, q, v = c.make_force(system, 0.0), system["q0"], system["v0"]
-    for _ in range(40):
-        q, v = c.semi_implicit_step(q, v, system["m"], force, 0.005)
-    assert c.constraint_violation(system, q) < 1e-8
-    system = c.build_system("chain", links=10_000)
-    force = c.make_force(system, TABLE["project"])
-    end = c.semi_implicit_step(system["q0"], system["v0"], system["m"], force, 0.005)
-    q, _ = force.after(system["q0"], *end, 0.005)
-    assert c.constraint_violation(system, end[0]) > 1e-8
-    assert c.constraint_violation(system, q) < 1e-11
+    assert run(cantilever(20, both=True), steps=40).violations.max() < 1e-8
+    chain = c.build_system("chain", links=10_000)
+    lost, back = (run(chain, hold=mode, steps=1).violations[-1] for mode in ("none", "project"))
+    assert lost > 1e-8 and back < 1e-11
 
 
 def test_what_no_tension_can_hold_is_said():
     """A straight line in motion between two anchors, and numbers that are none."""
-    line = cable(70)
-    line["v0"][34, 1] = 1.0
+    q = np.arange(71.0)[:, None] * [1.0, 0.0, 0.0]
+    v = np.outer(np.arange(69) == 34, [0.0, 1.0, 0.0])
+    line = make_system(q[1:-1], v, np.ones(69), [*row(69), (68, -2)], None, q[[0, -1]])
     for q in (line["q0"], np.nan * line["q0"]):
         with np.errstate(all="ignore"), pytest.raises(Stop, match="no finite tensions"):
             c.make_force(line, 0.0)(q, line["v0"])
@@ -111,15 +54,14 @@ def test_what_no_tension_can_hold_is_said():
 
 def test_what_is_large():
     """Many rods in a row, few that all feel each other, many particles; a loose one just falls."""
-    star, pairs = [(0, -1), *((k, 0) for k in range(1, 30))], row(large.CHAIN + 5)
-    loose = moving(2 * large.LINKAGE + 1, pairs)
-    scenes = moving(30, star), moving(10, star[:10]), moving(len(pairs), pairs), loose
+    loose = moving(row(large.CHAIN - 5), loose=100)
+    scenes = moving(STAR), moving(STAR[:10]), moving(row(large.CHAIN + 5)), loose
     assert [large.takes(some) for some in scenes] == [True, False, True, True]
     assert_close(c.make_force(loose, 0.0)(loose["q0"], loose["v0"])[-1], loose["m"][-1] * c.GRAVITY)
 
 
 def test_an_edit_of_the_chapter_counts_for_many_rods(monkeypatch):
-    system, original = SCENES["tree"], c.right_side
+    system, original = moving(PAIRS["tree"]), c.right_side
     q, v = system["q0"], system["v0"]
     monkeypatch.setattr(c, "right_side", lambda *terms: original(*terms[:-1], 0.0 * terms[-1]))
     monkeypatch.setattr(c, "external_force", lambda *_: [0.0, -9.0, 0.0])  # a list will do
