@@ -30,8 +30,7 @@ import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
-HERE = Path(__file__).resolve().parent
-CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
+HERE, OUT = Path(large.__file__).parent, "outputs/ch3.4-constraints"
 SMOKE_STEPS, LOOKS = 800, 100  # enough to tell modes apart; states that `unheld` is asked of
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
@@ -53,7 +52,7 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return scene_files.load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
+        return scene_files.load_scene(name, HERE / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
     q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * scene_files.direction(-tilt)
@@ -178,10 +177,7 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
 
 
 def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C).
-
-    At q, v (..., N, 3); f (..., N, 3): every force but the rods', if it is known.
-    """
+    """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C)."""
     hold, pairs, turned = as_hold(hold), tuple(system["pairs"]), 0.0
     f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
@@ -299,14 +295,6 @@ INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (math.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
-def misfit(hold, step_fn):
-    """Why a Hold does not go with one of INTEGRATORS, in words; None if it does."""
-    for name, rule in INTEGRATORS.items():
-        if rule is step_fn and hold.rule not in (None, name):
-            return f"does not fit {name}, which does not end a step at q + dt (v + dt a)"
-    return None
-
-
 # --- endregion ---
 # --- region: simulate ---
 # An honest run says at every step how far the worst rod is off, and how far the energy.
@@ -337,9 +325,8 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     (steps + 1, ...) in m; energies in J. `keep`: steps whose states it has as well.
     Members of leading axes in q0, v0 go in step. `way`: Compiled or, lines as they stand, Plain.
     """
-    system = scene_files.check_run({"anchors": PIVOT[None], **system}, force, dt, steps)
-    if why := misfit(getattr(force, "hold", as_hold("none")), step_fn):
-        raise ValueError(f"the force {why}")
+    system = {"anchors": PIVOT[None], **system}
+    system = scene_files.check_run(system, force, dt, steps, step_fn, INTEGRATORS)
     q, v, m = system["q0"], system["v0"], system["m"]
     step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
@@ -356,9 +343,9 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- region: report ---
 def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
-    parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
+    parser, what, how = chapter_parser("constraints.py", HERE, OUT, EXAMPLES)
     rules, modes = list(INTEGRATORS), ["all", *hold_table()]
-    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE / CHAPTER)}
+    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE)}
     what("--scenes", **shown, help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
@@ -373,9 +360,8 @@ def parse(argv):
     args = parser.parse_args(argv)
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
-    hold = hold_table().get(mode := args.stabilization, as_hold("none"))
-    if why := misfit(hold, INTEGRATORS[args.integrator]):
-        parser.error(f"argument --stabilization: {mode} {why}; give --integrator {hold.rule}")
+    if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
+        parser.error(f"argument --stabilization: {mode} {why}")
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
     usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
@@ -413,8 +399,8 @@ def main(argv=None):
         print(run(modes[0], rule, args.dt, 1).source)
         return 0
     print(banner.banner("ch3.4", "constraints", args.device, usual))
-    for mode in list(modes):
-        if why := misfit(hold_table()[mode], rule):
+    for mode in hold_table():
+        if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
     most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)
@@ -429,8 +415,7 @@ def main(argv=None):
         rows[mode] = runs[mode].summary(fall, truth, float(left))
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    free = partial(run, "none"), rk4_step, steps * dt
-    ghost = ruler.true_motion(*free) if most and shown else None
+    ghost = most and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
     print(publish.publish(args, used, system, runs, rows, fall, forces, shown, ghost))
     return 0
 

@@ -217,11 +217,25 @@ def column(raw, key, of_file, refuse):
     return values.reshape(-1, *row) if of_file else values
 
 
-def check_run(system, force, dt, steps):
-    """The system as check_system gives it; ValueError if force(q, v) or steps do not fit a run."""
-    made_for = getattr(getattr(force, "hold", None), "dt", None)
-    if made_for not in (None, dt):
-        raise ValueError(f"this force is for steps of {made_for:g} s, not of {dt:g} s")
+def misfit(hold, rule):
+    """Why a Hold, if it is one, is nothing for the integrator of this name; None if it fits."""
+    if not hold or hold.rule in (None, rule):
+        return None
+    step = "which does not end a step at q + dt (v + dt a)"
+    return f"does not fit {rule}, {step}; give --integrator {hold.rule}"
+
+
+def check_run(system, force, dt, steps, step_fn, rules):
+    """The system as check_system gives it; ValueError if something does not fit a run.
+
+    `rules`: integrators by name. A step_fn that is none of them is whoever calls's own affair.
+    """
+    hold = getattr(force, "hold", None)
+    if hold and hold.dt not in (None, dt):
+        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt:g} s")
+    for name, rule in rules.items():
+        if rule is step_fn and (why := misfit(hold, name)):
+            raise ValueError(f"this force {why}")
     if not (dt > 0.0 and steps >= 0):
         raise ValueError(f"a run takes steps >= 0 of dt > 0 s, not {steps} of {dt}")
     return check_system(system)
