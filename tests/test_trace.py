@@ -1,5 +1,6 @@
 """What is traced computes what the function computes, to the last bit; or tracing refuses."""
 
+from functools import partial
 from itertools import pairwise
 
 import constraints as c
@@ -13,6 +14,8 @@ from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable,
 import numpy as np
 import pytest
 
+loop = partial(repeat, most=90, complaint="no end")
+
 
 def fixed_point(following, x, close):
     """x, following(x), ... until the squares of what changes are `close`, for each leading axis."""
@@ -21,21 +24,12 @@ def fixed_point(following, x, close):
         after = following(y)
         return after, np.sum((after - y) * (after - y), axis=(-2, -1)) / close
 
-    return repeat(body, x, 90, "no end")
+    return loop(body, x)
 
 
 def heron(x):
     """Square roots by Heron's rule: a loop that knows nothing of rods."""
     return fixed_point(lambda y: 0.5 * (y + x / y), 1.0 + 0.0 * x, 1e-20)
-
-
-def swapped(x):
-    """A loop whose members trade places and signs, and whose size is a negative number."""
-
-    def body(y):
-        return np.stack([-0.5 * y[1], -y[0]]), -(5.0 - np.sum(abs(y)))
-
-    return repeat(body, 9.0 * x, 50, "no end")
 
 
 def widened(x):
@@ -44,7 +38,7 @@ def widened(x):
     def body(y):
         return np.stack([0.5 * y[0], y[0] + y[2], 0.25 * y[0]]), np.sum(y[0] * y[0]) / 1e-3
 
-    return repeat(body, np.stack([x[0], 0.0 * x[0], 0.0 * x[1]]), 60, "no end")[1:] - x
+    return loop(body, np.stack([x[0], 0.0 * x[0], 0.0 * x[1]]))[1:] - x
 
 
 def nearly(x):
@@ -54,7 +48,7 @@ def nearly(x):
         size = np.sum(abs(y - x[0, 0]))
         return np.stack([y[0] - 0.4 * (y[0] - x[0, 0]), 0.9 * y[1]]), 3.0 + 20.0 * size * size
 
-    return repeat(body, 2.0 * x, 80, "no end", 1e4)
+    return loop(body, 2.0 * x, nearly=1e4)
 
 
 def tangle(seed):
@@ -86,7 +80,9 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "roots of roots": lambda x: fixed_point(
         lambda y: 0.5 * (heron(0.5 * y + x * x) + y), x * x + 0.1, 1e-9
     ),
-    "swapped": swapped,
+    "swapped": lambda x: loop(  # members trade places and signs; the size is minus something
+        lambda y: (np.stack([-0.5 * y[1], -y[0]]), -(5.0 - np.sum(abs(y)))), 9.0 * x
+    ),
     "widened": widened,
     "nearly": nearly,
     "routines": lambda x: OUTER(x, x[::-1]) + OUTER(KEPT * x, -x) - OUTER(-x, x + 1.0),
@@ -122,19 +118,13 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
         assert np.allclose(together, alone.ravel(), rtol=loose, atol=loose)
 
 
-def test_members_of_an_array_end_their_loops_each_by_itself():
-    together = heron(CROWD**2)
-    assert np.array_equal(together, [heron(x**2) for x in CROWD])
-    assert np.allclose(together, abs(CROWD), rtol=1e-9)
-
-
-def test_a_loop_that_does_not_end_says_so_in_every_way():
-    program, far = program_of(heron), np.full((2, 3), 1e200)
-    for attempt in (lambda: heron(far), lambda: by_python(program, far, 1)):
-        with pytest.raises(Stop, match="no end"), np.errstate(all="ignore"):
-            attempt()
-    both = np.empty((6, 2))
+def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
+    assert np.array_equal(heron(CROWD**2), [heron(x**2) for x in CROWD])
+    program, far, both = program_of(heron), np.full((2, 3), 1e200), np.empty((6, 2))
     with np.errstate(all="ignore"):
+        for attempt in (heron, lambda x: by_python(program, x, 1)):
+            with pytest.raises(Stop, match="no end"):
+                attempt(far)
         ArrayFunction(program)([np.array([1e200, 1.0])] * 6, list(both))
     assert np.isnan(both[:, 0]).all() and np.all(both[:, 1] == 1.0)  # of many, who is lost is NaN
 
@@ -162,15 +152,12 @@ def test_a_knob_is_an_input_and_what_lasts_is_done_once():
             assert np.array_equal(following, function(x, h))
 
 
-def test_what_is_not_needed_is_not_done():
+def test_what_is_not_needed_is_not_done_nor_kept():
     """Products with zero, with one, repeated ones and those that nobody asks for vanish."""
     program = program_of(lambda x: x * KEPT * 1.0 + 0.0 * (x / 3.0))
     assert len(program.tape.needed(program.out)) == 2  # of 6: two products
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
-
-
-def test_few_buffers_hold_what_many_operations_make():
     program = program_of(tangle(0))
     assert ArrayFunction(program).count < 0.2 * len(program.tape.nodes)
 
@@ -212,19 +199,16 @@ def test_who_prints_a_symbol_is_told_of_plain_once(monkeypatch, capsys):
     assert seen.out == "x_0_0 -x_1_2\n" and seen.err.count("--plain") == 1
 
 
-def traced(system, rule, hold):
+def source_of(system, rule, hold):
     step, force = whole_step(system, rule, hold, 0.005)
-    return Traced(step, system["m"], force, 0.005, system["q0"], system["v0"])
+    return Traced(step, system["m"], force, 0.005, system["q0"], system["v0"]).source
 
 
-@pytest.mark.parametrize("name", ["windows", "light_tip"])
-def test_the_code_of_a_step_is_names_of_operations_and_floats_only(name):
-    """A scene file stays data: whatever it is called and holds, the code has places and numbers."""
-    step = traced(scene(name), "rk4", "project")
-    assert "__" not in step.source and "import" not in step.source and name not in step.source
-
-
-def test_the_step_of_the_pendulum_is_the_textbook_formula():
-    source = traced(c.build_system("pendulum"), "semi_implicit", "none").source
+def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
+    """A scene file stays data, whatever it holds; the pendulum's step is the textbook's formula."""
+    for name in ("windows", "light_tip"):
+        source = source_of(scene(name), "rk4", "project")
+        assert "__" not in source and "import" not in source and name not in source
+    source = source_of(c.build_system("pendulum"), "semi_implicit", "none")
     assert len(source.splitlines()) <= 13
     assert "v_0_0 * v_0_0 + v_0_1 * v_0_1" in source and "q_0_0 * q_0_0 + q_0_1 * q_0_1" in source
