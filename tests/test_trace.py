@@ -32,25 +32,6 @@ def heron(x):
     return fixed_point(lambda y: 0.5 * (y + x / y), 1.0 + 0.0 * x, 1e-20)
 
 
-def widened(x):
-    """What begins as zero does not stay zero: first one row, then through it another."""
-
-    def body(y):
-        return np.stack([0.5 * y[0], y[0] + y[2], 0.25 * y[0]]), np.sum(y[0] * y[0]) / 1e-3
-
-    return loop(body, np.stack([x[0], 0.0 * x[0], 0.0 * x[1]]))[1:] - x
-
-
-def nearly(x):
-    """A size that falls no more is an end where it is small enough, and only there."""
-
-    def body(y):
-        size = np.sum(abs(y - x[0, 0]))
-        return np.stack([y[0] - 0.4 * (y[0] - x[0, 0]), 0.9 * y[1]]), 3.0 + 20.0 * size * size
-
-    return loop(body, 2.0 * x, nearly=1e4)
-
-
 def tangle(seed):
     """Any lines at all: sums, products and quotients of what came before, of either sign."""
 
@@ -77,17 +58,21 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "both signs": lambda x: np.stack([-(x[0] * x[1]), x[0] * x[1]]),
     "infinite": lambda x: 1.0 + x / np.inf + 1e-5 * x,
     "roots": lambda x: heron(x * x),
-    "roots of roots": lambda x: fixed_point(
-        lambda y: 0.5 * (heron(0.5 * y + x * x) + y), x * x + 0.1, 1e-9
-    ),
+    "nested": lambda x: fixed_point(lambda y: 0.5 * (heron(0.5 * y + x * x) + y), x * x, 1e-9),
     "swapped": lambda x: loop(  # members trade places and signs; the size is minus something
         lambda y: (np.stack([-0.5 * y[1], -y[0]]), -(5.0 - np.sum(abs(y)))), 9.0 * x
     ),
-    "widened": widened,
-    "nearly": nearly,
+    "widened": lambda x: loop(  # what begins as zero does not stay zero: one row, then another
+        lambda y: (np.stack([0.5 * y[0], y[0] + y[2], 0.25 * y[0]]), 1e3 * np.sum(y[0] * y[0])),
+        np.stack([x[0], 0.0 * x[0], 0.0 * x[1]]),
+    )[1:],
+    "nearly": lambda x: loop(  # a size that falls no more is an end, where it is small enough
+        lambda y: (0.6 * y + 0.2 * x[0], 3.0 + np.sum(abs(y - x[0, 0]))), 2.0 * x, nearly=99.0
+    ),
     "routines": lambda x: OUTER(x, x[::-1]) + OUTER(KEPT * x, -x) - OUTER(-x, x + 1.0),
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
-} | {f"tangle {seed}": tangle(seed) for seed in range(4)}
+}
+EXAMPLES |= {f"tangle {seed}": tangle(seed) for seed in range(4)}
 OF_LIBRARIES = "matrix", "functions", "powers"  # whose last bit is numpy's own
 INLINED = [(name, trace.INLINE) for name in EXAMPLES] + [("routines", 0), ("loops of routines", 0)]
 CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (11, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
