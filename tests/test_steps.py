@@ -5,7 +5,6 @@ from functools import partial
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import scene
 from curriculum.common import native, steps
 from curriculum.common.steps import Compiled, Plain
 from curriculum.common.trace import Stop, repeat
@@ -38,6 +37,7 @@ def in_every_way(rule, system, hold, dt, steps, ways=WAYS):
     ]
     *compiled, plain = runs
     for run in compiled:
+        assert run.way.startswith("compiled") == runs[0].way.startswith("compiled")
         assert run[6:9] == plain[6:9] and all(map(np.array_equal, run[:6], runs[0][:6]))
         assert all(map(partial(np.allclose, rtol=1e-7, atol=1e-9), run[:6], plain[:6]))
     return runs[0]
@@ -45,10 +45,6 @@ def in_every_way(rule, system, hold, dt, steps, ways=WAYS):
 
 def crowd_of(system, v):
     return system | {"q0": system["q0"] + 0.0 * v, "v0": v}
-
-
-def system_of(name):
-    return c.build_system(name) if name in c.SYSTEMS else scene(name)
 
 
 def feel(monkeypatch, force):
@@ -245,7 +241,7 @@ CASES += [(*case, 0.005, 3, None) for case in SHORT]
 
 @pytest.mark.parametrize(("name", "rule", "mode", "dt", "steps", "kind"), CASES)
 def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt, steps, kind):
-    system, quick = system_of(name), name in c.SYSTEMS and rule != "gauss"
+    system, quick = c.build_system(name), name in c.SYSTEMS and rule != "gauss"
     members, ways = (MEMBERS, WAYS) if quick else (2, WAYS[::2])  # more takes seconds to compile
     noise = np.random.default_rng(2).normal(size=(members, *system["q0"].shape))
     noise[0] = 0.0

@@ -4,7 +4,7 @@ from functools import partial
 from itertools import pairwise
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import scene, whole_step
+from curriculum.ch3_4_constraints.studies._runs import whole_step
 from curriculum.common import trace
 from curriculum.common.arrays import ArrayFunction
 from curriculum.common.python import number_function
@@ -184,7 +184,8 @@ def test_who_prints_a_symbol_is_told_of_plain_once(monkeypatch, capsys):
     assert seen.out == "x_0_0 -x_1_2\n" and seen.err.count("--plain") == 1
 
 
-def source_of(system, rule, hold):
+def source_of(name, rule, hold):
+    system = c.build_system(name)
     step, force = whole_step(system, rule, hold, 0.005)
     return Traced(step, system["m"], force, 0.005, system["q0"], system["v0"]).source
 
@@ -192,8 +193,8 @@ def source_of(system, rule, hold):
 def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
     """A scene file stays data, whatever it holds; the pendulum's step is the textbook's formula."""
     for name in ("windows", "light_tip"):
-        source = source_of(scene(name), "rk4", "project")
+        source = source_of(name, "rk4", "project")
         assert "__" not in source and "import" not in source and name not in source
-    source = source_of(c.build_system("pendulum"), "semi_implicit", "none")
+    source = source_of("pendulum", "semi_implicit", "none")
     assert len(source.splitlines()) <= 13
     assert "v_0_0 * v_0_0 + v_0_1 * v_0_1" in source and "q_0_0 * q_0_0 + q_0_1 * q_0_1" in source
