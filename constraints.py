@@ -30,7 +30,8 @@ import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
-HERE, OUT = Path(large.__file__).parent, "outputs/ch3.4-constraints"
+HERE = Path(__file__).resolve().parent
+CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS, LOOKS = 800, 100  # enough to tell modes apart; states that `unheld` is asked of
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
@@ -52,7 +53,7 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return scene_files.load_scene(name, HERE / "scenes", [*SYSTEMS, "chain"], GRAVITY)
+        return scene_files.load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
     q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * scene_files.direction(-tilt)
@@ -343,9 +344,9 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- region: report ---
 def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
-    parser, what, how = chapter_parser("constraints.py", HERE, OUT, EXAMPLES)
+    parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     rules, modes = list(INTEGRATORS), ["all", *hold_table()]
-    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE)}
+    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE / CHAPTER)}
     what("--scenes", **shown, help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")

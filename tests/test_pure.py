@@ -14,26 +14,25 @@ import numpy as np
 import pytest
 
 Q = np.full((2, 3), Symbol(Tape(), "x"))  # it refuses every ==
-START, CALLS, CACHE, RATE = [], 0, {}, np.ones(3)
-DEVICE, RNG = dice.SystemRandom(), np.random.default_rng(1)
-NOISE, TICKS = [0.0] * 3, iter(range(9))
+START, CALLS, CACHE, NOISE, RATE = [], 0, {}, [0.0, 1.0], np.ones(3)
+DEVICE, RNG, TICKS = dice.SystemRandom(), np.random.default_rng(1), iter(range(9))
 
 
-class Controller:
-    def __init__(self):
-        self.hold = SimpleNamespace(gain=1.0)
-
+class Controller(SimpleNamespace):
     def __call__(self, q, v):
         self.hold.gain = q[0, 0]
+
+
+CONTROLLER = Controller(hold=SimpleNamespace(gain=1.0))
+
+
+def drag(q, v, k=(0.1, [0.2]), n=c.math.pi):
+    return np.sin(n) - k[0] * v + np.array(CONTROLLER.hold.gain) * np.cross(q, RATE)
 
 
 def count(q, v):
     global CALLS
     CALLS += 1
-
-
-def held(q, v, noise=NOISE):
-    noise[0] = q[0, 0]
 
 
 def counter(calls=0):
@@ -44,18 +43,13 @@ def counter(calls=0):
     return force
 
 
-def attribute(q, v):
-    attribute.last = q
-
-
-CONTROLLER = Controller()
 MEMORIES = {  # what is said of it, and what keeps state, or asks what is never the same
     "the list START": lambda q, v: START or START.append(q.copy()),
     "the dict CACHE": lambda q, v: CACHE.setdefault(id(q), q),
     "the global CALLS": count,
-    "the list noise": held,
+    "the list noise": lambda q, v, noise=NOISE: noise.reverse(),
     "the variable calls": functools.singledispatch(counter()),  # a closure of the library
-    "the attribute last of attribute": attribute,
+    "the attribute last of drag": lambda q, v: setattr(drag, "last", q),
     "the attribute gain of CONTROLLER": lambda q, v: CONTROLLER(q, v),
     "the random generator RNG": functools.partial(lambda g, q, v: RNG.random() < 1e-3, 1.0),
     "the random generator of numpy": np.vectorize(lambda q, v: np.random.random()),  # noqa: NPY002
@@ -68,9 +62,8 @@ MEMORIES = {  # what is said of it, and what keeps state, or asks what is never 
 
 def state():
     """What the functions above change, but for what hides in closures and partials."""
-    kept = START, CALLS, CACHE, RATE, NOISE, vars(CONTROLLER.hold)
     drawn = RNG.bit_generator.state, np.random.get_state()[1:]  # noqa: NPY002
-    return repr((kept, drawn, vars(attribute)))
+    return repr((START, CALLS, CACHE, NOISE, CONTROLLER.hold, vars(drag), drawn))
 
 
 @pytest.mark.parametrize("said", MEMORIES)
@@ -89,19 +82,14 @@ def test_what_a_function_keeps_is_told_and_put_back(said):
         assert words.endswith(f" {said.strip()}") and state() == before
 
 
-def drag(q, v, k=(0.1, [0.2]), n=c.math.pi):
-    return np.sin(n) - k[0] * v + np.array(CONTROLLER.hold.gain) * np.cross(q, RATE)
-
-
 @pytest.mark.parametrize("mode", c.hold_table())
 def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
     """Some tens of dicts, arrays and cells, for the chapter's own functions and drag."""
-    system, hold = c.build_system("double"), c.hold_table()[mode]
-    force = c.make_force(system, hold)
-    memory = Memory(c.rk4_step, force, hold.after, drag)
-    q, v = c.rk4_step(system["q0"], system["v0"], system["m"], force, 0.005)
-    drag(*(hold.after(system, system["q0"], q, v, 0.005) if hold.after else (q, v)))
-    assert memory.changed() is None and len(memory.parts) < 80
+    system = c.build_system("double")
+    force = c.make_force(system, mode)
     endless = {"of": Memory, "file": open, "lock": np.lib}
     endless["self"] = [endless]
-    assert Memory(lambda q, v: endless).changed() is None
+    memory = Memory(c.rk4_step, force, force.after, drag, lambda q, v: endless)
+    q, v = c.rk4_step(system["q0"], system["v0"], system["m"], force, 0.005)
+    drag(*(force.after(system["q0"], q, v, 0.005) if force.after else (q, v)))
+    assert memory.changed() is None and len(memory.parts) < 80

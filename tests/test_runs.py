@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import steps
+from curriculum.common import compiled, steps
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import Truth
 from curriculum.common.runs import distance
@@ -74,7 +74,8 @@ def test_every_step_is_measured_whatever_is_kept(rule, count):
 def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
     """By a clock that says one second has gone by, whenever it is asked for the second time."""
     clock = SimpleNamespace(perf_counter=count().__next__)
-    monkeypatch.setattr(steps, "time", clock)
+    for module in (steps, compiled):
+        monkeypatch.setattr(module, "time", clock)
     system = c.build_system("double")
     assert run(system, steps=4).pace == 250000.0
     assert run(system, steps=4, way=Plain).pace == 1e6

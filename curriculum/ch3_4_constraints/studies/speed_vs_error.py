@@ -30,8 +30,10 @@ SAMPLES = 20
 TARGETS = [1e-2, 1e-4, 1e-6, 1e-9, 1e-12]  # m
 FAR = 0.3  # m: who is that far off is not listed as ahead
 MOST = 10_000  # solves a simulated second: the ladder of a method ends where it takes more
-MODES = {name: [m for m in c.hold_table() if m != "impulse"] for name in c.INTEGRATORS}
-MODES |= dict.fromkeys(c.FOR_IMPULSE, list(c.hold_table()))
+MODES = {
+    name: [mode for mode, hold in c.hold_table().items() if hold.rule in (None, name)]
+    for name in c.INTEGRATORS
+}
 METHODS = [(name, mode) for name in RULES for mode in MODES.get(name, ["none", "project"])]
 
 
