@@ -12,8 +12,18 @@ from curriculum.common import files
 
 import pytest
 
-WRITE = "import os, signal, sys, time; from curriculum.common.files import *\n"
 FULL = OSError(28, "No space left on device", "a temporary name")
+HALF = """import os, signal, sys; from curriculum.common import cli, files
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
+def write(path):
+    path.write_text("half")
+    os.kill(os.getpid(), int(sys.argv[2]))
+    while True: pass
+cli.run_script(lambda: files.write_whole(sys.argv[1], write))"""
+FORTY = """import sys, time; from curriculum.common.files import write_together
+for k in range(40):
+    put = lambda path: (time.sleep(0.001), path.write_text(f"{sys.argv[2]} {k}"))
+    write_together(sys.argv[1], dict.fromkeys("abc", put))"""
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no signals, locks or pipes there")
 
 
@@ -22,18 +32,22 @@ def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
 
-def fails(error, path):
-    """A writer that gets half done."""
-    path.write_text("half of the resu")
-    raise error
+def writes(text, error=None):
+    """A writer of a text that may then fail."""
+
+    def write(path):
+        path.write_text(text)
+        if error:
+            raise error
+
+    return write
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL, ZeroDivisionError()])
 def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path):
     (tmp_path / "b").write_text("old")
-    writers = {"a": lambda path: path.write_text("new"), "b": lambda path: fails(error, path)}
     with pytest.raises(type(error)) as raised:
-        files.write_together(tmp_path, writers)
+        files.write_together(tmp_path, {"a": writes("new"), "b": writes("half", error)})
     assert contents(tmp_path) == {"b": "old"}
     assert error is not FULL or raised.value.filename == str(tmp_path / "b")
 
@@ -46,32 +60,22 @@ def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkey
 
     monkeypatch.setattr(files.os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        files.write_together(tmp_path, dict.fromkeys("ab", lambda path: path.write_text("new")))
+        files.write_together(tmp_path, dict.fromkeys("ab", writes("new")))
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
 def test_two_processes_at_once_leave_one_whole_set(tmp_path):
-    code = f"""{WRITE}for k in range(40):
-    put = lambda path: (time.sleep(0.001), path.write_text(f"{{sys.argv[2]}} {{k}}"))
-    write_together(sys.argv[1], dict.fromkeys("abc", put))"""
-    command = [sys.executable, "-c", code, str(tmp_path)]
+    command = [sys.executable, "-c", FORTY, str(tmp_path)]
     running = [subprocess.Popen([*command, name]) for name in ("one", "two")]
     assert [process.wait(60) for process in running] == [0, 0]
-    assert sorted(contents(tmp_path)) == ["a", "b", "c"]
-    assert len(set(contents(tmp_path).values())) == 1
+    found = contents(tmp_path)
+    assert sorted(found) == ["a", "b", "c"] and len(set(found.values())) == 1
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGHUP"])
-def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_path):
-    code = f"""{WRITE}from curriculum.common.cli import run_script
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
-def write(path):
-    path.write_text("half")
-    os.kill(os.getpid(), signal.{name})
-    while True: pass
-run_script(lambda: write_whole(sys.argv[1], write))"""
-    number = getattr(signal, name)
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a")], timeout=60)
+def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, python, tmp_path):
+    number = int(getattr(signal, name))
+    done = python("-c", HALF, tmp_path / "a", number)
     assert done.returncode == (-number if name == "SIGKILL" else 128 + number)
     assert len(list(tmp_path.iterdir())) == (name == "SIGKILL")
     files.write_json(tmp_path / "a", 1)
@@ -95,31 +99,23 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
     assert {path.name for path in tmp_path.rglob("*")} == {"pipe", "folder", "file", "link"}
 
 
-@pytest.fixture
-def outcome(tmp_path, monkeypatch):
-    """outcome(picture=, rerun=): what publish says of a run, or its error, by such writers."""
-
-    def of(**writers):
+def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(tmp_path, monkeypatch):
+    def published(**writers):
         flags = dict.fromkeys((*publish.DECIDE, "picture", "rerun"), 0) | writers
         args = SimpleNamespace(**flags, system="double", out=tmp_path)
         for flag, name in (("picture", "write_motion"), ("rerun", "record")):
             monkeypatch.setattr(publish, name, lambda path, *_, flag=flag: writers[flag](path))
         return publish.publish(args, {"steps": 7}, None, {}, {}, 1.0, {}, (), None)
 
-    return of
-
-
-def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(outcome, tmp_path):
-    said = outcome(rerun=lambda path: fails(FULL, path))
+    said = published(rerun=writes("half", FULL))
     assert said.endswith("metrics.json, but no constraints.rrd: No space left on device")
     numbers = contents(tmp_path)
     assert list(numbers) == ["metrics.json"] and json.loads(numbers["metrics.json"])["steps"] == 7
-    old = {"metrics.json": "old", "constraints.rrd": "old", "motion.svg": "old"}
-    for name, text in old.items():
-        (tmp_path / name).write_text(text)
+    old = dict.fromkeys(("metrics.json", "constraints.rrd", "motion.svg"), "old")
+    files.write_together(tmp_path, dict.fromkeys(old, writes("old")))
     for error in (FULL, ZeroDivisionError()):  # a mistake in a writer is no missing file
         with pytest.raises(type(error)):
-            outcome(picture=lambda path: path.touch(), rerun=lambda path, e=error: fails(e, path))
+            published(picture=writes("new"), rerun=writes("half", error))
         assert contents(tmp_path) == old
-    outcome(picture=lambda path: path.write_text("new"))  # nothing old stays beside it
+    published(picture=writes("new"))  # nothing old stays beside it
     assert sorted(contents(tmp_path)) == ["metrics.json", "motion.svg"]
