@@ -8,7 +8,6 @@ import sys
 import time
 import tomllib
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 
 import constraints as c
@@ -19,6 +18,7 @@ import pytest
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
+START = "import os, signal, sys\nfrom curriculum.common.cli import run_script\ndef main():\n    "
 REFUSED = {  # what the line must repeat, beside each flag with a value
     "--dt=0 --dt=-1 --dt=nan --dt=inf --dt=abc --dt=1e-320 --dt=1e308 --steps=0 --steps=1.5": "",
     f"--steps=1e3 --steps=\u0663 --steps=1_000 --steps={10**24} --seed=-1 --seed=x --seed=--": "",
@@ -35,42 +35,40 @@ REFUSED = {  # what the line must repeat, beside each flag with a value
 }
 
 
-def program(*words, python=(c.__file__,), before=None, **settings):
-    """A process of its own that runs constraints.py with these words, or what `python` is told."""
-    command = [sys.executable, *python, *map(str, words)]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
-    return subprocess.run(command, preexec_fn=before, **{"cwd": c.HERE} | pipes | settings)
+@pytest.fixture
+def script(python):
+    """script(lines): what a process of its own says whose main is these lines."""
+    return lambda lines, **settings: python(
+        "-c", START + lines.replace("\n", "\n    ") + "\nrun_script(main)", **settings
+    )
 
 
-def script(lines, before=None):
-    """What a process of its own says whose main is `lines`."""
-    body = "".join(f"    {line}\n" for line in lines.splitlines())
-    start = "import os, signal, sys, numpy\nfrom curriculum.common.cli import run_script\n"
-    return program(python=["-c", f"{start}def main():\n{body}run_script(main)"], before=before)
+@pytest.fixture
+def refusal(capsys):
+    """refusal(words): main's one line; no folder can be written, which is told last."""
 
+    def of(*words):
+        with pytest.raises(SystemExit, match="2"):
+            c.main(["--out", "/dev/null/below", *map(str, words)])
+        printed, line = capsys.readouterr()
+        assert printed == "" and re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
+        return line
 
-def refusal(capsys, *words):
-    """The one line with which main refuses `words`; no folder can be written: that comes last."""
-    with pytest.raises(SystemExit) as end:
-        c.main(["--out", "/dev/null/below", *map(str, words)])
-    printed, line = capsys.readouterr()
-    assert (end.value.code, printed) == (2, "")
-    assert re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
-    return line
+    return of
 
 
 @pytest.mark.parametrize(("flags", "repeated"), REFUSED.items())
-def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(flags, repeated, capsys):
+def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(flags, repeated, refusal):
     for words in flags.split(" ") if "=" in flags else [flags]:
-        line, (flag, _, value) = refusal(capsys, *words.split("|")), words.partition("=")
+        line, (flag, _, value) = refusal(*words.split("|")), words.partition("=")
         assert all(part in line for part in repeated.split("|"))
         assert not value or (f"argument {flag}: " in line and repr(value) in line), words
 
 
-def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
+def test_where_results_cannot_go_is_said_before_the_run(tmp_path, refusal):
     (tmp_path / "constraints.rrd").mkdir()
     for out in (tmp_path, tmp_path / "constraints.rrd" / ("x" * 5000), "/dev/null", ""):
-        line = refusal(capsys, *SHORT, "--out", out)
+        line = refusal(*SHORT, "--out", out)
         assert f"argument --out: cannot write to {str(out)[:60]!r}"[:-1] in line
     assert c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"]) == 0
 
@@ -83,59 +81,65 @@ def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch)
             c.main([flag])
         shown[flag] = capsys.readouterr().out.splitlines()
         assert len(shown[flag]) <= 40 and max(map(len, shown[flag])) <= 80
-    files = {path.stem for path in (c.HERE / c.CHAPTER / "scenes").glob("*.json")}
+    files, studies = (
+        {path.stem for path in (c.HERE / c.CHAPTER).glob(names)}
+        for names in ("scenes/*.json", "studies/[!_]*.py")
+    )
     assert {line.split()[0] for line in shown["--scenes"]} == files | {*c.SYSTEMS, "chain"}
     assert all(len(line.split()) > 3 for line in shown["--scenes"])
     assert {"which system:", "which method:", "results:", "for CI:"} <= set(shown["--help"])
-    studies = {path.stem for path in (c.HERE / c.CHAPTER / "studies").glob("[!_]*.py")}
     assert studies <= set(re.findall(r"\w+", "".join(shown["--help"][-4:])))
 
 
-def test_a_run_without_a_recording_never_imports_rerun_and_importing_writes_nothing(tmp_path):
-    code = f"import sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
-    for work in ("", "; c.main(sys.argv[1:])"):
-        quiet = f"{code}{work}; assert 'rerun' not in sys.modules"
-        done = program(*SHORT, python=["-c", quiet], cwd=tmp_path)
-        assert (done.returncode, done.stderr, bool(done.stdout)) == (0, "", bool(work))
-        assert bool(list(tmp_path.iterdir())) == bool(work)
+def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(python, tmp_path):
+    code = f"import os, sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
+    code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
+    done = python("-c", code, *SHORT, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
+    assert list(tmp_path.iterdir())
 
 
 # --- what ends a program ---
-def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
-    wrong = "import numpy\ndef wrong(path):\n    numpy.stack([numpy.ones(2), numpy.ones(3)])\n"
-    (tmp_path / "mine.py").write_text(wrong)
-    lines = f"sys.path.insert(0, {str(tmp_path)!r})\nfrom mine import wrong\nfrom curriculum.common"
-    done = script(f"{lines}.files import write_whole\nwrite_whole({str(tmp_path / 'a')!r}, wrong)")
+def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import numpy\ndef wrong(path):\n    numpy.stack([[1], []])\n"
+    )
+    done = script(
+        f"sys.path.insert(0, {str(tmp_path)!r})\nfrom mine import wrong\n"
+        f"from curriculum.common.files import write_whole\nwrite_whole({str(tmp_path / 'a')!r}, wrong)"
+    )
     files = re.findall(r'File "(.+?)", line (\d+)', done.stderr)
     assert files[-1] == (str(tmp_path / "mine.py"), "3") and len(files) <= 2
     assert done.stderr.splitlines()[-1].startswith("ValueError: ") and done.returncode == 1
 
 
-def test_an_end_to_be_expected_is_one_line_and_a_missing_package_names_what_brings_it():
-    ends = {
-        "raise MemoryError": "-c: error: not enough memory; ask for fewer rods, members or steps",
-        "raise OSError(28, 'Full', 'a.json')": "-c: error: Full: a.json",
-        "raise BrokenPipeError": "",
-        "raise SystemExit('so be it')": "so be it",
-    }
+ENDS = {
+    "raise MemoryError": "-c: error: not enough memory; ask for fewer rods, members or steps",
+    "raise OSError(28, 'Full', 'a.json')": "-c: error: Full: a.json",
+    "raise SystemExit('so be it')": "so be it",
+    "sys.modules['scipy'] = None\nimport scipy": "-c: error: scipy is not installed: "
+    "pip install -e '.[compare]'",
+}
+
+
+@pytest.mark.parametrize(("lines", "said"), ENDS.items())
+def test_an_end_to_be_expected_is_one_line(lines, said, script):
+    done = script(lines)
+    assert (done.returncode, done.stderr.strip()) == (1, said)
+
+
+def test_a_missing_package_is_one_that_is_known_and_others_are_mistakes(script, python):
     extras = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
     known = {"": extras["dependencies"], **extras["optional-dependencies"]}
     for package, extra in cli.EXTRAS.items():
         assert any(x.startswith(package) for x in known[extra.strip("[]")]), package
-        line = f"-c: error: {package} is not installed: pip install -e '.{extra}'"
-        ends[f"sys.modules[{package!r}] = None\nimport {package}"] = line
-    for lines, line in ends.items():
-        done = script(lines)
-        assert (done.returncode, done.stderr.strip()) == (1, line), lines
     assert "Traceback" in script("raise ImportError").stderr
-    hangup = "os.kill(os.getpid(), signal.SIGHUP)"  # under nohup
-    assert not script(hangup, partial(signal.signal, signal.SIGHUP, signal.SIG_IGN)).returncode
-    done = program(python=["-S", c.__file__], env=os.environ | {"PYTHONPATH": ""})
+    done = python("-S", c.__file__, variables={"PYTHONPATH": ""})
     assert done.returncode == 1 and re.fullmatch("numpy is not installed: [^\n]+\n", done.stderr)
 
 
 @posix
-def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
+def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(script, python, tmp_path):
     import resource
 
     # a job in the background is born ignoring the signal
@@ -147,36 +151,34 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
         _, said = process.communicate(timeout=60)
     assert process.returncode and re.fullmatch(r"\n?constraints\.py: interrupted[^\n]*\n", said)
     little = partial(resource.setrlimit, resource.RLIMIT_AS, (4 << 30, 4 << 30))
-    done = program("--steps", 10**9, "--no-rerun", "--out", tmp_path / "x", before=little)
+    done = python(*command[1:], "--no-rerun", preexec_fn=little)
     assert "not enough memory" in done.stderr and done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+    nohup = partial(signal.signal, signal.SIGHUP, signal.SIG_IGN)
+    assert not script("os.kill(os.getpid(), signal.SIGHUP)", preexec_fn=nohup).returncode
 
 
 @posix
-def test_a_full_closed_or_narrow_terminal_and_a_reader_that_has_seen_enough(tmp_path):
+def test_a_full_closed_or_narrow_terminal_and_a_reader_that_has_seen_enough(
+    script, python, tmp_path
+):
+    run, closed = partial(python, c.__file__, *SHORT, "--out"), partial(os.closerange, 0, 3)
     with open("/dev/full", "w") as full:
-        done = program(*SHORT, "--out", tmp_path, stdout=full)
-    assert (done.returncode, done.stderr) == (1, "constraints.py: error: No space left on device\n")
-    for python in (
-        [c.__file__],
-        ["-u", c.__file__],
-    ):  # as `| head -0` does: closed before anything is printed
+        done = script("print(1)", stdout=full)
+    assert (done.returncode, done.stderr) == (1, "-c: error: No space left on device\n")
+    for flush in (False, True):  # as `| head -0` does: closed before anything is printed
         read, write = os.pipe()
         os.close(read)
-        with os.fdopen(write, "w") as closed:
-            done = program(*SHORT, "--out", tmp_path, python=python, stdout=closed)
+        with os.fdopen(write, "w") as unread:
+            done = script(f"print(1, flush={flush})", stdout=unread)
         assert (done.returncode, done.stderr) == (1, "")
-    for closed in ((1,), (0, 1, 2)):
-        shut = partial(lambda closed: [os.close(k) for k in closed], closed)
-        done = program(*SHORT, "--out", tmp_path, before=shut)
-        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    narrow = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = program(*SHORT, "--out", tmp_path / "\u00e4", env=narrow)
+    done = run(tmp_path, preexec_fn=closed)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    done = run(tmp_path / "\u00e4", variables={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0 and done.stdout.rstrip().endswith("\\xe4/motion.svg")
     # or what a library writes to a closed stream would be in a file that took its number
-    done = script("return os.open(os.devnull, 0)", lambda: [os.close(k) for k in range(3)])
-    assert done.returncode > 2
-    assert script("numpy.ones(1) / 0.0").stderr == ""  # a warning of numpy's is for nobody
+    assert script("return os.open(os.devnull, 0)", preexec_fn=closed).returncode > 2
+    assert script("import numpy; numpy.ones(1) / 0.0").stderr == ""  # numpy's warnings, for nobody
 
 
 # --- the banner, and what takes long ---
@@ -188,45 +190,47 @@ def test_only_a_default_run_begins_with_how_long_one_took(tmp_path):
         assert line.startswith("ch3.4 constraints | device cpu") and len(line) <= 80
 
 
-def test_progress_of_all_parts_is_told_to_a_terminal(monkeypatch, capsys):
+LONG, BRIEF = (0.0, 5.0, 10.0, 20.0, 30.0), (0.0, 0.1, 0.4, 1.0, 1.5)
+TOLD = ["soft: 25% of all, about 15 s left", "", "none: 75% of all, about 7 s left", ""]
+
+
+@pytest.mark.parametrize(("terminal", "times"), [(True, LONG), (True, BRIEF), (False, LONG)])
+def test_progress_of_all_parts_is_told_to_a_terminal(terminal, times, monkeypatch, capsys):
     """Unless it is short, or has hardly begun."""
-    long, short = (0.0, 5.0, 10.0, 20.0, 30.0), (0.0, 0.1, 0.4, 1.0, 1.5)
-    told = ["soft: 25% of all, about 15 s left", "", "none: 75% of all, about 7 s left", ""]
-    for terminal, times in ((True, long), (True, short), (False, long)):
-        clock, shown = iter([*times, *times]), []
-        monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=clock.__next__))
-        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal, raising=False)
-        for _ in banner.in_parts(["soft", "none"]):
-            tick = banner.progress("swinging", 1000)
-            for step in (500, 1000):
-                tick(step)
-                shown.append(capsys.readouterr().err.replace("\x1b[K", "").strip()[9:])
-        assert shown == (told if terminal and times == long else [""] * 4)
+    clock, shown = iter(times), []
+    monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=clock.__next__))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    for _ in banner.in_parts(["soft", "none"]):
+        tick = banner.progress("swinging", 1000)
+        for step in (500, 1000):
+            tick(step)
+            shown.append(capsys.readouterr().err.replace("\x1b[K", "").strip()[9:])
+    assert shown == (TOLD if terminal and times == LONG else [""] * 4)
+
+
+def test_a_time_is_told_without_more_digits_than_an_estimate_has():
     words = {0.2: "1 s", 45: "45 s", 170: "3 min", 8000: "2 h", 1e6: "278 h"}
     assert all(banner.about(seconds) == f"about {text}" for seconds, text in words.items())
 
 
 @posix
-def test_the_command_that_shows_a_recording_works_as_pasted(tmp_path, monkeypatch):
+def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, monkeypatch):
     """With whichever python ran, and where there is no display, by opening a browser."""
-    pytest.importorskip("rerun", reason="the viewer: pip install -e .")
-    c.main(["--smoke", "--no-picture", "--stabilization", "none", "--out", str(tmp_path / "a b")])
-    monkeypatch.chdir(Path(sys.executable).parents[2])
+    monkeypatch.chdir(os.path.dirname(os.path.dirname(sys.executable)))
     monkeypatch.setenv("DISPLAY", ":0")
-    window = publish.look(tmp_path / "a b" / publish.RECORDING)
+    window = publish.look(smoke[1] / publish.RECORDING)
     assert not window.startswith("/") and "--web-viewer" not in window
     assert subprocess.run(f"{window} --version", shell=True, capture_output=True).returncode == 0
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    opened = tmp_path / "opened"
-    monkeypatch.setenv("BROWSER", str(browser := tmp_path / "browser"))
+    opened, browser = tmp_path / "opened", tmp_path / "browser"
+    monkeypatch.setenv("BROWSER", str(browser))
     browser.write_text(f"#!/bin/sh\necho $1 > {opened}\n")
     browser.chmod(0o700)
     # the usual ports may be taken; and rerun has a child, which outlives it: end the whole group
-    command = f"{publish.look(tmp_path / 'a b' / publish.RECORDING)} --port 0 --web-viewer-port 0"
-    viewer = subprocess.Popen(
-        command, shell=True, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    command = f"{publish.look(smoke[1] / publish.RECORDING)} --port 0 --web-viewer-port 0"
+    quiet = {"stderr": subprocess.DEVNULL, "start_new_session": True}
+    viewer = subprocess.Popen(command, shell=True, **quiet)
     try:
         end = time.monotonic() + 30.0
         while time.monotonic() < end and viewer.poll() is None and not opened.exists():

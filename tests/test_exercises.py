@@ -1,9 +1,10 @@
 """The exercises: solved they pass, unedited they ask, and a wrong answer is told of."""
 
 import json
+import runpy
 import shutil
+import signal
 import subprocess
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -27,47 +28,53 @@ TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
 def load(tmp_path):
     """load(name, right, wrong) -> an exercise solved, with `wrong` for `right` in its solution."""
 
-    def load(name, right="", wrong=""):
-        path = HERE / f"solutions/{name}.py"
-        source = path.read_text(encoding="utf-8")
+    def of(name, right="", wrong=""):
+        source = (HERE / f"solutions/{name}.py").read_text(encoding="utf-8")
         assert right in source
-        answers = ModuleType(path.stem)
-        answers.__file__ = str(path)
-        source = source.replace(right, wrong) if right else source
-        exec(compile(source, path, "exec"), vars(answers))
+        answers = ModuleType(name)
+        answers.__file__ = str(HERE / f"solutions/{name}.py")
+        exec(source.replace(right, wrong) if right else source, vars(answers))
         exercise = solutions.solve(name, vars(answers))
         exercise.NOTE = tmp_path / "outputs/note.json"
         if hasattr(exercise, "predict"):
             write_down(exercise.NOTE, exercise.predict(), {})
         return exercise
 
-    return load
+    return of
 
 
-def script(name, *command):
-    """A script, run as a reader would, from the project's folder; its errors among its output."""
-    command, pipe = command or (sys.executable, "-m", f"{FOLDER}.{name}"), subprocess.PIPE
-    return subprocess.run(command, cwd=c.HERE, stdout=pipe, stderr=subprocess.STDOUT, text=True)
+@pytest.fixture
+def script(monkeypatch, capsys):
+    """script(name or function): the exit status of a script, and the text that it printed."""
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # these are the tests' own
+
+    def of(what, *arguments):
+        with pytest.raises(SystemExit) as end:
+            what(*arguments) if callable(what) else runpy.run_path(what, run_name="__main__")
+        print(repr(end.value.code)[-3000:], file=__import__("sys").__stderr__)
+        return end.value.code, capsys.readouterr().out
+
+    return of
 
 
 @pytest.mark.parametrize("name", CHECKS)
-def test_a_solution_passes_and_prints_what_its_text_says(name):
-    done = script(f"solutions.{name}")
+def test_a_solution_passes_and_prints_what_its_text_says(name, script):
     blocks = {block["command"]: block["body"] for block in figures.BLOCK.finditer(TEXT)}
-    assert done.returncode == 0 and f"{name}.py: solved" in done.stdout
-    assert blocks[f"python -m {FOLDER}.solutions.{name}"] == done.stdout
+    status, printed = script(HERE / f"solutions/{name}.py")
+    assert printed == blocks[f"python -m {FOLDER}.solutions.{name}"]
+    assert status == 0 and f"{name}.py: solved" in printed
 
 
 @pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
-def test_an_unedited_exercise_is_skipped_with_what_to_do():
+def test_an_unedited_exercise_is_skipped_with_what_to_do(python, script):
     """By the command that the text gives; and the scripts themselves end by saying the same."""
-    done = script("", sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(HERE))
+    done = python("-m", "pytest", "-p", "no:cacheprovider", HERE)
     asked = [line.partition("to do: ")[2] for line in done.stdout.splitlines() if "to do: " in line]
     assert done.returncode == 0 and len(asked) == len(CHECKS)
     assert f"\n{asked[0]}\n" in (HERE / "README.md").read_text(encoding="utf-8")
     for name in (ONE, FIVE):
-        ran = script(name)
-        assert (ran.returncode, ran.stdout.splitlines()[-1]) == (0, asked[[*CHECKS].index(name)])
+        status, printed = script(HERE / f"{name}.py")
+        assert (status, printed.splitlines()[-1]) == (0, asked[[*CHECKS].index(name)])
 
 
 WRONG = [
@@ -92,7 +99,7 @@ WRONG = [
     (FIVE, 'return "impulse"', 'return "project"', "solves more"),
     (FIVE, '"loses": "baumgarte"', '"loses": "project"', "it does hold"),
     (FIVE, '"holds": "impulse"', '"holds": "soft"', "it does not hold"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
@@ -101,14 +108,14 @@ def test_a_wrong_answer_is_told_of(name, right, wrong, says, load):
         CHECKS[name](load(name, right, wrong))
 
 
-def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load, tmp_path):
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load):
     """A wrong one counts; none, or one that was changed afterwards, does not."""
     CHECKS[ONE](load(ONE, '"factor": 16,', '"factor": 2,'))
     changed = load(ONE)
     with pytest.raises(Wrong, match="before the run you wrote down"):
         CHECKS[ONE](changed)
     changed.NOTE.write_text("")  # as a full disk leaves it: written again
-    changed.main()
+    assert write_down(changed.NOTE, changed.predict(), {}) == changed.predict()
     CHECKS[ONE](changed)
     changed.NOTE.unlink()
     with pytest.raises(Blank, match="run it"):
@@ -117,7 +124,7 @@ def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load, tmp_pat
         write_down(changed.NOTE, {"factor": "16"}, {"factor": None})
 
 
-def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, tmp_path):
+def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, script, tmp_path):
     solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
     windows = json.loads((test_answers.SCENES / "windows.json").read_text())
     solution.SCENE = tmp_path / "mine.json"
@@ -129,17 +136,15 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, tmp_path):
         solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
         with pytest.raises(error, match=says):
             CHECKS[FIVE](solution)
-    code = f"import {FOLDER}.ex5_linkage as x; x.SCENE = 'no.json'; x.run(x.main)"
-    broken = script("", sys.executable, "-c", code)
-    assert broken.returncode == 1 and len(broken.stdout.splitlines()) == 1
+    status, said = script(solution.run, solution.main)
+    assert status == 1 and "rods is" in said.splitlines()[-1]
 
 
 def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
     """Those that no script prints, as they are written there."""
     pendulum, double = c.build_system("pendulum"), c.build_system("double")
     no_turn = run(pendulum, hold=c.hold_table()["none"]._replace(use_jdotv=0.0)).violations
-    shorter = -c.rod_errors(pendulum, run(pendulum, "rk4").q[-1])[0]
-    said = [f"{shorter:.1e} m shorter"]
+    said = [f"{-c.rod_errors(pendulum, run(pendulum, 'rk4').q[-1])[0]:.1e} m shorter"]
     said += [f"is {no_turn[100]:.1f} m off after half a second and {no_turn[-1]:.0f} m after 20"]
     tips = [double | {"m": double["m"] * [[1.0], [ratio]]} for ratio in (10.0, 1.0, 0.1)]
     said += [f"{run(system).violations[-1]:.3f} m" for system in tips]
@@ -171,11 +176,10 @@ def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so(load):
     undamped = load(FOUR, "-z * v", "0.0 * v")
     edges = [undamped.decays(*x) for x in (("euler", 0.1), ("semi_implicit", 1.9), ("rk4", 2.8))]
     assert edges == [False, True, True] and not undamped.decays("semi_implicit", 2.1)
-    linkage = load(FIVE)
+    linkage, start = load(FIVE), c.build_system(str(HERE / "my_linkage.json"))
     fast = c.build_system(str(linkage.SCENE))
     fast["v0"] = 3.0 * fast["v0"]
     held = [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE]
     assert held == ["project"]
-    start = c.build_system(str(HERE / "my_linkage.json"))
     if not EDITED:
         assert all(linkage.worst(start, mode) <= linkage.SHARE for mode in c.hold_table())
