@@ -1,4 +1,4 @@
-"""What several test files look at: made once a session."""
+"""What several test files need: processes of their own, and a run that is made once."""
 
 import os
 import subprocess
@@ -8,10 +8,12 @@ import constraints
 
 import pytest
 
+START = "import os, signal, sys\nfrom curriculum.common import cli, files\ndef main():\n    "
+
 
 @pytest.fixture(scope="session")
 def python():
-    """python(*words, **settings): a process of its own, run from the project's folder, completed.
+    """python(*words, **settings): a process, run from the project's folder, that has ended.
 
     `variables` are added to its environment; its output is text, kept apart.
     """
@@ -24,9 +26,20 @@ def python():
     return of
 
 
+@pytest.fixture
+def script(python):
+    """script(lines, *words): such a process whose main, as run_script runs it, is these lines."""
+
+    def of(lines, *words, **settings):
+        body = lines.replace("\n", "\n    ")
+        return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
+
+    return of
+
+
 @pytest.fixture(scope="session")
 def smoke(python, tmp_path_factory):
-    """Two folders, the second of whose name has a space, with all that --smoke writes."""
+    """Two folders, one whose name has a space, each with all that --smoke writes."""
     pytest.importorskip("rerun", reason="the viewer and its recordings: pip install -e .")
     folders = [tmp_path_factory.mktemp(name) for name in ("one", "and two")]
     for folder in folders:

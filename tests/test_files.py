@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 from curriculum.ch3_4_constraints import publish
@@ -13,13 +14,11 @@ from curriculum.common import files
 import pytest
 
 FULL = OSError(28, "No space left on device", "a temporary name")
-HALF = """import os, signal, sys; from curriculum.common import cli, files
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
-def write(path):
+HALF = """def write(path):
     path.write_text("half")
     os.kill(os.getpid(), int(sys.argv[2]))
     while True: pass
-cli.run_script(lambda: files.write_whole(sys.argv[1], write))"""
+files.write_whole(sys.argv[1], write)"""
 FORTY = """import sys, time; from curriculum.common.files import write_together
 for k in range(40):
     put = lambda path: (time.sleep(0.001), path.write_text(f"{sys.argv[2]} {k}"))
@@ -33,7 +32,7 @@ def contents(folder):
 
 
 def writes(text, error=None):
-    """A writer of a text that may then fail."""
+    """A writer of a text that then succeeds or fails."""
 
     def write(path):
         path.write_text(text)
@@ -53,10 +52,9 @@ def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path):
 
 
 def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkeypatch):
-    def interrupted(new, path, replace=os.replace):
-        if path.name == "a":
-            os.kill(os.getpid(), signal.SIGINT)
-        replace(new, path)
+    def interrupted(*paths, replace=os.replace):
+        signal.raise_signal(signal.SIGINT)
+        replace(*paths)
 
     monkeypatch.setattr(files.os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -73,9 +71,10 @@ def test_two_processes_at_once_leave_one_whole_set(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGHUP"])
-def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, python, tmp_path):
+def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, script, tmp_path):
     number = int(getattr(signal, name))
-    done = python("-c", HALF, tmp_path / "a", number)
+    heed = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
+    done = script(HALF, tmp_path / "a", number, preexec_fn=heed)
     assert done.returncode == (-number if name == "SIGKILL" else 128 + number)
     assert len(list(tmp_path.iterdir())) == (name == "SIGKILL")
     files.write_json(tmp_path / "a", 1)
@@ -92,11 +91,11 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
     for path, why in told.items():
         with pytest.raises(OSError, match=why):
             files.check_writable(tmp_path / path)
-    files.check_writable(tmp_path / "file")
-    files.check_writable(tmp_path / "not" / "yet" / "there")
+    for path in ("file", "not/yet/there"):
+        files.check_writable(tmp_path / path)
     with pytest.raises(ValueError, match="not JSON compliant"):
         files.write_json(tmp_path / "new", {"error": float("nan")})
-    assert {path.name for path in tmp_path.rglob("*")} == {"pipe", "folder", "file", "link"}
+    assert {path.name for path in tmp_path.iterdir()} == {"pipe", "folder", "file", "link"}
 
 
 def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(tmp_path, monkeypatch):

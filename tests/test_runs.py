@@ -7,7 +7,6 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import steps
 from curriculum.common.ruler import Truth
-from curriculum.common.runs import distance
 from curriculum.common.steps import Compiled, Plain
 from curriculum.common.trace import Stop
 
@@ -17,10 +16,12 @@ import pytest
 DOUBLE, PENDULUM = c.build_system("double"), c.build_system("pendulum")
 
 
-@pytest.mark.parametrize("mode", ["impulse", "soft"])
-def test_a_force_made_for_another_step_is_refused(mode):
-    with pytest.raises(ValueError, match="is for steps of 0.005 s, not of 0.008 s"):
-        c.simulate(c.semi_implicit_step, DOUBLE, c.make_force(DOUBLE, mode), 0.008, 1)
+def test_a_run_that_could_not_be_right_is_refused():
+    for mode in ("impulse", "soft"):
+        with pytest.raises(ValueError, match="is for steps of 0.005 s, not of 0.008 s"):
+            c.simulate(c.semi_implicit_step, DOUBLE, c.make_force(DOUBLE, mode), 0.008, 1)
+    with pytest.raises(ValueError, match="finite"):
+        run(PENDULUM | {"v0": np.array([[0.0, 0.0, np.nan]])}, steps=1)
 
 
 def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
@@ -29,8 +30,6 @@ def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
     assert found.kind == "diverged" and list(found.kept) == list(range(len(found.tip)))
     assert len(found.tip) < 50
     assert all(np.isfinite(x).all() for x in (*found[:3], found.q, found.v))
-    with pytest.raises(ValueError, match="finite"):
-        run(PENDULUM | {"v0": np.array([[0.0, 0.0, np.nan]])}, steps=1)
     # energy tells first: Euler moves q by the old v, so that rods are right for one more step
     monkeypatch.setattr(c, "external_force", lambda *_: np.array([[0.0, -1e200, 0.0]]))
     found = run(PENDULUM, "euler", steps=5)
@@ -52,16 +51,15 @@ def test_a_step_that_gives_up_ends_a_run_with_its_words(way):
 @pytest.mark.parametrize(("rule", "count"), [("semi_implicit", 20000), ("gauss", 300)])
 def test_every_step_is_measured_whatever_is_kept(rule, count):
     """The three series are those of all states, from the start on and over the edges of blocks."""
-    tip, violations, energies, *_ = full = run(DOUBLE, rule, steps=count, keep=range(count + 1))
-    assert np.array_equal(full.kept, np.arange(count + 1))
-    assert np.array_equal(full.q[0], DOUBLE["q0"]) and np.array_equal(tip, full.q[:, -1])
-    assert np.abs(violations - c.constraint_violation(DOUBLE, full.q)).max() < 1e-14
-    assert np.abs(energies - c.energy(DOUBLE, full.q, full.v)).max() < 1e-12
-    some = [0, 7, count - 60, count]
+    full = run(DOUBLE, rule, steps=count, keep=range(count + 1))
+    same, some = np.array_equal, [0, 7, count - 60, count]
+    assert same(full.kept, np.arange(count + 1)) and same(full.q[0], DOUBLE["q0"])
+    assert same(full.tip, full.q[:, -1])
+    assert np.abs(full.violations - c.constraint_violation(DOUBLE, full.q)).max() < 1e-14
+    assert np.abs(full.energies - c.energy(DOUBLE, full.q, full.v)).max() < 1e-12
     few = run(DOUBLE, rule, steps=count, keep=some)
-    assert np.array_equal(few.q, full.q[some]) and np.array_equal(few.v, full.v[some])
-    assert np.array_equal(few.violations, violations)
-    assert np.array_equal(few.at(7), full.q[7]) and few.at(8) is None
+    assert same(few.q, full.q[some]) and same(few.v, full.v[some])
+    assert same(few.violations, full.violations) and same(few.at(7), full.q[7])
 
 
 def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
@@ -75,9 +73,7 @@ def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
 
 def test_a_summary_is_rounded_and_knows_its_error():
     found = run(DOUBLE, steps=100, keep=[50])
-    assert list(found.kept) == [50, 100]  # the last always is
     moved = found.at(50) + [[0.0, 3e-3, 4e-3], [0.0, 0.0, 1e-3]]
-    assert distance(found.at(50), moved) == pytest.approx(5e-3, rel=1e-12)
     row = found.summary(2.0, Truth(50, moved, 1e-12))
     assert row["error"] == pytest.approx(5e-3, rel=1e-9) and row["stopped"] is None
     assert row["final_violation"] == round(float(found.violations[-1]), 12)
