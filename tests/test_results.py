@@ -6,10 +6,12 @@ from functools import cache
 from io import StringIO
 
 import constraints as c
+from curriculum.ch3_4_constraints import publish
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.ch3_4_constraints.tables import length, per_cent
 from curriculum.common.ruler import Truth, true_position
 
+import numpy as np
 import pytest
 
 
@@ -65,6 +67,18 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(results):
     assert min(errors.values()) <= found["tol"] == 1e-6 < max(errors.values())
     (line,) = marked(lines, "--tol")
     assert all((mode in line.split("not met by")[1]) == (x > 1e-6) for mode, x in errors.items())
+
+
+def test_tensions_are_those_of_the_step_that_a_tolerance_finds(tmp_path, monkeypatch):
+    """Soft's stiffness depends on it."""
+
+    def record(path, args, used, system, runs, rows, fall, pulls, ghost):
+        (q, v), hold = runs["soft"].every(1), c.hold_table(used["dt"])["soft"]
+        assert used["dt"] > 0.01 and np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
+
+    monkeypatch.setattr(publish, "record", record)
+    flags = "--integrator gauss --tol 1e-3 --stabilization soft --steps 450 --no-picture --out"
+    c.main([*flags.split(), str(tmp_path)])
 
 
 @pytest.mark.parametrize("flags", ["--links 40 --system chain", "--system heavy_tip"])
