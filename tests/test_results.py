@@ -60,25 +60,18 @@ def test_links_smoke_and_steps_say_how_many(results):
     assert found["steps"] == 2001  # though 2001 * 0.001 / 0.001 is 2000.9999999999998
 
 
-def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(results):
-    found, lines = results("--integrator gauss --tol 1e-6 --dt 0.005", 450)
+def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(results, monkeypatch):
+    recorded = []
+    monkeypatch.setattr(publish, "record", lambda *run: recorded.extend(run))
+    found, lines = results("--integrator gauss --tol 1e-6 --dt 0.005 --rerun", 450)
     errors = {mode: row["error"] for mode, row in found["results"].items()}
     assert found["dt"] > 0.005 and found["error_at"] == pytest.approx(2.0)
     assert min(errors.values()) <= found["tol"] == 1e-6 < max(errors.values())
     (line,) = marked(lines, "--tol")
     assert all((mode in line.split("not met by")[1]) == (x > 1e-6) for mode, x in errors.items())
-
-
-def test_tensions_are_those_of_the_step_that_a_tolerance_finds(tmp_path, monkeypatch):
-    """Soft's stiffness depends on it."""
-
-    def record(path, args, used, system, runs, rows, fall, pulls, ghost):
-        (q, v), hold = runs["soft"].every(1), c.hold_table(used["dt"])["soft"]
-        assert used["dt"] > 0.01 and np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
-
-    monkeypatch.setattr(publish, "record", record)
-    flags = "--integrator gauss --tol 1e-3 --stabilization soft --steps 450 --no-picture --out"
-    c.main([*flags.split(), str(tmp_path)])
+    _, _, used, system, runs, *_, pulls, _ = recorded  # soft is as stiff as that step allows
+    (q, v), hold = runs["soft"].every(1), c.hold_table(used["dt"])["soft"]
+    assert np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
 
 
 @pytest.mark.parametrize("flags", ["--links 40 --system chain", "--system heavy_tip"])
@@ -117,9 +110,8 @@ def test_a_length_has_two_digits_and_a_unit():
 
 def test_every_mark_and_dash_in_the_table_has_its_sentence(results):
     found, lines = results("--dt 0.05 --baumgarte 40", 1000)
-    assert marked(lines, "baumgarte* ")
     (line,) = marked(lines)
-    assert found["results"]["baumgarte"]["stopped"] in line and line.startswith("* baumgarte div")
+    assert marked(lines, "baumgarte* ") and line.startswith("* baumgarte div")
     assert "- baumgarte: stopped before 2 s" in lines
     assert any("dt*omega 2 is past the limit 0.828" in line for line in lines)
     (line,) = marked(results("--system chain --links 41", 5)[1], "- ")
@@ -134,19 +126,22 @@ def test_a_hopeless_step_still_gives_results(rule, results):
     assert all([x for x in marked(lines, f"* {k} ") if x.endswith(stopped[k])] for k in stopped)
 
 
-def test_the_verdict_is_the_ratio_of_the_worst_rod_errors_where_that_means_something(results):
-    for flags, expected in (("", True), ("--system pendulum", True), ("--baumgarte 0.5", False)):
-        found, lines = results(f"--smoke {flags}".strip())
-        (line,) = marked(lines, "verdict: ")
-        none, helped = (found["results"][mode]["max_violation"] for mode in ("none", "baumgarte"))
-        assert f" = {none / helped:.1f}: {'as expected' if expected else 'UNEXPECTED'}" in line
-        assert (none > 3.0 * helped) == expected
-    meaningless = [
-        ("", 700),  # too short to tell
-        ("--stabilization baumgarte", 1000),  # nothing to compare with
-        ("--system chain", 1000),  # not the chapter's
-        ("--dt 0.05 --baumgarte 40", 1000),  # diverges
-        ("--baumgarte 0", 1000),  # is none itself
-        ("--integrator gauss --dt 0.05", 1000),  # does not drift
-    ]
-    assert not [asked for asked in meaningless if marked(results(*asked)[1], "verdict")]
+@pytest.mark.parametrize("flags", ["", " --system pendulum", " --baumgarte 0.5"])
+def test_the_verdict_is_the_ratio_of_the_worst_rod_errors(flags, results):
+    found, lines = results(f"--smoke{flags}")
+    none, helped = (found["results"][mode]["max_violation"] for mode in ("none", "baumgarte"))
+    verdict = "UNEXPECTED" if "0.5" in flags else "as expected"
+    assert (none > 3.0 * helped) == (verdict == "as expected")
+    assert f" = {none / helped:.1f}: {verdict}" in marked(lines, "verdict: ")[0]
+
+
+def test_there_is_no_verdict_where_it_would_mean_nothing(results):
+    assert not marked(results()[1], "verdict: ")  # too short to tell
+    for flags in (
+        "--stabilization baumgarte",  # nothing to compare with
+        "--system chain",  # not the chapter's
+        "--dt 0.05 --baumgarte 40",  # diverges
+        "--baumgarte 0",  # is none itself
+        "--integrator gauss --dt 0.05",  # does not drift
+    ):
+        assert not marked(results(flags, 1000)[1], "verdict: "), flags
