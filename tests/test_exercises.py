@@ -87,9 +87,14 @@ def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load):
 def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, python, tmp_path):
     solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
     windows = json.loads((test_answers.SCENES / "windows.json").read_text())
-    few = (scene | {"rods": scene["rods"][:2]}, "close no loop"), (scene | {"rods": []}, "rods is")
     solution.SCENE = tmp_path / "mine.json"
-    for content, says in ((windows, "make your own"), *few):
+    shortened = {"position": [1, 0, 0], "velocity": [-0.5, 0, 0]}
+    for content, says in (
+        (windows, "make your own"),
+        (scene | {"rods": scene["rods"][:2]}, "close no loop"),
+        (scene | {"rods": []}, "rods is"),
+        (scene | {"particles": [shortened], "rods": [{"pair": [0, -1]}]}, "stretched at -0.5 m/s"),
+    ):
         solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
         with pytest.raises((Wrong, SceneError), match=says):
             CHECKS[FIVE](solution)
