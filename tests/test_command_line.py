@@ -168,18 +168,20 @@ def test_only_a_default_run_begins_with_how_long_one_took(flags, told, tmp_path)
 
 def test_progress_of_all_parts_is_told_to_a_terminal(monkeypatch, capsys):
     """Unless it is short, or has hardly begun."""
-    long, short = (0.0, 5.0, 10.0, 20.0, 30.0), (0.0, 0.1, 0.4, 1.0, 1.5)
-    told = ["soft: 25% of all, about 15 s left", "", "none: 75% of all, about 7 s left", ""]
+    long = 0.0, 0.1, 5.0, 10.0, 10.1, 20.0, 30.0
+    short = 0.0, 0.1, 0.2, 0.4, 0.5, 1.0, 1.5
+    told = ["", "soft: 25% of all, about 15 s left", "", "none: 50% of all, about 10 s left"]
+    told += ["none: 75% of all, about 7 s left", ""]
     for terminal, times in ((True, long), (True, short), (False, long)):
         clock, shown = iter(times), []
         monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=clock.__next__))
         monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal, raising=False)
         for _ in banner.in_parts(["soft", "none"]):
             tick = banner.progress("swinging", 1000)
-            for step in (500, 1000):
+            for step in (1, 500, 1000):
                 tick(step)
                 shown.append(capsys.readouterr().err.replace("\x1b[K", "").strip()[9:])
-        assert shown == (told if terminal and times == long else [""] * 4)
+        assert shown == (told if terminal and times == long else [""] * 6)
     words = {0.2: "1 s", 45: "45 s", 170: "3 min", 8000: "2 h", 1e6: "278 h"}
     assert all(banner.about(seconds) == f"about {text}" for seconds, text in words.items())
 
