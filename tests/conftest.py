@@ -8,7 +8,7 @@ import constraints
 
 import pytest
 
-START = "import os, signal, sys\nfrom curriculum.common import cli, files\ndef main():\n    "
+START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
 @pytest.fixture(scope="session")

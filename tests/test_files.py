@@ -3,8 +3,7 @@
 import json
 import os
 import signal
-import subprocess
-import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from types import SimpleNamespace
 
@@ -19,10 +18,9 @@ HALF = """def write(path):
     os.kill(os.getpid(), int(sys.argv[2]))
     while True: pass
 files.write_whole(sys.argv[1], write)"""
-FORTY = """import sys, time; from curriculum.common.files import write_together
-for k in range(40):
+FORTY = """for k in range(40):
     put = lambda path: (time.sleep(0.001), path.write_text(f"{sys.argv[2]} {k}"))
-    write_together(sys.argv[1], dict.fromkeys("abc", put))"""
+    files.write_together(sys.argv[1], dict.fromkeys("abc", put))"""
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no signals, locks or pipes there")
 
 
@@ -62,10 +60,10 @@ def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkey
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
-def test_two_processes_at_once_leave_one_whole_set(tmp_path):
-    command = [sys.executable, "-c", FORTY, str(tmp_path)]
-    running = [subprocess.Popen([*command, name]) for name in ("one", "two")]
-    assert [process.wait(60) for process in running] == [0, 0]
+def test_two_processes_at_once_leave_one_whole_set(script, tmp_path):
+    with ThreadPoolExecutor(2) as pool:
+        ended = pool.map(lambda name: script(FORTY, tmp_path, name), ("one", "two"))
+        assert [process.returncode for process in ended] == [0, 0]
     found = contents(tmp_path)
     assert sorted(found) == ["a", "b", "c"] and len(set(found.values())) == 1
 
