@@ -88,12 +88,13 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, python, tmp_path):
     solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
     windows = json.loads((test_answers.SCENES / "windows.json").read_text())
     solution.SCENE = tmp_path / "mine.json"
-    shortened = {"position": [1, 0, 0], "velocity": [-0.5, 0, 0]}
+    ends = [{"position": [0, 1, 0]}, {"position": [1, 0, 0], "velocity": [-0.5, 0, 0]}]
+    shorter = scene | {"particles": ends, "rods": [{"pair": [0, -1]}, {"pair": [1, -1]}]}
     for content, says in (
         (windows, "make your own"),
         (scene | {"rods": scene["rods"][:2]}, "close no loop"),
         (scene | {"rods": []}, "rods is"),
-        (scene | {"particles": [shortened], "rods": [{"pair": [0, -1]}]}, "stretched at -0.5 m/s"),
+        (shorter | {"anchors": [[0, 0, 0]]}, r"rods\[1\] is stretched at -0.5 m/s"),
     ):
         solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
         with pytest.raises((Wrong, SceneError), match=says):
