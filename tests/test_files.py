@@ -3,8 +3,8 @@
 import json
 import os
 import signal
-import subprocess
-import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,8 +13,15 @@ from curriculum.common import files
 
 import pytest
 
-WRITE = "import os, signal, sys, time; from curriculum.common.files import *\n"
 FULL = OSError(28, "No space left on device", "a temporary name")
+HALF = """def write(path):
+    path.write_text("half")
+    os.kill(os.getpid(), int(sys.argv[2]))
+    while True: pass
+files.write_whole(sys.argv[1], write)"""
+FORTY = """for k in range(40):
+    put = lambda path: (time.sleep(0.001), path.write_text(f"{sys.argv[2]} {k}"))
+    files.write_together(sys.argv[1], dict.fromkeys("abc", put))"""
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no signals, locks or pipes there")
 
 
@@ -23,56 +30,50 @@ def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
 
-def fails(error, path):
-    """A writer that gets half done."""
-    path.write_text("half of the resu")
-    raise error
+def writes(text, error=None):
+    """A writer of a text that then succeeds or fails."""
+
+    def write(path):
+        path.write_text(text)
+        if error:
+            raise error
+
+    return write
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL, ZeroDivisionError()])
 def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path):
     (tmp_path / "b").write_text("old")
-    writers = {"a": lambda path: path.write_text("new"), "b": lambda path: fails(error, path)}
     with pytest.raises(type(error)) as raised:
-        files.write_together(tmp_path, writers)
+        files.write_together(tmp_path, {"a": writes("new"), "b": writes("half", error)})
     assert contents(tmp_path) == {"b": "old"}
     assert error is not FULL or raised.value.filename == str(tmp_path / "b")
 
 
 def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkeypatch):
-    def interrupted(new, path, replace=Path.replace):
-        if path.name == "a":
-            os.kill(os.getpid(), signal.SIGINT)
-        replace(new, path)
+    def interrupted(*paths, replace=Path.replace):
+        signal.raise_signal(signal.SIGINT)
+        replace(*paths)
 
     monkeypatch.setattr(files.Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        files.write_together(tmp_path, dict.fromkeys("ab", lambda path: path.write_text("new")))
+        files.write_together(tmp_path, dict.fromkeys("ab", writes("new")))
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
-def test_two_processes_at_once_leave_one_whole_set(tmp_path):
-    code = f"""{WRITE}for k in range(40):
-    put = lambda path: (time.sleep(0.001), path.write_text(f"{{sys.argv[2]}} {{k}}"))
-    write_together(sys.argv[1], dict.fromkeys("abc", put))"""
-    command = [sys.executable, "-c", code, str(tmp_path)]
-    running = [subprocess.Popen([*command, name]) for name in ("one", "two")]
-    assert [process.wait(60) for process in running] == [0, 0]
-    assert sorted(contents(tmp_path)) == ["a", "b", "c"]
-    assert len(set(contents(tmp_path).values())) == 1
+def test_two_processes_at_once_leave_one_whole_set(script, tmp_path):
+    with ThreadPoolExecutor(2) as pool:
+        ended = pool.map(lambda name: script(FORTY, tmp_path, name), ("one", "two"))
+        assert [process.returncode for process in ended] == [0, 0]
+    found = contents(tmp_path)
+    assert sorted(found) == ["a", "b", "c"] and len(set(found.values())) == 1
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGHUP"])
-def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_path):
-    code = f"""{WRITE}from curriculum.common.cli import run_script
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
-def write(path):
-    path.write_text("half")
-    os.kill(os.getpid(), signal.{name})
-    while True: pass
-run_script(lambda: write_whole(sys.argv[1], write))"""
-    number = getattr(signal, name)
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a")], timeout=60)
+def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, script, tmp_path):
+    number = int(getattr(signal, name))
+    heed = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
+    done = script(HALF, tmp_path / "a", number, preexec_fn=heed)
     assert done.returncode == (-number if name == "SIGKILL" else 128 + number)
     assert len(list(tmp_path.iterdir())) == (name == "SIGKILL")
     files.write_json(tmp_path / "a", 1)
@@ -89,38 +90,30 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
     for path, why in told.items():
         with pytest.raises(OSError, match=why):
             files.check_writable(tmp_path / path)
-    files.check_writable(tmp_path / "file")
-    files.check_writable(tmp_path / "not" / "yet" / "there")
+    for path in ("file", "not/yet/there"):
+        files.check_writable(tmp_path / path)
     with pytest.raises(ValueError, match="not JSON compliant"):
         files.write_json(tmp_path / "new", {"error": float("nan")})
-    assert {path.name for path in tmp_path.rglob("*")} == {"pipe", "folder", "file", "link"}
+    assert {path.name for path in tmp_path.iterdir()} == {"pipe", "folder", "file", "link"}
 
 
-@pytest.fixture
-def outcome(tmp_path, monkeypatch):
-    """outcome(picture=, rerun=): what publish says of a run, or its error, by such writers."""
-
-    def of(**writers):
+def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(tmp_path, monkeypatch):
+    def published(**writers):
         flags = dict.fromkeys((*publish.DECIDE, "picture", "rerun"), 0) | writers
         args = SimpleNamespace(**flags, system="double", out=tmp_path)
         for flag, name in (("picture", "write_motion"), ("rerun", "record")):
             monkeypatch.setattr(publish, name, lambda path, *_, flag=flag: writers[flag](path))
         return publish.publish(args, {"steps": 7}, None, {}, {}, 1.0, {}, (), None)
 
-    return of
-
-
-def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(outcome, tmp_path):
-    said = outcome(rerun=lambda path: fails(FULL, path))
+    said = published(rerun=writes("half", FULL))
     assert said.endswith("metrics.json, but no constraints.rrd: No space left on device")
     numbers = contents(tmp_path)
     assert list(numbers) == ["metrics.json"] and json.loads(numbers["metrics.json"])["steps"] == 7
-    old = {"metrics.json": "old", "constraints.rrd": "old", "motion.svg": "old"}
-    for name, text in old.items():
-        (tmp_path / name).write_text(text)
+    old = dict.fromkeys(("metrics.json", "constraints.rrd", "motion.svg"), "old")
+    files.write_together(tmp_path, dict.fromkeys(old, writes("old")))
     for error in (FULL, ZeroDivisionError()):  # a mistake in a writer is no missing file
         with pytest.raises(type(error)):
-            outcome(picture=lambda path: path.touch(), rerun=lambda path, e=error: fails(e, path))
+            published(picture=writes("new"), rerun=writes("half", error))
         assert contents(tmp_path) == old
-    outcome(picture=lambda path: path.write_text("new"))  # nothing old stays beside it
+    published(picture=writes("new"))  # nothing old stays beside it
     assert sorted(contents(tmp_path)) == ["metrics.json", "motion.svg"]
