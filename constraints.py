@@ -400,7 +400,7 @@ def main(argv=None):
         print(run(modes[0], rule, args.dt, 1).source)
         return 0
     print(banner.banner("ch3.4", "constraints", args.device, usual))
-    for mode in hold_table():
+    for mode in list(modes):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
