@@ -29,6 +29,13 @@ def near(lengths, q):
     return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
+def along(x, fixed, pairs):
+    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
+    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
+    ends, (i, j) = np.concatenate([x, fixed], axis=-2), np.transpose(pairs)
+    return x.take(i, axis=-2) - ends.take(j, axis=-2)  # a negative j counts from the end
+
+
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.
 
@@ -49,21 +56,17 @@ def refusal(system, gravity):
     is let through until A, whose eigenvalues are squares of J's singular values, cannot be told
     from a singular matrix: at 1e-8 of the span, with tensions of some 1e8 times the weight.
     """
-    (i, j), lengths = np.transpose(system["pairs"]), system["lengths"]
-
-    def along(x, fixed):
-        return x[i] - np.concatenate([x, fixed[::-1]])[j]  # a negative j counts from the end
-
-    still = np.zeros_like(system["anchors"])
-    rate, unit = along(system["v0"], still), along(system["q0"], system["anchors"])
-    unit = unit / lengths[:, None]
+    pairs, lengths, still = system["pairs"], system["lengths"], np.zeros_like(system["anchors"])
+    rate = along(system["v0"], still, pairs)
+    unit = along(system["q0"], system["anchors"], pairs) / lengths[:, None]
     stretch, slow = np.sum(unit * rate, axis=1), FIT * (1.0 + np.abs(rate).max())
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if len(i) > MOST or not has_loop(tuple(system["pairs"])):
+    if len(pairs) > MOST or not has_loop(tuple(pairs)):
         return None
+    i, j = np.transpose(pairs)
     ends, place = np.unique([i, np.maximum(j, -1)], return_inverse=True)  # others fall freely
     tied = ends[ends >= 0]
     rows = np.zeros((len(i), len(ends), 3))  # J, each row divided by its length
@@ -82,7 +85,7 @@ def refusal(system, gravity):
         accel = np.zeros_like(system["q0"])
         accel[tied] = ((free + held) / root).reshape(-1, 3)
         floor = 1e-12 * (np.abs(gravity).max() + curl.max()) ** 2 / lengths.min()  # of rounding
-        curl = np.sum(along(accel, still) ** 2, axis=1) / lengths
+        curl = np.sum(along(accel, still, pairs) ** 2, axis=1) / lengths
         k = worked_on(self_stresses(rows[rest]), curl[rest], floor)
         k = k if k is None else rest[k]
     if k is None:
