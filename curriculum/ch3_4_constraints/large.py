@@ -69,9 +69,8 @@ class Chain:
     order, way = slice(None), "by arrays: cyclic reduction"
 
     def __init__(self, _, m, lengths):
-        self.lengths, self.inverse = lengths, 1.0 / m
-        self.ends = self.inverse.copy()  # J M^-1 J^T of unit vectors: its diagonal
-        self.ends[1:] += self.inverse[:-1]
+        self.lengths, self.between = lengths, 1.0 / m[:-1]
+        self.own = 1.0 / m + np.append(0.0, self.between)  # A's diagonal, of unit vectors
 
     def vectors(self, x, anchors):
         """x_i - x_j of every rod (3, ..., C), of x (3, ..., N), which at the anchors is (K, 3)."""
@@ -88,10 +87,9 @@ class Chain:
 
     def multipliers(self, d, along, b, x, g, turn, softness=0.0):
         """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
-        diagonal, between = dot(d, along), self.inverse[:-1]
-        diagonal *= (1.0 + softness) * self.ends
-        upper = between * dot(d[..., :-1], along[..., 1:])  # of -A
-        lower = upper if d is along else between * dot(d[..., 1:], along[..., :-1])
+        diagonal = dot(d, along) * ((1.0 + softness) * self.own)
+        upper = self.between * dot(d[..., :-1], along[..., 1:])  # of -A
+        lower = upper if d is along else self.between * dot(d[..., 1:], along[..., :-1])
         return cyclic_reduction(diagonal, upper, lower, b)
 
 
@@ -107,14 +105,14 @@ class Linkage:
         self.order, self.n, self.loop = band_order(pairs), len(m), has_loop(pairs)
         self.lengths, (self.i, self.j) = lengths[self.order], np.array(pairs)[self.order].T
         tied, shares = defaultdict(list), defaultdict(float)
-        for k, (i, j) in enumerate(zip(self.i.tolist(), self.j.tolist(), strict=True)):
+        for k, (i, j) in enumerate(zip(self.i, self.j, strict=True)):
             tied[i].append((k, 1.0))
             tied[j].append((k, -1.0))
         for p in range(self.n):
             for (k, sign), (other, its) in product(tied[p], repeat=2):
                 shares[k, other] += sign * its / m[p]
-        self.rows, self.columns = np.array(sorted(shares)).T
-        self.shares = np.array([shares[place] for place in sorted(shares)])
+        places, self.shares = map(np.array, zip(*sorted(shares.items()), strict=True))
+        self.rows, self.columns = places.T
         self.diagonal = np.flatnonzero(self.rows == self.columns)
         _, self.first_column = np.unique(self.rows, return_index=True)
         self.size = min(len(pairs), max(BLOCK, int(np.max(self.columns - self.rows))))
@@ -223,18 +221,15 @@ def cyclic_reduction(diagonal, upper, lower, b):
 def swept(*arrays):
     """As cyclic_reduction: one sweep out and one back, of numbers or arrays (...)."""
     lists = (x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in arrays)
-    diagonal, upper, lower, b = lists
-    d, y = diagonal[0], b[0]
-    pivots, known = [d], [y]
-    for low, up, own, right in zip(lower, upper, diagonal[1:], b[1:], strict=True):
-        ratio = low / d
-        d, y = own - ratio * up, right + ratio * y
-        pivots.append(d)
-        known.append(y)
-    x = [y / d]
-    for d, y, up in zip(pivots[-2::-1], known[-2::-1], upper[::-1], strict=True):
-        x.append((y + up * x[-1]) / d)
-    return np.moveaxis(np.array(x[::-1]), 0, -1)
+    diagonal, upper, lower, x = lists
+    for k, (up, low) in enumerate(zip(upper, lower, strict=True)):
+        ratio = low / diagonal[k]
+        diagonal[k + 1] = diagonal[k + 1] - ratio * up
+        x[k + 1] = x[k + 1] + ratio * x[k]
+    x[-1] = x[-1] / diagonal[-1]
+    for k in reversed(range(len(upper))):
+        x[k] = (x[k] + upper[k] * x[k + 1]) / diagonal[k]
+    return np.moveaxis(np.array(x), 0, -1)
 
 
 class LargeForce:
