@@ -113,10 +113,10 @@ def in_line(constraint_terms, system, run):
     it stopped."""
     if run.kind not in ("loop", "domain") or len(system["pairs"]) > FEW:
         return ""
-    ends = (system["q0"], system["v0"]), (run.q[-1], run.v[-1])
-    rows = (constraint_terms(system, *end)[0] for end in ends)
-    units = (jac / np.linalg.norm(jac, axis=1, keepdims=True) for jac in rows)
-    (_, before, _), (left, sizes, _) = (np.linalg.svd(unit, full_matrices=False) for unit in units)
+    q, v = np.stack([system["q0"], run.q[-1]]), np.stack([system["v0"], run.v[-1]])
+    rows = constraint_terms(system, q, v)[0]
+    rows = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
+    (_, left), (before, sizes), _ = np.linalg.svd(rows, full_matrices=False)
     last = int(np.sum(before > 1e-6)) - 1  # the weakest combination that held at the start
     if sizes[last] >= 0.2 * before[last]:
         return ""
