@@ -159,11 +159,10 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     lively = {plot: [curve[mode] for mode in alive] for plot, curve in curves.items()}
     ranges = {plot: span(np.concatenate(some), plot) for plot, some in lively.items()}
     line = low + [[0.03 * (high - low)[0], 0.0, 0.0]] + np.outer([0.0, bar], [1.0, 0.0, 0.0])
-    anchors = nodes(system, runs[alive[0]].q[:1])[0, len(system["q0"]) :]
     text = GUIDE.format(title=title(args, used), full=full)
     still = [
         ("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP),
-        ("scene/anchors", rr.Points3D(anchors, radii=0.8 * ball, colors=rgb(GREY))),
+        ("scene/anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(GREY))),
         ("scene/bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=rgb(GREY))),
         ("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)),
     ]
