@@ -1,10 +1,10 @@
 """Scenes of many rods: the chapter's equation once more, on whole arrays.
 
-Straight-line code takes its time to be made, and more the larger the scene. From CHAIN rods in a
-row on, or LINKAGE others, arrays are done sooner, and so are few rods that all feel each other.
-A = J M^-1 J^T is stored as what of it is not zero. A chain's has three diagonals: cyclic reduction.
-Any other linkage's stands near the diagonal once its rods are well ordered: elimination by blocks.
-What a Hold asks for, and when a rod is right, is the chapter's to say: it hands these in.
+Straight-line code takes its time to be made. From CHAIN rods in a row on, or LINKAGE others, arrays
+are done sooner, and so are few rods that all feel each other. A = J M^-1 J^T of a chain has three
+diagonals: cyclic reduction. Any other linkage's stands near the diagonal once its rods are well
+ordered: elimination by blocks. What a Hold asks for, and when a rod is right, is the chapter's to
+say: it hands these in.
 """
 
 from collections import defaultdict
@@ -235,8 +235,7 @@ def swept(*arrays):
 class LargeForce:
     """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
-    Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
-    A lambda = b, where free is J M^-1 f.
+    right_side(hold, lengths, J M^-1 f, g, gdot, jdotv) is b (..., C) in A lambda = b.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
@@ -261,11 +260,8 @@ class LargeForce:
         """f (3, ..., N), rods d (3, ..., C) and their lambda (..., C) at q, v (..., N, 3)."""
         f = self.external_force(self.system, q, v)  # a list, a number, one force for all members
         f = components_first(np.broadcast_to(f, q.shape))
-        (d, g), rate, a = (
-            self.errors(components_first(q)),
-            self.rates(components_first(v)),
-            f / self.m,
-        )
+        (d, g), rate = self.errors(components_first(q)), self.rates(components_first(v))
+        a = f / self.m
         terms = dot(d, self.rates(a)), g, dot(d, rate), dot(rate, rate)
         b = self.right_side(self.hold, self.rods.lengths, *terms)
         return f, d, self.rods.multipliers(d, d, b, a, g, INSTANT * rate, self.hold.softness)

@@ -39,10 +39,9 @@ class SceneList(argparse.Action):
 def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
     """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
-    The metrics are `rows`, what was `used`, and those flags that decide them: equal runs are equal
-    bytes. Nothing of an earlier run stays beside them. A file that cannot be written is left out;
-    but where an earlier run has left it, all stays as it was, and the error is raised. The rest is
-    as `record` and `write_motion` take it.
+    The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
+    run stays beside them. A file that cannot be written is left out; but where an earlier run has
+    left it, all stays as it was, and the error is raised. The rest: as `record` takes it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
     scene, lost = (args, used, system, runs), []

@@ -82,13 +82,6 @@ def rgb(color, share=1.0):
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
 
 
-def span(values, name):
-    """The range of a plot's `values`, and a little room; a spike of force may be cut off."""
-    low, high = np.quantile(values, (0.005, 0.995) if name == FORCES else (0.0, 1.0)).tolist()
-    room = 0.05 * (high - low) + 1e-12
-    return low - room, high + room
-
-
 def empty_corner(curves, ranges):
     """(title of a plot, a corner as "LeftTop") where the fewest points of `curves` {title: [(F,)]}
     are, with `ranges` {title: (low, high)}: there the legend may stand."""
@@ -157,7 +150,12 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
         ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / fall for m, run in runs.items()},
     }
     lively = {plot: [curve[mode] for mode in alive] for plot, curve in curves.items()}
-    ranges = {plot: span(np.concatenate(some), plot) for plot, some in lively.items()}
+    ranges = {}
+    for plot, some in lively.items():
+        part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+        least, most = np.quantile(np.concatenate(some), part).tolist()
+        room = 0.05 * (most - least) + 1e-12
+        ranges[plot] = least - room, most + room
     line = low + [[0.03 * (high - low)[0], 0.0, 0.0]] + np.outer([0.0, bar], [1.0, 0.0, 0.0])
     text = GUIDE.format(title=title(args, used), full=full)
     still = [

@@ -105,7 +105,7 @@ def need(test, field, found, allowed):
 def only(x, field, keys):
     """Raise SceneError unless x is an object that has no keys but `keys`."""
     found = sorted(x) if isinstance(x, dict) else x
-    good = isinstance(x, dict) and set(x) <= set(keys)
+    good = isinstance(x, dict) and {*x} <= {*keys}
     need(good, field, found, f"an object with no keys but {', '.join(keys)}")
 
 
@@ -190,12 +190,10 @@ def column(raw, key, of_file, refuse):
     low = 1 / HUGE if key in ("m", "lengths") else -HUGE
 
     def fits(x):
-        return isinstance(x, kinds) and type(x) is not bool and low < x < HUGE
-
-    def unfit(x):
-        if not row:
-            return not fits(x)
-        return not (isinstance(x, (list, tuple)) and len(x) == row[0] and all(map(fits, x)))
+        if row and not (isinstance(x, (list, tuple)) and len(x) == row[0]):
+            return False
+        numbers = x if row else [x]
+        return all(isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in numbers)
 
     need(isinstance(raw, (list, tuple, np.ndarray)), key, raw, f"a list or an array {shape}")
     try:
@@ -203,7 +201,7 @@ def column(raw, key, of_file, refuse):
     except ValueError:
         array = None  # rows of several lengths
     if array is None or array.dtype.kind not in letters:
-        bad = np.array([unfit(x) for x in raw], dtype=bool)
+        bad = np.array([not fits(x) for x in raw], dtype=bool)
     else:
         axes = array.ndim - len(row)  # one of rows; starts may have more, of members
         right = array.shape[axes:] == row and (axes == 1 or (axes > 1 and key in ("q0", "v0")))

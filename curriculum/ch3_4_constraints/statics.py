@@ -41,20 +41,18 @@ def refusal(system, gravity):
 
     Two things are proof, gravity (3,) in m/s^2 being all that pulls beside the rods. First, J v
     must be zero. Second, let u be a self-stress: tensions that cancel at every particle, J^T u = 0.
-    Where rods move from d to d + e and keep their lengths, d . e + e . e / 2 = 0 for each. Add that
-    up with u: the first terms are (J^T u) . (what the particles move) = 0, so that
+    Rods that move from d to d + e and keep their lengths have d . e + e . e / 2 = 0. Add that up
+    with u: the first terms are (J^T u) . (what the particles move) = 0, so that
 
         sum_k u_k |e_k|^2 = 0
 
     holds for every motion whatever. With e = rate t + o(t) that asks for sum_k u_k |rate_k|^2 = 0:
     else J a + Jdot v = 0 has no solution. If the rods of u are at rest, finite and continuous
-    tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0 is left. The linear system has
-    a solution even then, lambda = 0 for a level cable: what it says is that the cable falls, and no
-    rigid one can. Both conditions are linear in u: a vector has no part along the self-stresses.
+    tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0 is left, though the linear
+    system then has a solution: a level cable falls, which no rigid one can.
 
     A cable that sags ever so little has no self-stress, and a tension that is large, but finite. It
-    is let through until A, whose eigenvalues are squares of J's singular values, cannot be told
-    from a singular matrix: at 1e-8 of the span, with tensions of some 1e8 times the weight.
+    is let through until A cannot be told from a singular matrix: at 1e-8 of the span.
     """
     pairs, lengths, still = system["pairs"], system["lengths"], np.zeros_like(system["anchors"])
     rate = along(system["v0"], still, pairs)
