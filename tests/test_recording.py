@@ -45,9 +45,14 @@ def chunks(reader, **store):
 def made(folder, *flags):
     """What a run was recorded of, and its files read again: `found` {entity: {column: rows}},
     `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
-    given, path = [], folder / publish.RECORDING
+    what, path = {}, folder / publish.RECORDING
+
+    def noted(*given):
+        what.update(inspect.signature(recording.record).bind(*given).arguments, path=path)
+        recording.record(*given)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(publish, "record", lambda *all: given.extend(all) or recording.record(*all))
+        patch.setattr(publish, "record", noted)
         c.main([*flags, "--out", str(folder)])
     reader, views = RrdReader(str(path)), {}
     (store,), (blueprint,) = reader.recordings(), reader.blueprints()
@@ -57,9 +62,9 @@ def made(folder, *flags):
             inside = [some for name, some in pages.items() if name.startswith(f"{entity}/")]
             view = {name: x[0] for some in (*inside, page) for name, x in some.items()}
             views[f"/{view['space_origin'][0]}"] = view
-    what = inspect.signature(recording.record).bind(*given).arguments | {"path": path}
-    what |= {"drawn": ElementTree.parse(folder / publish.PICTURE).getroot(), "views": views}
-    return SimpleNamespace(**what, found=chunks(reader), id=store.recording_id)
+    drawn = ElementTree.parse(folder / publish.PICTURE).getroot()
+    what |= {"found": chunks(reader), "views": views, "drawn": drawn, "id": store.recording_id}
+    return SimpleNamespace(**what)
 
 
 def colors(entity):

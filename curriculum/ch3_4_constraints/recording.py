@@ -121,7 +121,7 @@ def draw(system, run, pulls, full, color, ball):
     particles = particles.partition([run.q.shape[1]] * len(run.q))
     path, thin = rr.Points3D.columns(positions=run.q[:, -1]), rr.Radius.ui_points(1.5)
     return {
-        "rods": lines(tails, marks, long | True, 3.0, colors=glow.reshape(-1, 3)),
+        "rods": lines(tails, marks, np.ones_like(long), 3.0, colors=glow.reshape(-1, 3)),
         "excess": lines(marks, heads, long, 4.0, rgb(EXCESS)),
         "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),
         "path": (rr.Points3D.from_fields(radii=thin, colors=color), path),
@@ -196,9 +196,9 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     for entity, what in still + [(entity, style) for entity, _, style, _ in moving if style]:
         recording.log(entity, what, static=True)
     recording.flush()  # columns take another way and must not overtake
-    for entity, seconds, _, rows in moving:
+    for entity, seconds, _, drawn in moving:
         time = np.round(1e9 * seconds).astype("timedelta64[ns]")
-        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], rows)
+        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], drawn)
     recording.flush()
     Path(path).write_bytes(memory.drain_as_bytes())
     recording.disconnect()
