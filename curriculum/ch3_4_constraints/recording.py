@@ -180,11 +180,9 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
             moving += [(f"scene/{key}", end, None, gone), (f"scene/lost_{key}", end, None, said)]
         for plot, curve in enumerate(curves.values()):
-            drawn = (
-                rr.SeriesLines(colors=color, names=mode),
-                rr.Scalars.columns(scalars=curve[mode]),
-            )
-            moving.append((f"curves/{plot}/{key}", seconds, *drawn))
+            drawn = rr.Scalars.columns(scalars=curve[mode])
+            style = rr.SeriesLines(colors=color, names=mode)
+            moving.append((f"curves/{plot}/{key}", seconds, style, drawn))
 
     at_once = rr.ChunkBatcherConfig(flush_num_rows=1)  # to the file as it comes, not in a heap
     settings = {"send_properties": False, "batcher_config": at_once}
