@@ -163,10 +163,9 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 
 def as_hold(hold):
-    """A row of the table is itself; a number is Baumgarte's frequency, 0.0 the naive solve."""
-    if isinstance(hold, str):
-        return hold_table()[hold]
-    return hold if isinstance(hold, Hold) else hold_table(baumgarte=hold)["baumgarte"]
+    """A Hold is itself, or a row of the table by name, or Baumgarte's frequency; 0.0 is naive."""
+    named = hold_table()[hold] if isinstance(hold, str) else hold
+    return named if isinstance(named, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
 def right_side(hold, lengths, pushed, g, gdot, jdotv):
@@ -207,12 +206,6 @@ def tensions(system, q, v, hold=0.0):
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
-def unheld(system, q, v, hold=0.0):
-    """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
-    _, _, left = multipliers(system, q, v, hold)
-    return np.max(np.abs(left) / system["lengths"], axis=-1)
-
-
 class Force(namedtuple("Force", "system hold")):
     """The seam of the chapter: force(q, v) -> (N, 3) in N, rods and all, for an integrator."""
 
@@ -226,6 +219,11 @@ class Force(namedtuple("Force", "system hold")):
 
     def tensions(self, q, v):
         return tensions(self.system, q, v, self.hold)
+
+    def unheld(self, q, v):
+        """The largest acceleration (...) along a rod, in m/s^2, that it leaves unanswered."""
+        _, _, left = multipliers(self.system, q, v, self.hold)
+        return np.max(np.abs(left) / self.system["lengths"], axis=-1)
 
 
 def make_force(system, hold, plain=False):
@@ -412,7 +410,7 @@ def main(argv=None):
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     forces, rows = {mode: force_of(mode, dt) for mode in modes}, {}
     for mode, force in forces.items():
-        left = 0.0 if many else np.max(unheld(system, *runs[mode].every(look), force.hold))
+        left = np.max(force.unheld(*runs[mode].every(look)))
         rows[mode] = runs[mode].summary(fall, truth, float(left))
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}

@@ -1,14 +1,15 @@
 """Scenes of many rods: the chapter's equation once more, on whole arrays.
 
-Straight-line code takes its time to be made, and more the larger the scene. From CHAIN rods in a
-row on, or LINKAGE others, arrays are done sooner, and so are few rods that all feel each other.
-A = J M^-1 J^T is stored as what of it is not zero. A chain's has three diagonals: cyclic reduction.
-Any other linkage's stands near the diagonal once its rods are well ordered: elimination by blocks.
-What a Hold asks for, and when a rod is right, is the chapter's to say: it hands these in.
+Straight-line code takes its time to be made. From CHAIN rods in a row on, or LINKAGE others, arrays
+are done sooner, and so are few rods that all feel each other. A = J M^-1 J^T of a chain has three
+diagonals: cyclic reduction. Any other linkage's stands near the diagonal once its rods are well
+ordered: elimination by blocks. What a Hold asks for, and when a rod is right, is the chapter's to
+say: it hands these in.
 """
 
+from collections import defaultdict
 from functools import lru_cache
-from itertools import groupby, product
+from itertools import product
 
 from curriculum.ch3_4_constraints.statics import INSTANT, blur, near
 from curriculum.common.graph import band_order, elimination_order, has_loop
@@ -32,18 +33,19 @@ def takes(system):
     if len(pairs) > LINKAGE or n > 2 * LINKAGE:
         return True
     fill = sum(len(rest) ** 2 for _, rest in elimination_order(pairs))
-    return fill > FILL or (len(pairs) > CHAIN and isinstance(arranged(pairs, n), Chain))
+    return fill > FILL or (len(pairs) > CHAIN and in_a_row(pairs, n))
+
+
+def in_a_row(pairs, n):
+    """Whether rods (i, j), a tuple of tuples, make a chain of all n particles."""
+    return pairs == tuple((k, k - 1) for k in range(n))
 
 
 @lru_cache(8)
-def arranged(pairs, n):
-    """The Chain or the Linkage of rods (i, j), a tuple of tuples, among n particles."""
-    return Chain() if pairs == tuple((k, k - 1) for k in range(n)) else Linkage(pairs, n)
-
-
-def leading_first(a, axes):
-    """The array with its first `axes` axes last: a view."""
-    return a.transpose(*range(axes, a.ndim), *range(axes))
+def arranged(pairs, masses, lengths):
+    """The Chain or the Linkage of such rods; masses in kg and lengths in m are tuples, too."""
+    kind = Chain if in_a_row(pairs, len(masses)) else Linkage
+    return kind(pairs, np.array(masses), np.array(lengths))
 
 
 # Here x, y and z come first: rods d are (3, ..., C), particles (3, ..., N), so that every array is
@@ -52,7 +54,7 @@ def leading_first(a, axes):
 
 def components_first(x):
     """(..., N, 3) -> (3, ..., N), contiguous."""
-    return np.ascontiguousarray(x.transpose(-1, *range(x.ndim - 1)))
+    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
 
 
 def dot(a, b):
@@ -64,7 +66,11 @@ def dot(a, b):
 class Chain:
     """Rods in a row, each tied to the one before it, the first to the first anchor."""
 
-    order, loop, way = slice(None), False, "by arrays: cyclic reduction"
+    order, way = slice(None), "by arrays: cyclic reduction"
+
+    def __init__(self, _, m, lengths):
+        self.lengths, self.between = lengths, 1.0 / m[:-1]
+        self.own = 1.0 / m + np.append(0.0, self.between)  # A's diagonal, of unit vectors
 
     def vectors(self, x, anchors):
         """x_i - x_j of every rod (3, ..., C), of x (3, ..., N), which at the anchors is (K, 3)."""
@@ -79,43 +85,41 @@ class Chain:
         felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle, and back the one before it
         return felt
 
-    def multipliers(self, m, d, along, b, x, slack, turn, softness=0.0):
+    def multipliers(self, d, along, b, x, g, turn, softness=0.0):
         """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
-        w = 1.0 / m
-        ends = w.copy()
-        ends[1:] += w[:-1]
-        diagonal = dot(d, along)
-        diagonal *= (1.0 + softness) * ends
-        upper = w[:-1] * dot(d[..., :-1], along[..., 1:])  # of -A
-        lower = upper if d is along else w[:-1] * dot(d[..., 1:], along[..., :-1])
+        diagonal = dot(d, along) * ((1.0 + softness) * self.own)
+        upper = self.between * dot(d[..., :-1], along[..., 1:])  # of -A
+        lower = upper if d is along else self.between * dot(d[..., 1:], along[..., :-1])
         return cyclic_reduction(diagonal, upper, lower, b)
 
 
 class Linkage:
     """Any other rods, in an order in which those that feel each other stand near one another.
 
-    `rows`, `columns`: where A has entries, ordered. One is a sum over the particles that both rods
-    are tied to, `particles` from `first` on, with `signs`. `places`: the entries' in the blocks
+    `rows`, `columns`: where A has entries, ordered; `shares`: what they are of unit vectors, a sum
+    over the particles that both rods are tied to. `places`: the entries' in the blocks
     (3, count, size, size), which stand on A's diagonal, right of it and, at -1, below it.
     """
 
-    def __init__(self, pairs, n):
-        self.order, self.n = band_order(pairs), n
-        self.i, self.j = np.array(pairs)[self.order].T
-        sides = (1, self.i), (-1, self.j)
-        ends = sorted((p, k, s) for s, side in sides for k, p in enumerate(side) if p >= 0)
-        meet = (product(tuple(tied), repeat=2) for _, tied in groupby(ends, lambda end: end[0]))
-        meet = sorted((k, o, p, s * t) for both in meet for (p, k, s), (_, o, t) in both)
-        rows, columns, self.particles, self.signs = np.array(meet).T
-        _, self.first = np.unique(rows * len(pairs) + columns, return_index=True)
-        self.rows, self.columns = rows[self.first], columns[self.first]
+    def __init__(self, pairs, m, lengths):
+        self.order, self.n, self.loop = band_order(pairs), len(m), has_loop(pairs)
+        self.lengths, (self.i, self.j) = lengths[self.order], np.array(pairs)[self.order].T
+        tied, shares = defaultdict(list), defaultdict(float)
+        for k, (i, j) in enumerate(zip(self.i, self.j, strict=True)):
+            tied[i].append((k, 1.0))
+            tied[j].append((k, -1.0))
+        for p in range(self.n):
+            for (k, sign), (other, its) in product(tied[p], repeat=2):
+                shares[k, other] += sign * its / m[p]
+        places, self.shares = map(np.array, zip(*sorted(shares.items()), strict=True))
+        self.rows, self.columns = places.T
         self.diagonal = np.flatnonzero(self.rows == self.columns)
+        self.own = self.shares[self.diagonal]
         _, self.first_column = np.unique(self.rows, return_index=True)
         self.size = min(len(pairs), max(BLOCK, int(np.max(self.columns - self.rows))))
         self.count = -(-len(pairs) // self.size)
         (k, row), (o, column) = (np.divmod(x, self.size) for x in (self.rows, self.columns))
         self.places = np.sign(o - k), np.minimum(k, o), row, column
-        self.loop = has_loop(pairs)
         self.way = f"by arrays: blocks of {self.size} rods"
 
     def vectors(self, x, anchors):
@@ -132,25 +136,25 @@ class Linkage:
         np.subtract.at(force, (..., self.j), felt)
         return force[..., : self.n]
 
-    def multipliers(self, m, d, along, b, x, slack, turn, softness=0.0):
+    def multipliers(self, d, along, b, x, g, turn, softness=0.0):
         """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
-        a share `slack` (..., C) more and A what `turn` (3, ..., C) makes of it, and rounds take it
-        back for as long as they help. Raises Stop where b, made of d and differences of x
+        each rod's blur at g (..., C) more and A what `turn` (3, ..., C) makes of it, and rounds
+        take it back for as long as they help. Raises Stop where b, made of d and differences of x
         (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
-            lam, slack = np.empty_like(b), np.broadcast_to(slack, b.shape)
+            lam = np.empty_like(b)
             for at in np.ndindex(b.shape[:-1]):
-                part = d[:, *at], along[:, *at], b[at], x[:, *at], slack[at], turn[:, *at]
-                lam[at] = self.multipliers(m, *part, softness)
+                part = d[:, *at], along[:, *at], b[at], x[:, *at], g[at], turn[:, *at]
+                lam[at] = self.multipliers(*part, softness)
             return lam
-        shares = np.add.reduceat(self.signs / m[self.particles], self.first)
-        values = shares * dot(d[:, self.rows], along[:, self.columns])
+        slack = blur(self.lengths[:, None], g[:, None]) if self.loop else 0.0
+        values = self.shares * dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
         own, spread = values[self.diagonal], values.copy()
         if self.loop:
             spread[self.diagonal] *= 1.0 + SLACK + slack
-            spread += shares * dot(turn[:, self.rows], turn[:, self.columns])
+            spread += self.shares * dot(turn[:, self.rows], turn[:, self.columns])
         solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
         while True:
@@ -196,29 +200,20 @@ def cyclic_reduction(diagonal, upper, lower, b):
     Every other x is eliminated, and again: R. W. Hockney, J. ACM 12 (1965) 95. By + - * / alone:
     the same on every processor.
     """
-    n, times = b.shape[-1], 0
-    while n >> times > SWEEP:
-        times += 1
-    if not times:
+    n = b.shape[-1]
+    if n <= SWEEP:
         return swept(diagonal, upper, lower, b)
-    if more := -(n + 1) % 2**times:  # unknowns tied to nothing: each odd one gets two neighbours
-        padded = np.zeros((4, *b.shape[:-1], n + more))
-        padded[0, ..., n:] = 1.0
-        for whole, x in zip(padded, (diagonal, upper, lower, b), strict=True):
-            whole[..., : x.shape[-1]] = x
-        diagonal, upper, lower, b = padded
-        return cyclic_reduction(diagonal, upper[..., :-1], lower[..., :-1], b)[..., :n]
     even, y, down, up = diagonal[..., ::2], b[..., ::2], upper[..., ::2], lower[..., 1::2]
-    left, right = lower[..., ::2] / even[..., :-1], upper[..., 1::2] / even[..., 1:]
-    half = diagonal[..., 1::2] - left * down
-    half -= right * up
-    known = b[..., 1::2] + left * y[..., :-1]
-    known += right * y[..., 1:]
-    to_right, to_left = right[..., :-1] * down[..., 1:], left[..., 1:] * up[..., :-1]
-    odd = cyclic_reduction(half, to_right, to_left, known)
+    left, right = lower[..., ::2] / even[..., : n // 2], upper[..., 1::2] / even[..., 1:]
+    half, known = diagonal[..., 1::2] - left * down, b[..., 1::2] + left * y[..., : n // 2]
+    both = slice((n - 1) // 2)  # of the odd ones: the last has no right neighbour if n is even
+    half[..., both] -= right * up
+    known[..., both] += right * y[..., 1:]
+    inner = slice(n // 2 - 1)
+    to_right, to_left = right[..., inner] * down[..., 1:], left[..., 1:] * up[..., inner]
     x = np.empty_like(b)
-    x[..., 1::2], x[..., ::2] = odd, y
-    x[..., 2::2] += up * odd
+    x[..., ::2], x[..., 1::2] = y, (odd := cyclic_reduction(half, to_right, to_left, known))
+    x[..., 2::2] += up * odd[..., both]
     x[..., :-1:2] += down * odd
     x[..., ::2] /= even
     return x
@@ -227,85 +222,84 @@ def cyclic_reduction(diagonal, upper, lower, b):
 def swept(*arrays):
     """As cyclic_reduction: one sweep out and one back, of numbers or arrays (...)."""
     lists = (x.tolist() if x.ndim == 1 else list(np.moveaxis(x, -1, 0)) for x in arrays)
-    diagonal, upper, lower, b = lists
-    d, y = diagonal[0], b[0]
-    pivots, known = [d], [y]
-    for low, up, own, right in zip(lower, upper, diagonal[1:], b[1:], strict=True):
-        ratio = low / d
-        d, y = own - ratio * up, right + ratio * y
-        pivots.append(d)
-        known.append(y)
-    x = [y / d]
-    for d, y, up in zip(pivots[-2::-1], known[-2::-1], upper[::-1], strict=True):
-        x.append((y + up * x[-1]) / d)
-    return leading_first(np.array(x[::-1]), 1)
+    diagonal, upper, lower, x = lists
+    for k, (up, low) in enumerate(zip(upper, lower, strict=True)):
+        ratio = low / diagonal[k]
+        diagonal[k + 1] = diagonal[k + 1] - ratio * up
+        x[k + 1] = x[k + 1] + ratio * x[k]
+    x[-1] = x[-1] / diagonal[-1]
+    for k in reversed(range(len(upper))):
+        x[k] = (x[k] + upper[k] * x[k + 1]) / diagonal[k]
+    return np.moveaxis(np.array(x), 0, -1)
 
 
 class LargeForce:
     """force(q, v) -> N (..., N, 3), rods and all, as the chapter's make_force gives it.
 
-    Takes what the system is now. right_side(hold, lengths, free, g, gdot, jdotv) is b (..., C) in
-    A lambda = b, where free is J M^-1 f. Each rod's own blur is the share of A's diagonal that is
-    uncertain.
+    right_side(hold, lengths, J M^-1 f, g, gdot, jdotv) is b (..., C) in A lambda = b.
     `after`: (q_start, q, v, dt) -> (q, v), what ends a step, or None. `way`: how, in words.
     """
 
     def __init__(self, system, hold, external_force, right_side):
         self.system, self.hold, self.external_force = system, hold, external_force
-        self.right_side = right_side
-        self.rods = arranged(tuple(map(tuple, system["pairs"])), len(system["m"]))
-        self.m, self.lengths = system["m"][:, 0], np.asarray(system["lengths"])[self.rods.order]
+        self.right_side, self.m = right_side, system["m"][:, 0]
+        lengths = tuple(np.asarray(system["lengths"]).tolist())
+        self.rods = arranged(tuple(map(tuple, system["pairs"])), tuple(self.m.tolist()), lengths)
         self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
         self.way, self.after = self.rods.way, self.project if hold.after else None
+
+    def errors(self, x):
+        """Rods d (3, ..., C) of particles x (3, ..., N), and their g (..., C)."""
+        d = self.rods.vectors(x, self.anchors)
+        return d, 0.5 * (dot(d, d) - self.rods.lengths * self.rods.lengths)
 
     def rates(self, x):
         """The difference (3, ..., C) over each rod of velocities or accelerations (3, ..., N)."""
         return self.rods.vectors(x, 0.0 * self.anchors)
 
     def answer(self, q, v):
-        """f (3, ..., N), rods d (3, ..., C) and their lambda (..., C) at q, v (..., N, 3)."""
-        f = self.external_force(self.system, q, v)
-        if np.shape(f) != q.shape:  # a list, a number, one force for all members
-            f = np.broadcast_to(np.multiply(f, 1.0), q.shape)
-        f = components_first(f)
-        d, a = self.rods.vectors(components_first(q), self.anchors), f / self.m
-        rate = self.rates(components_first(v))
-        g, jdotv = 0.5 * (dot(d, d) - self.lengths * self.lengths), dot(rate, rate)
-        terms = dot(d, self.rates(a)), g, dot(d, rate), jdotv
-        b = self.right_side(self.hold, self.lengths, *terms)
-        return f, d, self.multipliers(d, d, b, a, g, INSTANT * rate, self.hold.softness)
-
-    def multipliers(self, d, along, b, x, g, turn, softness=0.0):
-        """lambda (..., C), as the rods find it; each has a blur of its own."""
-        slack = blur(self.lengths[..., None], g[..., None]) if self.rods.loop else 0.0
-        return self.rods.multipliers(self.m, d, along, b, x, slack, turn, softness)
+        """f (3, ..., N), rods d (3, ..., C), lambda and b (..., C), at q, v (..., N, 3)."""
+        f = self.external_force(self.system, q, v)  # a list, a number, one force for all members
+        f = components_first(np.broadcast_to(f, q.shape))
+        (d, g), rate = self.errors(components_first(q)), self.rates(components_first(v))
+        a = f / self.m
+        terms = dot(d, self.rates(a)), g, dot(d, rate), dot(rate, rate)
+        b = self.right_side(self.hold, self.rods.lengths, *terms)
+        return f, d, self.rods.multipliers(d, d, b, a, g, INSTANT * rate, self.hold.softness), b
 
     def __call__(self, q, v):
-        f, d, lam = self.answer(q, v)
-        return leading_first(f + self.rods.pull(d, lam), 1)
+        f, d, lam, _ = self.answer(q, v)
+        return np.moveaxis(f + self.rods.pull(d, lam), 0, -1)
 
     def tensions(self, q, v):
         """Newtons (..., C) with which the rods pull; below zero they push."""
-        _, d, lam = self.answer(q, v)
+        _, d, lam, _ = self.answer(q, v)
         pulls = np.empty_like(lam)
         pulls[..., self.rods.order] = -lam * np.sqrt(dot(d, d))
         return pulls
 
+    def unheld(self, q, v):
+        """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
+        _, d, lam, b = self.answer(q, v)
+        given = self.hold.softness * self.rods.own * dot(d, d) * lam
+        left = b - given - dot(d, self.rates(self.rods.pull(d, lam) / self.m))
+        return np.max(np.abs(left) / self.rods.lengths, axis=-1)
+
     def project(self, q_start, q, v, dt):
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
-        start, end, v = (components_first(x) for x in (q_start, q, v))
-        along, close = self.rods.vectors(start, self.anchors), near(self.lengths, q_start)
+        start, end, v = map(components_first, (q_start, q, v))
+        along, close = self.rods.vectors(start, self.anchors), near(self.rods.lengths, q_start)
 
         def impulse(d, along, b, x, g):
-            return self.rods.pull(along, self.multipliers(d, along, b, x, g, 0.0 * d)) / self.m
+            lam = self.rods.multipliers(d, along, b, x, g, 0.0 * d)
+            return self.rods.pull(along, lam) / self.m
 
         def newton(x):
-            d = self.rods.vectors(x, self.anchors)
-            g = 0.5 * (dot(d, d) - self.lengths * self.lengths)
+            d, g = self.errors(x)
             return x - impulse(d, along, g, x, g), np.max(np.abs(g) / close)
 
-        x = repeat(newton, end, 20, "no way back onto the rods")
-        v, d = v + (x - end) / dt, self.rods.vectors(x, self.anchors)
+        end, before = repeat(newton, end, 20, "no way back onto the rods"), end
+        v, (d, _) = v + (end - before) / dt, self.errors(end)
         gdot = dot(d, self.rates(v))
         v = v - impulse(d, d, gdot, v, 0.0 * gdot)
-        return leading_first(x, 1), leading_first(v, 1)
+        return np.moveaxis(end, 0, -1), np.moveaxis(v, 0, -1)

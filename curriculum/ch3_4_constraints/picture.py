@@ -76,7 +76,7 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
     def lines_through(q):
         return [place(nodes(system, q))[:, line] for line in lines]
 
-    anchors = place(nodes(system, system["q0"][None])[0, len(system["q0"]) :])
+    anchors = place(system["anchors"][::-1])
     still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=GREY) for x, y in anchors]
     if ghost:
         seconds, q = (x[ghost[0] < total + 1e-9] for x in ghost)

@@ -27,10 +27,10 @@ class SceneList(argparse.Action):
 
     def __call__(self, parser, *_):
         counts, folder = self.const
+        counts = counts | {"chain": "--links"}
         named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
-        named["chain"] = "let go level, rods: --links"
-        for path in sorted(folder.glob("scenes/*.json")):
-            named = named | {path.stem: json.loads(path.read_bytes())["about"]}
+        files = sorted(folder.glob("scenes/*.json"))
+        named |= {path.stem: json.loads(path.read_bytes())["about"] for path in files}
         for name, text in named.items():
             print(f"{name:<16} {textwrap.shorten(text, 63, placeholder=' ...')}")
         parser.exit()
@@ -39,33 +39,33 @@ class SceneList(argparse.Action):
 def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
     """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
-    The metrics are `rows`, what was `used`, and those flags that decide them: equal runs are equal
-    bytes. Nothing of an earlier run stays beside them. A file that cannot be written is left out;
-    but where an earlier run has left it, all stays as it was, and the error is raised. The rest is
-    as `record` and `write_motion` take it.
+    The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
+    run stays beside them. A file that cannot be written is left out; but where an earlier run has
+    left it, all stays as it was, and the error is raised. The rest: as `record` takes it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    metrics = partial(dump_json, content=flags | used | {"results": rows})
-    scene, writers = (args, used, system, runs), {}
-    if args.picture:
-        writers[PICTURE] = lambda path: write_motion(path, *scene, shown, ghost)
-    if args.rerun:
-        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
-        writers[RECORDING] = lambda path: record(path, *scene, rows, fall, pulls, ghost)
-    lost = []
+    scene, lost = (args, used, system, runs), []
 
-    def attempt(name, path):
+    def attempt(write, path, *more):
         try:
-            writers[name](path)
+            write(path, *scene, *more)
         except (OSError, ImportError, MemoryError) as error:
-            if (args.out / name).exists():
+            if (args.out / path.name).exists():
                 raise
             path.unlink(missing_ok=True)
             why = getattr(error, "strerror", None) or str(error) or type(error).__name__
-            lost.append(f", but no {name}: {shorten(why)}")
+            lost.append(f", but no {path.name}: {shorten(why)}")
 
+    def recorded(path):
+        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
+        attempt(record, path, rows, fall, pulls, ghost)
+
+    metrics = partial(dump_json, content=flags | used | {"results": rows})
     files = {METRICS: metrics, PICTURE: None, RECORDING: None}
-    files |= {name: partial(attempt, name) for name in writers}
+    if args.picture:
+        files[PICTURE] = lambda path: attempt(write_motion, path, shown, ghost)
+    if args.rerun:
+        files[RECORDING] = recorded
     write_together(args.out, files)
     written = [args.out / name for name in files if (args.out / name).exists()]
     text = f"wrote {', '.join(map(str, written))}{''.join(lost)}"
@@ -76,9 +76,8 @@ def look(recording):
     """The command that shows a recording, in a browser where there is no display."""
     nearby = os.path.relpath(sys.executable)
     short = os.sep in nearby and len(nearby) < len(sys.executable)
-    display = {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ) or sys.platform in (
-        "win32",
-        "darwin",
-    )
-    command = nearby if short else sys.executable, "-m", "rerun", "--web-viewer", str(recording)
-    return shlex.join(word for word in command if not (display and word == "--web-viewer"))
+    window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
+    command = [nearby if short else sys.executable, "-m", "rerun", "--web-viewer", str(recording)]
+    if window:
+        command.remove("--web-viewer")
+    return shlex.join(command)

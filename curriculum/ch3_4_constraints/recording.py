@@ -45,15 +45,14 @@ def verdict(run, dt):
 
 def nodes(system, q):
     """What `pairs` point at: particles, and anchors in reverse, (F, N + K, 3), at q (F, N, 3)."""
-    anchors = np.reshape(system.get("anchors", np.zeros(3)), (-1, 3))
-    return np.concatenate([q, np.broadcast_to(anchors[::-1], (len(q), *anchors.shape))], axis=1)
+    anchors = np.repeat(system["anchors"][None, ::-1], len(q), axis=0)
+    return np.concatenate([q, anchors], axis=1)
 
 
 def rod_ends(system, q):
     """Tails, marks and heads of rods, (F, C, 3) each, at q (F, N, 3): tails are at the partners,
     heads at the particles, and marks where a rod that is too long should end."""
-    q, (i, j) = nodes(system, q), np.transpose(system["pairs"])
-    tails, heads = q[:, j], q[:, i]
+    heads, tails = np.moveaxis(nodes(system, q)[:, system["pairs"]], 2, 0)
     size = np.maximum(np.linalg.norm(heads - tails, axis=-1, keepdims=True), 1e-300)
     share = np.minimum(1.0, np.reshape(system["lengths"], (-1, 1)) / size)
     return tails, tails + share * (heads - tails), heads
@@ -79,21 +78,8 @@ def columns(count, shape, size, words):
 
 def rgb(color, share=1.0):
     """[r, g, b] of a "#rrggbb", or what is `share` (...,) on the way to it from grey: (..., 3)."""
-    goal, grey = (np.array([int(x[k : k + 2], 16) for k in (1, 3, 5)]) for x in (color, GREY))
+    goal, grey = (np.array([*bytes.fromhex(x[1:])]) for x in (color, GREY))
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
-
-
-def glow(pulls, full):
-    """Colours (F * C, 3) of rods with `pulls` (F, C) newtons: grey at none, full at `full`."""
-    share, pull = np.clip(np.abs(pulls) / full, 0.0, 1.0), pulls[..., None] > 0.0
-    return np.where(pull, rgb(PULL, share), rgb(PUSH, share)).reshape(-1, 3)
-
-
-def span(values, name):
-    """The range of a plot's `values`, and a little room; a spike of force may be cut off."""
-    low, high = np.quantile(values, (0.005, 0.995) if name == FORCES else (0.0, 1.0)).tolist()
-    room = 0.05 * (high - low) + 1e-12
-    return low - room, high + room
 
 
 def empty_corner(curves, ranges):
@@ -101,40 +87,44 @@ def empty_corner(curves, ranges):
     are, with `ranges` {title: (low, high)}: there the legend may stand."""
     crowd = {}
     for name, (low, high) in ranges.items():
-        shares = [(curve - low) / (high - low) for curve in curves[name]]
-        sides = {"Left": slice(0, len(shares[0]) // 5), "Right": slice(-len(shares[0]) // 5, None)}
-        for side, part in sides.items():
-            here = np.concatenate([share[part] for share in shares])
-            crowd[name, side + "Top"] = np.sum(here > 0.4)
-            crowd[name, side + "Bottom"] = np.sum(here < 0.6)
+        many = len(curves[name][0])
+        for side, fifth in ("Left", slice(many // 5)), ("Right", slice(-many // 5, None)):
+            share = (np.concatenate([curve[fifth] for curve in curves[name]]) - low) / (high - low)
+            crowd[name, side + "Top"] = np.sum(share > 0.4)
+            crowd[name, side + "Bottom"] = np.sum(share < 0.6)
     return min(crowd, key=crowd.get)
 
 
-def draw(system, run, colors, color, ball):
-    """({entity: its style}, {entity: columns, a row a frame}) of a mode: rods, particles, the path.
+def lines(begins, ends, shown, thickness, color=None, **colors):
+    """A style, and rows of lines between points (F, C, 3), of those that are `shown` (F, C)."""
+    import rerun as rr  # here: a run without a recording never pays for it
 
-    `colors`: of the rods, frame by frame; `color`: of all else; `ball`: the radius of a particle.
+    strips = np.stack([begins, ends], axis=2)[shown]
+    style = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(thickness), colors=color)
+    rows = rr.LineStrips3D.columns(strips=strips, **colors)
+    return style, rows.partition(np.sum(shown, axis=1))
+
+
+def draw(system, run, pulls, full, color, ball):
+    """{entity: (style, rows)} of a mode: rods, particles, the path.
+
+    `pulls` (F, C): newtons of the rods, which glow most at `full`; `color`: of all else; `ball`:
+    the radius of a particle.
     """
     import rerun as rr
 
     tails, marks, heads = rod_ends(system, run.q)
     long = np.linalg.norm(heads - marks, axis=-1) > ball  # else the particle hides it
-    rods = np.stack([tails, marks], axis=2).reshape(-1, 2, 3)
-    excess = rr.LineStrips3D.columns(strips=np.stack([marks, heads], axis=2)[long])
-    rods = rr.LineStrips3D.columns(strips=rods, colors=colors)
-    particles, (count, many) = rr.Points3D.columns(positions=run.q.reshape(-1, 3)), run.q.shape[:2]
-    thick, thin = rr.Radius.ui_points(3.0), rr.Radius.ui_points(1.5)
-    style = {
-        "rods": rr.LineStrips3D.from_fields(radii=thick),
-        "excess": rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(4.0), colors=rgb(EXCESS)),
-        "particles": rr.Points3D.from_fields(radii=ball, colors=color),
-        "path": rr.Points3D.from_fields(radii=thin, colors=color),
-    }
-    return style, {
-        "rods": rods.partition([tails.shape[1]] * count),
-        "excess": excess.partition(long.sum(axis=1)),
-        "particles": particles.partition([many] * count),
-        "path": rr.Points3D.columns(positions=run.q[:, -1]),
+    share = np.clip(np.abs(pulls) / full, 0.0, 1.0)
+    glow = np.where(pulls[..., None] > 0.0, rgb(PULL, share), rgb(PUSH, share))
+    particles = rr.Points3D.columns(positions=run.q.reshape(-1, 3))
+    particles = particles.partition([run.q.shape[1]] * len(run.q))
+    path, thin = rr.Points3D.columns(positions=run.q[:, -1]), rr.Radius.ui_points(1.5)
+    return {
+        "rods": lines(tails, marks, np.ones_like(long), 3.0, colors=glow.reshape(-1, 3)),
+        "excess": lines(marks, heads, long, 4.0, rgb(EXCESS)),
+        "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),
+        "path": (rr.Points3D.from_fields(radii=thin, colors=color), path),
     }
 
 
@@ -147,9 +137,9 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     survive, and one that is lost leaves the picture. The id is made of what was found, and no wall
     clock is written: the same run is the same recording, another run another one.
     """
-    import rerun as rr  # here: a run without a recording never pays for it
+    import rerun as rr
 
-    dt = used["dt"]
+    dt, name = used["dt"], Path(args.system).stem
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     low, high, bar = box(system, runs)
@@ -159,54 +149,54 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
         RODS: {m: np.log10(np.maximum(run.violations[run.kept], FLOOR)) for m, run in runs.items()},
         ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / fall for m, run in runs.items()},
     }
-    lively = {name: [curve[mode] for mode in alive] for name, curve in curves.items()}
-    ranges = {name: span(np.concatenate(some), name) for name, some in lively.items()}
+    lively = {plot: [curve[mode] for mode in alive] for plot, curve in curves.items()}
+    ranges = {}
+    for plot, some in lively.items():
+        part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+        least, most = np.quantile(np.concatenate(some), part).tolist()
+        room = 0.05 * (most - least) + 1e-12
+        ranges[plot] = least - room, most + room
     line = low + [[0.03 * (high - low)[0], 0.0, 0.0]] + np.outer([0.0, bar], [1.0, 0.0, 0.0])
     text = GUIDE.format(title=title(args, used), full=full)
-    anchors = nodes(system, runs[alive[0]].q[:1])[0, len(system["q0"]) :]
-    still = {
-        "scene": rr.ViewCoordinates.RIGHT_HAND_Y_UP,
-        "scene/anchors": rr.Points3D(anchors, radii=0.8 * ball, colors=rgb(GREY)),
-        "scene/bar": rr.LineStrips3D([line], labels=f"{bar:g} m", colors=rgb(GREY)),
-        "panel": rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN),
-    }
-    moving = []  # (entity, seconds (F,), columns)
+    still = [
+        ("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP),
+        ("scene/anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(GREY))),
+        ("scene/bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=rgb(GREY))),
+        ("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)),
+    ]
+    moving = []  # (entity, seconds (F,), a style that stays, rows)
     if ghost:
-        tails, _, heads = rod_ends(system, ghost[1])
-        rods = rr.LineStrips3D.columns(strips=np.stack([tails, heads], axis=2).reshape(-1, 2, 3))
-        rods = rods.partition([tails.shape[1]] * len(tails) + [0])  # and then nothing
-        moving.append(("scene/truth", np.append(ghost[0], ghost[0][-1] + dt), rods))
-        style = {"radii": rr.Radius.ui_points(1.0), "colors": rgb(GREY)}
-        still["scene/truth"] = rr.LineStrips3D.from_fields(**style)
+        seconds, q = np.append(ghost[0], ghost[0][-1] + dt), np.append(ghost[1], ghost[1][-1:], 0)
+        tails, _, heads = rod_ends(system, q)
+        shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
+        moving.append(("scene/truth", seconds, *lines(tails, heads, shown, 1.0, rgb(GREY))))
     for k, (mode, run) in enumerate(runs.items()):
         key, color, seconds = f"{k + 1}_{mode}", rgb(MODES[mode]), run.kept * dt  # sorted by key
-        style, some = draw(system, run, glow(pulls[mode], full), color, ball)
-        still |= {f"scene/{key}/{entity}": what for entity, what in style.items()}
-        moving += [(f"scene/{key}/{entity}", seconds, what) for entity, what in some.items()]
+        for entity, drawn in draw(system, run, pulls[mode], full, color, ball).items():
+            moving.append((f"scene/{key}/{entity}", seconds, *drawn))
         if run.stopped:
             end, gone = seconds[-1:] + dt, rr.Clear.columns(is_recursive=[True])
             words = {"labels": [verdict(run, dt)], "colors": [color], "radii": [0.0]}
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
-            moving += [(f"scene/{key}", end, gone), (f"scene/lost_{key}", end, said)]
+            moving += [(f"scene/{key}", end, None, gone), (f"scene/lost_{key}", end, None, said)]
         for plot, curve in enumerate(curves.values()):
-            still[f"curves/{plot}/{key}"] = rr.SeriesLines(colors=color, names=mode)
-            some = rr.Scalars.columns(scalars=curve[mode])
-            moving.append((f"curves/{plot}/{key}", seconds, some))
+            drawn = rr.Scalars.columns(scalars=curve[mode])
+            style = rr.SeriesLines(colors=color, names=mode)
+            moving.append((f"curves/{plot}/{key}", seconds, style, drawn))
 
-    name = Path(args.system).stem
-    unique = f"{name}-{zlib.crc32(repr((dt, rows)).encode()):08x}"
     at_once = rr.ChunkBatcherConfig(flush_num_rows=1)  # to the file as it comes, not in a heap
     settings = {"send_properties": False, "batcher_config": at_once}
-    recording = rr.RecordingStream(f"constraints: {name}", recording_id=unique, **settings)
+    settings["recording_id"] = f"{name}-{zlib.crc32(repr((dt, rows)).encode()):08x}"
+    recording = rr.RecordingStream(f"constraints: {name}", **settings)
     memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
     layout = blueprint(runs, dt, low, high, ranges, empty_corner(lively, ranges))
     recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
-    for entity, what in still.items():
+    for entity, what in still + [(entity, style) for entity, _, style, _ in moving if style]:
         recording.log(entity, what, static=True)
     recording.flush()  # columns take another way and must not overtake
-    for entity, seconds, some in moving:
+    for entity, seconds, _, drawn in moving:
         time = np.round(1e9 * seconds).astype("timedelta64[ns]")
-        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], some)
+        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], drawn)
     recording.flush()
     Path(path).write_bytes(memory.drain_as_bytes())
     recording.disconnect()
@@ -227,24 +217,20 @@ def blueprint(runs, dt, low, high, ranges, legend):
     reach = 0.5 * MARGIN * max(size[0] * tall / wide, size[1], size[2])
     eye = middle + [0.0, 0.0, 0.5 * size[2] + reach / SLOPE]
     eye = rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0.0, 1.0, 0.0])
-    tiles = []
+    seen = {"eye_controls": eye, "line_grid": False, "background": BACKGROUND}
+    shared = ["$origin/**", "scene/anchors", "scene/bar", "scene/truth"]
+    left, right = [], []
     for k, (mode, run) in enumerate(runs.items()):
-        scene = f"scene/{k + 1}_{mode}"
-        shared = ["scene/anchors", "scene/bar", "scene/truth", f"scene/lost_{k + 1}_{mode}"]
-        seen = {"origin": scene, "contents": ["$origin/**", *shared], "eye_controls": eye}
-        seen |= {
-            "line_grid": False,
-            "background": BACKGROUND,
-            "overrides": {f"{scene}/path": trail},
-        }
-        tiles.append(rrb.Spatial3DView(name=f"{mode}, {verdict(run, dt)}", **seen))
-    plots = []
+        key, name = f"{k + 1}_{mode}", f"{mode}, {verdict(run, dt)}"
+        seen |= {"origin": f"scene/{key}", "contents": [*shared, f"scene/lost_{key}"]}
+        seen["overrides"] = {f"scene/{key}/path": trail}
+        left.append(rrb.Spatial3DView(name=name, **seen))
+    left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
     for plot, (name, reach) in enumerate(ranges.items()):
         corner = rrb.PlotLegend(getattr(rrb.Corner2D, legend[1]), visible=name == legend[0])
         axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=reach), "plot_legend": corner}
-        plots.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
-    tiles.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    left, right = rrb.Grid(*tiles, grid_columns=across), rrb.Vertical(*plots)
+        right.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
-    both = rrb.Horizontal(left, right, column_shares=[3, 2])
-    return rrb.Blueprint(both, rrb.TimePanel(timeline=TIMELINE, **play), collapse_panels=True)
+    both = rrb.Grid(*left, grid_columns=across), rrb.Vertical(*right)
+    panel = rrb.TimePanel(timeline=TIMELINE, **play)
+    return rrb.Blueprint(rrb.Horizontal(*both, column_shares=[3, 2]), panel, collapse_panels=True)

@@ -13,10 +13,12 @@ import json
 from collections import Counter
 from decimal import Decimal, localcontext
 from difflib import get_close_matches
+from itertools import accumulate
 from numbers import Integral, Real
+from operator import mul
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.statics import refusal
+from curriculum.ch3_4_constraints.statics import along, refusal
 from curriculum.common.cli import shorten
 
 import numpy as np
@@ -47,12 +49,11 @@ class SceneError(ValueError):
 def direction(angle):
     """(cos, sin, 0) of an angle in rad, a few turns at most: libm's depend on the processor."""
     with localcontext() as context:
-        context.prec = 50
-        term, sums = Decimal(1), [Decimal(0)] * 4
-        for k in range(100):  # the series of exp(i angle): 1, i, -1, -i in turn
-            sums[k % 4] += term
-            term *= Decimal(angle) / (k + 1)
-        return np.array([float(sums[0] - sums[2]), float(sums[1] - sums[3]), 0.0])
+        context.prec = 50  # of the series of exp(i angle), whose terms turn by i
+        steps = (Decimal(angle) / k for k in range(1, 100))
+        terms = list(accumulate(steps, mul, initial=Decimal(1)))
+        cosine, sine = (sum(terms[k::4]) - sum(terms[k + 2 :: 4]) for k in (0, 1))
+        return np.array([float(cosine), float(sine), 0.0])
 
 
 def load_scene(name, folder, others, gravity):
@@ -89,10 +90,8 @@ def no_key_twice(items):
     """The dict of JSON's `items`; raises SceneError for a key that is there twice."""
     found = dict(items)
     if len(found) < len(items):
-        ((twice, _),) = Counter(key for key, _ in items).most_common(1)
-        raise SceneError(
-            f"the key {json.dumps(shorten(twice))} stands twice in one object; must stand once"
-        )
+        twice = json.dumps(shorten(Counter(key for key, _ in items).most_common(1)[0][0]))
+        raise SceneError(f"the key {twice} stands twice in one object; must stand once")
     return found
 
 
@@ -106,7 +105,7 @@ def need(test, field, found, allowed):
 def only(x, field, keys):
     """Raise SceneError unless x is an object that has no keys but `keys`."""
     found = sorted(x) if isinstance(x, dict) else x
-    good = isinstance(x, dict) and set(x) <= set(keys)
+    good = isinstance(x, dict) and {*x} <= {*keys}
     need(good, field, found, f"an object with no keys but {', '.join(keys)}")
 
 
@@ -175,10 +174,7 @@ def checked(raw, of_file, bare):
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
     shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
     need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
-    starts = q0.reshape(-1, n, 3)
-    still = np.repeat(anchors[None, ::-1], len(starts), axis=0)
-    d = starts.take(i, axis=1) - np.concatenate([starts, still], axis=1).take(j, axis=1)
-    found = np.sqrt((d * d).sum(axis=-1))
+    found = np.linalg.norm(along(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[0, bare]
     fit = FIT if of_file else ROUGH
@@ -194,10 +190,10 @@ def column(raw, key, of_file, refuse):
     low = 1 / HUGE if key in ("m", "lengths") else -HUGE
 
     def fits(x):
-        x = x if row else [x]
-        if not isinstance(x, (list, tuple)) or len(x) != (*row, 1)[0]:
+        if row and not (isinstance(x, (list, tuple)) and len(x) == row[0]):
             return False
-        return all(isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in x)
+        numbers = x if row else [x]
+        return all(isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in numbers)
 
     need(isinstance(raw, (list, tuple, np.ndarray)), key, raw, f"a list or an array {shape}")
     try:
@@ -208,8 +204,8 @@ def column(raw, key, of_file, refuse):
         bad = np.array([not fits(x) for x in raw], dtype=bool)
     else:
         axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-        right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
-        need(right and array.shape[axes:] == row, f"the shape of {key}", array.shape, shape)
+        right = array.shape[axes:] == row and (axes == 1 or (axes > 1 and key in ("q0", "v0")))
+        need(right, f"the shape of {key}", array.shape, shape)
         bad = ~((array > low) & (array < HUGE))
         bad = bad.any(axis=-1) if row and np.count_nonzero(bad) else bad
     refuse(key, bad, lambda _: allowed)

@@ -29,94 +29,74 @@ def near(lengths, q):
     return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
+def along(x, fixed, pairs):
+    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
+    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
+    ends, (i, j) = np.concatenate([x, fixed], axis=-2), np.transpose(pairs)
+    return x.take(i, axis=-2) - ends.take(j, axis=-2)  # a negative j counts from the end
+
+
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.
 
     Two things are proof, gravity (3,) in m/s^2 being all that pulls beside the rods. First, J v
     must be zero. Second, let u be a self-stress: tensions that cancel at every particle, J^T u = 0.
-    Where rods move from d to d + e and keep their lengths, d . e + e . e / 2 = 0 for each. Add that
-    up with u: the first terms are (J^T u) . (what the particles move) = 0, so that
+    Rods that move from d to d + e and keep their lengths have d . e + e . e / 2 = 0. Add that up
+    with u: the first terms are (J^T u) . (what the particles move) = 0, so that
 
         sum_k u_k |e_k|^2 = 0
 
-    holds for every motion whatever. With e = rate t + o(t) that asks for sum_k u_k |rate_k|^2 = 0,
-    which says that Jdot v lies in the range of J: else J a + Jdot v = 0 has no solution. If the
-    rods of u are at rest, finite and continuous tensions make e = a_k t^2 / 2 + o(t^2), a_k the
-    rod's acceleration, and sum_k u_k |a_k|^2 = 0 is left. J M^-1 f lies in A's range whatever f is,
-    so the linear system has a solution even then, lambda = 0 for a level cable: what it says is
-    that the cable falls, and no rigid one can. Both conditions are linear in u: they say that a
-    vector has no part along the self-stresses.
+    holds for every motion whatever. With e = rate t + o(t) that asks for sum_k u_k |rate_k|^2 = 0:
+    else J a + Jdot v = 0 has no solution. If the rods of u are at rest, finite and continuous
+    tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0 is left, though the linear
+    system then has a solution: a level cable falls, which no rigid one can.
 
     A cable that sags ever so little has no self-stress, and a tension that is large, but finite. It
-    is let through until A, whose eigenvalues are squares of J's singular values, cannot be told
-    from a singular matrix: at 1e-8 of the span, with tensions of some 1e8 times the weight.
+    is let through until A cannot be told from a singular matrix: at 1e-8 of the span.
     """
-    pairs, lengths = system["pairs"], system["lengths"]
-    i, j = np.transpose(pairs)
-
-    def along(x, fixed):
-        return x[i] - np.concatenate([x, fixed[::-1]])[j]  # a negative j counts from the end
-
-    still = np.zeros_like(system["anchors"])
-    rate, unit = along(system["v0"], still), along(system["q0"], system["anchors"])
-    unit = unit / lengths[:, None]
-    stretch, fast = np.sum(unit * rate, axis=1), np.abs(rate).max()
+    pairs, lengths, still = system["pairs"], system["lengths"], np.zeros_like(system["anchors"])
+    rate = along(system["v0"], still, pairs)
+    unit = along(system["q0"], system["anchors"], pairs) / lengths[:, None]
+    stretch, slow = np.sum(unit * rate, axis=1), FIT * (1.0 + np.abs(rate).max())
     k = int(np.argmax(np.abs(stretch)))
-    if abs(stretch[k]) > FIT * (1.0 + fast):
+    if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if len(i) > MOST or not has_loop(tuple(pairs)):
+    if len(pairs) > MOST or not has_loop(tuple(pairs)):
         return None
-    tied = np.unique(np.append(i, j[j >= 0]))  # others fall freely
-    place = np.full(len(system["m"]) + 1, len(tied))  # the last is of what stands still
-    place[tied] = np.arange(len(tied))
-    rows, rods = np.zeros((len(i), len(tied) + 1, 3)), np.arange(len(i))
-    rows[rods, place[i]] = unit
-    rows[rods, place[np.maximum(j, -1)]] -= unit
-    rows = rows[:, :-1].reshape(len(i), -1)  # J, each row divided by its length
-    stresses = self_stresses(rows)
-    if stresses is None:
-        return None
-    curl = np.sum(rate**2, axis=1) / lengths
-    floor = 1e-12 * (np.abs(gravity).max() + curl.max()) ** 2 / lengths.min()  # of rounding errors
+    i, j = np.transpose(pairs)
+    ends, place = np.unique([i, np.maximum(j, -1)], return_inverse=True)  # others fall freely
+    tied = ends[ends >= 0]
+    rows = np.zeros((len(i), len(ends), 3))  # J, each row divided by its length
+    for end, sign in zip(place.reshape(2, -1), (1.0, -1.0), strict=True):
+        rows[np.arange(len(i)), end] = sign * unit
+    rows = rows[:, ends >= 0].reshape(len(i), -1)
+    stresses, curl = self_stresses(rows), np.sum(rate**2, axis=1) / lengths
     k = worked_on(stresses, curl, 1e-12 * curl.max())
-    rest = np.abs(rate).max(axis=1) < FIT * (1.0 + fast)
-    if k is None and rest.any():
-        stresses = stresses if rest.all() else self_stresses(rows[rest])
+    rest = np.flatnonzero(np.abs(rate).max(axis=1) < slow)
+    if k is None and stresses.any() and len(rest):
         root = np.sqrt(np.repeat(system["m"][tied, 0], 3))
-        scaled = rows / root
+        scaled, free = rows / root, root * np.tile(gravity, len(tied))  # J M^-1/2, M^-1/2 f
         size = np.linalg.norm(scaled, axis=1)
-        free = root * np.tile(gravity, len(tied))  # M^-1/2 f, of which J M^-1/2 a = -Jdot v takes
-        away = np.linalg.lstsq(scaled / size[:, None], -(curl + scaled @ free) / size, rcond=LOST)[
-            0
-        ]
+        held = -(curl + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
+        held = np.linalg.lstsq(scaled / size[:, None], held, rcond=LOST)[0]
         accel = np.zeros_like(system["q0"])
-        accel[tied] = ((free + away) / root).reshape(-1, 3)
-        if stresses is not None:
-            curl = np.sum(along(accel, still) ** 2, axis=1) / lengths
-            k = worked_on(stresses, curl[rest], floor)
-            k = k if k is None else int(np.flatnonzero(rest)[k])
+        accel[tied] = ((free + held) / root).reshape(-1, 3)
+        floor = 1e-12 * (np.abs(gravity).max() + curl.max()) ** 2 / lengths.min()  # of rounding
+        curl = np.sum(along(accel, still, pairs) ** 2, axis=1) / lengths
+        k = worked_on(self_stresses(rows[rest]), curl[rest], floor)
+        k = k if k is None else rest[k]
     if k is None:
         return None
-    return (
-        f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them; "
-        "give the loop some slack, or leave a rod out"
-    )
+    pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
+    return f"{pose}; give the loop some slack, or leave a rod out"
 
 
 def self_stresses(rows):
-    """The projection (C, C) onto tensions u with rows^T u = 0; None if there are none but zero.
-
-    Eigenvalues are squares, and exact to 1e-16 of the largest: those that are small pick few
-    vectors, and singular values of these, exact to 1e-16 themselves, decide.
-    """
-    values, vectors = np.linalg.eigh(rows @ rows.T)
-    weak = vectors[:, values < 1e-8 * values[-1]]
-    left, sizes, _ = np.linalg.svd(weak.T @ rows, full_matrices=False)
-    held = left[:, sizes > LOST * np.sqrt(values[-1])]
-    if held.shape[1] == weak.shape[1]:
-        return None
-    return weak @ (np.eye(weak.shape[1]) - held @ held.T) @ weak.T
+    """The projection (C, C) onto tensions u with rows^T u = 0."""
+    _, sizes, right = np.linalg.svd(np.linalg.qr(rows.T, mode="r"))
+    free = right[np.sum(sizes > LOST * sizes[0]) :]
+    return free.T @ free
 
 
 def worked_on(stresses, curl, floor):
@@ -131,10 +111,10 @@ def in_line(constraint_terms, system, run):
     it stopped."""
     if run.kind not in ("loop", "domain") or len(system["pairs"]) > FEW:
         return ""
-    ends = (system["q0"], system["v0"]), (run.q[-1], run.v[-1])
-    rows = (constraint_terms(system, *end)[0] for end in ends)
-    units = (jac / np.linalg.norm(jac, axis=1, keepdims=True) for jac in rows)
-    (_, before, _), (left, sizes, _) = (np.linalg.svd(unit, full_matrices=False) for unit in units)
+    q, v = np.stack([system["q0"], run.q[-1]]), np.stack([system["v0"], run.v[-1]])
+    rows = constraint_terms(system, q, v)[0]
+    rows = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
+    (_, left), (before, sizes), _ = np.linalg.svd(rows, full_matrices=False)
     last = int(np.sum(before > 1e-6)) - 1  # the weakest combination that held at the start
     if sizes[last] >= 0.2 * before[last]:
         return ""

@@ -17,10 +17,10 @@ LINE = 18  # pixels from a line of words to the next
 
 def element(name, *inside, **attributes):
     """An SVG element; `_` in the name of an attribute stands for `-`."""
-    words = "".join(
-        f' {k.replace("_", "-")}="{str(x).translate(ESCAPES)}"' for k, x in attributes.items()
-    )
-    return f"<{name}{words}>{''.join(inside)}</{name}>" if inside else f"<{name}{words}/>"
+    words = name
+    for key, value in attributes.items():
+        words += f' {key.replace("_", "-")}="{str(value).translate(ESCAPES)}"'
+    return f"<{words}>{''.join(inside)}</{name}>" if inside else f"<{words}/>"
 
 
 class Drawing:
@@ -28,10 +28,8 @@ class Drawing:
 
     def __init__(self, width, height, title):
         paper = element("rect", width=width, height=height, rx=6, fill="var(--paper)")
-        self.size, self.parts = (
-            (width, height),
-            [element("title", title.translate(ESCAPES)), STYLE, paper],
-        )
+        self.parts = [element("title", title.translate(ESCAPES)), STYLE, paper]
+        self.look = {"width": width, "height": height, "viewBox": f"0 0 {width} {height}"}
 
     def add(self, name, *inside, **attributes):
         """An element more."""
@@ -53,23 +51,18 @@ class Drawing:
 
     def arrow(self, start, end, color=INK, width=3.0, head=11.0):
         """An arrow, if it is long enough to have a head."""
-        (x, y), length = end, max(math.dist(start, end), 1e-9)
-        dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
-        sides = [(x - dx + s * 0.45 * dy, y - dy - s * 0.45 * dx) for s in (1, -1)]
-        if length > head:
-            self.line([start, (x - dx, y - dy)], color, width)
+        if (length := math.dist(start, end)) > head:
+            dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
+            x, y = end[0] - dx, end[1] - dy
+            sides = [(x + s * 0.45 * dy, y - s * 0.45 * dx) for s in (1, -1)]
+            self.line([start, (x, y)], color, width)
             self.line([end, *sides, end], color, 0.5, fill=color)
 
     def text(self):
         """The file."""
-        (width, height), ends = self.size, {"stroke_linecap": "round", "stroke_linejoin": "round"}
-        size = {"width": width, "height": height, "viewBox": f"0 0 {width} {height}"}
-        how = (
-            size
-            | ends
-            | {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
-        )
-        return element("svg", "\n".join(["", *self.parts, ""]), role="img", **how) + "\n"
+        self.look |= {"stroke_linecap": "round", "stroke_linejoin": "round"}
+        self.look |= {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
+        return element("svg", "\n".join(["", *self.parts, ""]), role="img", **self.look) + "\n"
 
 
 def chart(title, x, y, curves, size=(480, 420), right=100):

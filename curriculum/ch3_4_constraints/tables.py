@@ -87,9 +87,8 @@ def show(title, rows, bars=()):
     print(f"\n{title}")
     for row in (rows[0], *cells):
         print("  ".join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
-    keys = "bar", "value", "at most", "met"
-    bars = [dict(zip(keys, (*bar, bool(bar[1] <= bar[2])), strict=True)) for bar in bars]
-    for bar in bars:
-        verdict = "met" if bar["met"] else "MISSED"
-        print(f"{bar['bar']}: {bar['value']:.3g}, bar {bar['at most']:.3g}: {verdict}")
-    return {"table": title, "rows": rows, "bars": bars}
+    held = []
+    for bar, value, most in bars:
+        held.append({"bar": bar, "value": value, "at most": most, "met": bool(value <= most)})
+        print(f"{bar}: {value:.3g}, bar {most:.3g}: {'met' if value <= most else 'MISSED'}")
+    return {"table": title, "rows": rows, "bars": held}

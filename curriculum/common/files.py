@@ -16,7 +16,7 @@ def write_together(folder, writers):
     interrupted, all is as it was, and an OSError names the file. Processes wait for each other.
     """
     (folder := Path(folder)).mkdir(parents=True, exist_ok=True)
-    aside = {name: folder / f"{UNFINISHED}{os.getpid()}-{k}" for k, name in enumerate(writers)}
+    aside = folder / f"{UNFINISHED}{os.getpid()}"
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError):  # of a system that cannot lock folders
             import fcntl
@@ -24,18 +24,26 @@ def write_together(folder, writers):
             stack.callback(os.close, handle := os.open(folder, os.O_RDONLY))
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
             for left in folder.glob(f"{UNFINISHED}*"):
-                left.unlink()
-        for path in aside.values():
-            stack.callback(path.unlink, missing_ok=True)
+                remove(left)
+        aside.mkdir()
+        stack.callback(remove, aside)
         for name in filter(writers.get, writers):
             try:
-                writers[name](aside[name])
+                writers[name](aside / name)
             except OSError as why:
                 raise OSError(why.errno, why.strerror or str(why), str(folder / name)) from None
 
         with undisturbed():
-            for name, path in aside.items():
-                path.replace(folder / name) if path.exists() else (folder / name).unlink(True)
+            for name in writers:
+                made = (aside / name).exists()
+                (aside / name).replace(folder / name) if made else (folder / name).unlink(True)
+
+
+def remove(folder):
+    """Remove a folder of files."""
+    for path in folder.iterdir():
+        path.unlink()
+    folder.rmdir()
 
 
 @contextlib.contextmanager

@@ -36,9 +36,8 @@ def turned(degrees, length=1.0):
 
 
 def arc(sheet, middle, radius, begin=-180, end=180):
-    """A dashed circle, or the part of it between two angles, and then its middle."""
-    points = [middle + turned(a, radius) for a in np.linspace(begin, end, 90)]
-    sheet.line(points, GREY, 1.5, "2 6")
+    """A dashed circle, or the part of it between two angles, and then its middle, (x, y)."""
+    sheet.line([middle + turned(a, radius) for a in np.linspace(begin, end, 90)], GREY, 1.5, "2 6")
     sheet.dot(middle, 7 if end < 180 else 0, GREY)
 
 
@@ -47,35 +46,34 @@ def two_pendulums():
     sheet, metre, dt, steps = Drawing(480, 260, "Two pendulums after 19 s"), 120, 0.005, 3800
     for x, mode in ((120, "project"), (350, "none")):
         end = run(c.build_system("pendulum"), "semi_implicit", mode, dt, steps).q[-1][0, :2]
-        size, pivot = np.linalg.norm(end), (x, 30)
+        size, pivot, color = np.linalg.norm(end), (x, 30), MODES[mode]
         right, bob = (pivot + metre * end * [1, -1] / over for over in (size, 1.0))
         arc(sheet, pivot, metre, -85, 85)
         sheet.line([right, bob], EXCESS, 8)
-        sheet.line([pivot, right], MODES[mode], 5)
-        sheet.dot(bob, 11, MODES[mode])
-        words = f"after {dt * steps:.0f} s: {size:.2f} m"
-        sheet.words(x, 240, words, MODES[mode], "middle", 19, "bold")
+        sheet.line([pivot, right], color, 5)
+        sheet.dot(bob, 11, color)
+        sheet.words(x, 240, f"after {dt * steps:.0f} s: {size:.2f} m", color, "middle", 19, "bold")
     return sheet.text()
 
 
 def names():
     """What belongs to a rod: its ends, d, L and the force."""
-    sheet, size = Drawing(480, 370, "An anchor, two bobs, two rods, and what they are called"), 165
-    ends = np.cumsum([(110.0, 56.0), turned(50, size), turned(10, size)], axis=0)
-    for tail, head, aside in ((*ends[:2], (16, -20)), (*ends[1:], (-26, 4))):
+    sheet = Drawing(480, 370, "An anchor, two bobs, two rods, and what they are called")
+    anchor, bob, tip = np.cumsum([(110.0, 56.0), turned(50, 165), turned(10, 165)], axis=0)
+    for tail, head, aside in ((anchor, bob, (16, -20)), (bob, tip, (-26, 4))):
         sheet.line([tail, head], GREY, 6)
         sheet.arrow(tail + aside, head + aside, INK, 2.5)
         middle = (tail + head) / 2 + np.multiply(1.8, aside)
         sheet.words(*middle, "d", anchor="middle", size=22, weight="bold")
-    at = (-90, -16), (22, 8), (22, 8)
-    for end, aside, label in zip(ends, at, ("anchor -1", "bob 0", "bob 1"), strict=True):
-        sheet.dot(end, 12 if aside[0] > 0 else 7, INK if aside[0] > 0 else GREY)
-        sheet.words(*(end + aside), label, size=20)
-    for end, share, label in ((ends[2], -0.4, "lambda d"), (ends[1], 0.4, "-lambda d")):
-        force = share * (ends[2] - ends[1])
+    sheet.dot(anchor, 7, GREY)
+    sheet.words(*(anchor + (-90, -16)), "anchor -1", size=20)
+    for end, name in ((bob, "bob 0"), (tip, "bob 1")):
+        sheet.dot(end, 12)
+        sheet.words(*(end + (22, 8)), name, size=20)
+    for end, share, name in ((tip, -0.4, "lambda d"), (bob, 0.4, "-lambda d")):
+        force = share * (tip - bob)
         sheet.arrow(end, end + force, PULL, 5, 16)
-        at = end + 0.75 * force + [18, 6]
-        sheet.words(*at, label, PULL, size=20, weight="bold")
+        sheet.words(*(end + 0.75 * force + [18, 6]), name, PULL, size=20, weight="bold")
     sheet.words(16, 300, "d goes from partner", size=18)
     sheet.words(16, 326, "to particle: L long", size=18)
     return sheet.text()
@@ -87,15 +85,14 @@ def tangent():
     arc(sheet, middle, radius, -12, 100)
     d = turned(80, radius)
     for k in range(3):
-        across = np.array([-d[1], d[0]])
+        across, size = np.array([-d[1], d[0]]), np.linalg.norm(d)
         sheet.line([middle, middle + d], GREY, 2)
         corner = d + 0.05 * across, 0.95 * d + 0.05 * across, 0.95 * d
         sheet.line([middle + x for x in corner], GREY)
-        ahead = d + 0.42 * radius * across / np.linalg.norm(d)
-        sheet.arrow(middle + d, middle + ahead, MODES["none"], 4, 14)
-        sheet.line([middle + ahead * radius / np.linalg.norm(ahead), middle + ahead], EXCESS, 7)
-        sheet.words(*(middle + ahead * 1.06 + [0, 14]), f"{k + 1}", size=20, weight="bold")
-        d = ahead
+        start, d = d, d + 0.42 * radius * across / size
+        sheet.arrow(middle + start, middle + d, MODES["none"], 4, 14)
+        sheet.line([middle + d * radius / np.linalg.norm(d), middle + d], EXCESS, 7)
+        sheet.words(*(middle + d * 1.06 + [0, 14]), f"{k + 1}", size=20, weight="bold")
     sheet.words(250, 380, "red: how far outside", EXCESS, size=18)
     return sheet.text()
 
@@ -103,16 +100,16 @@ def tangent():
 def jacobian():
     """Where J holds d, -d and zeros, for a double pendulum."""
     sheet = Drawing(480, 240, "The rows of J: d for the particle, -d for its partner")
-    for k, name in enumerate(("vx0", "vy0", "vx1", "vy1")):
-        sheet.words(137 + 95 * k, 66, name, GREY, "middle", 18)
-    for k, name in enumerate(("bob 0", "bob 1")):
-        sheet.words(184 + 190 * k, 36, name, INK, "middle", 20, "bold")
+    for x, name in zip((137, 232, 327, 422), ("vx0", "vy0", "vx1", "vy1"), strict=True):
+        sheet.words(x, 66, name, GREY, "middle", 18)
+    for x, name in ((184, "bob 0"), (374, "bob 1")):
+        sheet.words(x, 36, name, INK, "middle", 20, "bold")
     for y, row, cells in ((84, "rod 0", ("d", "0    0")), (156, "rod 1", ("-d", "d"))):
         sheet.words(16, y + 38, row, size=20)
         for x, cell in zip((92, 282), cells, strict=True):
-            color = {"d": PULL, "-d": MODES["none"]}.get(cell, GREY)
-            frame = [(x, y), (x + 182, y), (x + 182, y + 60), (x, y + 60), (x, y)]
-            sheet.line(frame, color if "d" in cell else PALE, 3)
+            color, frame = {"d": (PULL, PULL), "-d": (MODES["none"],) * 2}.get(cell, (GREY, PALE))
+            corners = [(x, y), (x + 182, y), (x + 182, y + 60), (x, y + 60), (x, y)]
+            sheet.line(corners, frame, 3)
             sheet.words(x + 91, y + 39, cell, color, "middle", 26, "bold")
     return sheet.text()
 
@@ -147,13 +144,11 @@ def eigenvalue():
     sheet.line([(x, 10), (x, 370)], GREY, 1)
     for z in (0.2, 0.4, 0.6, c.STABILITY_LIMIT["semi_implicit"], 0.9):
         step = [[1.0 - z * z, 1.0 - 2.0 * z], [-z * z, 1.0 - 2.0 * z]]
-        first, other = sorted(np.linalg.eigvals(step).real)
-        color = EXCESS if first < -1.0 - 1e-9 else INK
-        sheet.dot((x + radius * first, y), 9, color)
-        sheet.dot((x + radius * other, y), 5, GREY)
-        sheet.words(
-            x + radius * first, y + (34 if z > 0.85 else -18), f"{z:.3g}", color, "middle", 19
-        )
+        first, other = x + radius * np.sort(np.linalg.eigvals(step).real)
+        color = EXCESS if first < x - radius - 1e-6 else INK
+        sheet.dot((first, y), 9, color)
+        sheet.dot((other, y), 5, GREY)
+        sheet.words(first, y + (34 if z > 0.85 else -18), f"{z:.3g}", color, "middle", 19)
     sheet.words(x + radius + 6, y + 56, "1", GREY, size=20)
     sheet.words(x - radius + 6, y + 56, "-1", GREY, size=20)
     sheet.words(16, 32, "numbers: dt w", size=19)
