@@ -8,7 +8,6 @@ the lines that run, taken once on symbols and compiled (--show-step). Change one
 """
 
 # --- region: setup ---
-import math
 from collections import namedtuple
 from functools import partial
 from pathlib import Path
@@ -284,14 +283,13 @@ def rk4_step(q, v, m, force, dt):
     return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-# Two of high order come from elsewhere: the midpoint rule, extrapolated to order 8, and the ruler
-# for the others, Gauss-Legendre collocation, order 16, exact to rounding at 0.05 s here.
+# The midpoint rule, extrapolated to order 8; and Gauss-Legendre of order 16, the others' ruler.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
 # Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
-STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (math.sqrt(2.0) - 1.0), "rk4": 2.785294}
+STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
 # --- endregion ---
@@ -318,11 +316,10 @@ def constraint_violation(system, q):
 
 
 def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
-    """`steps` steps of `dt` s by step_fn(q, v, m, force, dt), measured at every one: a Run.
+    """`steps` steps of `dt` s by step_fn(q, v, m, force, dt), measured at every one: a runs.Run.
 
-    Its first three are series: tip (steps + 1, ..., 3), the last particle, in m; violations
-    (steps + 1, ...) in m; energies in J. `keep`: steps whose states it has as well.
-    Members of leading axes in q0, v0 go in step. `way`: Compiled or, lines as they stand, Plain.
+    `keep`: steps whose states it has, too. Members of leading axes in q0, v0 go in step.
+    `way`: Compiled, or Plain, the lines as they stand.
     """
     system = {"anchors": PIVOT[None], **system}
     system = scene_files.check_run(system, force, dt, steps, step_fn, INTEGRATORS)
@@ -371,7 +368,7 @@ def parse(argv):
 def report(args, system, rows, runs, dt, steps, truth):
     """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
-    at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, math.inf)
+    at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, np.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
     hints = {mode: statics.in_line(constraint_terms, system, run) for mode, run in runs.items()}
     tables.comparison(rows, runs, hints, at, truth, args.tol)
@@ -410,8 +407,7 @@ def main(argv=None):
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     forces, rows = {mode: force_of(mode, dt) for mode in modes}, {}
     for mode, force in forces.items():
-        left = np.max(force.unheld(*runs[mode].every(look)))
-        rows[mode] = runs[mode].summary(fall, truth, float(left))
+        rows[mode] = runs[mode].summary(fall, truth, np.max(force.unheld(*runs[mode].every(look))))
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     ghost = most and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)

@@ -279,7 +279,7 @@ class LargeForce:
         return pulls
 
     def unheld(self, q, v):
-        """The largest acceleration (...) along a rod, in m/s^2, that its force leaves unanswered."""
+        """The largest acceleration (...) along a rod, in m/s^2, that is left unanswered."""
         _, d, lam, b = self.answer(q, v)
         given = self.hold.softness * self.rods.own * dot(d, d) * lam
         left = b - given - dot(d, self.rates(self.rods.pull(d, lam) / self.m))

@@ -65,7 +65,7 @@ class Run(NamedTuple):
             "error": round(distance(there, truth.q), 12) if known else None,
             "halved": self.halved,
             "stopped": self.stopped,
-            "unheld": float(f"{round(left, 6):.3g}"),  # the rest may be rounding
+            "unheld": float(f"{round(float(left), 6):.3g}"),  # the rest may be rounding
         }
 
 
