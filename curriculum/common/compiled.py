@@ -95,6 +95,13 @@ class Compiled:
         near = gap <= CLOSE * (size + 1e-9 * np.max(np.abs(expected)))
         return bool(np.all(near | ~np.isfinite(expected)))
 
+    def differs(self, start, rows, dt):
+        """Whether the last step of a block (count, entries, members) is not the plain one."""
+        last, known = rows[-1, :, 0], not (self.taken or self.machine)  # as the start, compared
+        if known or not self.check or not np.isfinite(last).all():
+            return False
+        return not self.agrees((rows[-2] if len(rows) > 1 else start)[:, 0], last, dt)
+
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it."""
         size = sum(len(tape.nodes) for tape in self.alone.traced.program.tapes())
@@ -117,20 +124,16 @@ class Compiled:
             q, v = q[-1], v[-1]
         if self.why:
             raise self.why
-        clock = time.perf_counter()
         if not self.runner:
             return self.one_by_one(q, v, m, force, dt)
+        clock = time.perf_counter()
         start = self.alone.traced.columns(q, v)
         rows, self.why = self.runner(start if self.lead else start[:, 0], self.count(start), dt)
         spent, count = time.perf_counter() - clock, len(rows)
         if self.why and not count:
             raise self.why
         rows = rows.reshape(count, len(start), -1)
-        before = rows[-2] if count > 1 else start
-        sane = np.isfinite(rows[-1, :, 0]).all()
-        known = not self.taken and not self.machine  # the start has been compared
-        same = known or not (self.check and sane) or self.agrees(before[:, 0], rows[-1, :, 0], dt)
-        if not same:
+        if self.differs(start, rows, dt):
             self.give_up("it does something else when it is compiled")
             return self(q, v, m, force, dt)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
