@@ -26,7 +26,7 @@ class Controller(SimpleNamespace):
 CONTROLLER = Controller(hold=SimpleNamespace(gain=1.0))
 
 
-def drag(q, v, k=(0.1, [0.2]), n=c.math.pi):
+def drag(q, v, k=(0.1, [0.2]), n=np.pi):
     return np.sin(n) - k[0] * v + np.array(CONTROLLER.hold.gain) * np.cross(q, RATE)
 
 
