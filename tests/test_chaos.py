@@ -56,12 +56,11 @@ def test_a_member_that_flies_apart_is_lost_alone():
 
 
 def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion_to_time():
-    for name, square in (("pendulum", 1.0), ("double", 2.0 + math.sqrt(2.0))):
-        upright = chaos.ensemble(name, range(4))
-        upright["q0"][:] = np.arange(1.0, c.SYSTEMS[name] + 1.0)[:, None] * [0.0, 1.0, 0.0]
-        rates, rods, lost = chaos.growth(upright, 4.0, 2.0, DT)
-        assert rates == pytest.approx(np.full((4, 4), math.sqrt(9.81 * square)), rel=1e-6)
-        assert max(rods, lost) < 1e-12
+    upright = chaos.ensemble("double", range(4))
+    upright["q0"][:] = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]
+    rates, rods, lost = chaos.growth(upright, 4.0, 2.0, DT)
+    assert rates == pytest.approx(np.full((4, 4), math.sqrt(9.81 * (2.0 + math.sqrt(2.0)))), 1e-6)
+    assert max(rods, lost) < 1e-12
     rates, _, _ = chaos.growth(chaos.ensemble("pendulum", range(10)), 20.0, 140.0, 4 * DT)
     assert chaos.RENEW * rates.sum(axis=1).mean() == pytest.approx(math.log(160.0 / 20.0), abs=0.5)
 
@@ -89,9 +88,8 @@ def test_a_rod_turns_over_when_its_angle_passes_the_upright(tmp_path):
         turned = np.abs(np.unwrap(np.arctan2(d[:, 0], -d[:, 1]))) > math.pi
         assert turn == (np.argmax(turned) if turned.any() else 0)
     assert 0 < np.count_nonzero(turns) < 64 and np.array_equal(turns, turns[::-1])
-    both = [tmp_path / "a.png", tmp_path / "b.png"]
-    for path in both:
-        plane.main(["--size", "16", "--seconds", "5", "--out", str(path)])
-    data, again = (path.read_bytes() for path in both)
-    assert data == again and data[:8] == b"\x89PNG\r\n\x1a\n"
+    for name in ("a.png", "b.png"):
+        plane.main(["--size", "16", "--seconds", "5", "--out", str(tmp_path / name)])
+    data = (tmp_path / "a.png").read_bytes()
+    assert data == (tmp_path / "b.png").read_bytes() and data[:8] == b"\x89PNG\r\n\x1a\n"
     assert len(zlib.decompress(data[data.index(b"IDAT") + 4 :])) == 17 * (17 + 16 // plane.STRIP)

@@ -33,8 +33,7 @@ def test_heyoka_comes_to_the_same_motion_the_finer_it_goes():
 
 
 def test_the_cost_that_is_counted_is_linear_systems_solved():
-    """Four for a step of rk4, (6 / 2)^2 + 1 for midpoint6; a projection adds its rounds, and one
-    for the velocities."""
+    """rk4: four; midpoint6: (6 / 2)^2 + 1; a projection adds its rounds, and one for velocities."""
     system = c.build_system("double")
     for rule, forces in (("rk4", 4.0), ("midpoint6", 10.0)):
         none, both = (speed_vs_error.solves(system, rule, m, 0.01, 20) for m in ("none", "project"))
