@@ -7,10 +7,9 @@ import constraints as c
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import native
 from curriculum.common.banner import processor
-from curriculum.common.cli import Parser, number, writable
+from curriculum.common.cli import Parser
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
-from curriculum.common.files import write_json
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.steps import followed
@@ -40,11 +39,14 @@ def scene(name):
     return c.build_system(str(SCENES / f"{name}.json"))
 
 
-def case(system, rule, hold, dt):
-    """(rule, force) of a rule (or its name) with a Hold, the name of one, or Baumgarte's w."""
+def case(system, rule, hold, dt, plain=False):
+    """(rule, force) of a rule (or its name) with a Hold, the name of one, or Baumgarte's w.
+
+    `plain`: the chapter's own lines, however many rods there are.
+    """
     hold = c.hold_table(dt)[hold] if isinstance(hold, str) else hold
     rule = (c.INTEGRATORS | RULES)[rule] if isinstance(rule, str) else rule
-    return rule, c.make_force(system, hold)
+    return rule, c.make_force(system, hold, plain)
 
 
 def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=(), way=Compiled):
@@ -75,25 +77,15 @@ def drift(system, run):
     return np.max(np.abs(run.energies - run.energies[0]), axis=0) / energy_scale(system)
 
 
-def study_parser(name, doc, repeats=None):
-    """A study's Parser, with --json, and --repeats where something is timed."""
+def study_parser(name, doc, timed=False):
+    """A study's Parser, with --quick where something is timed."""
     parser = Parser(prog=name, description=doc, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=writable, metavar="PATH", help="write the same as JSON")
-    if repeats:
-        settings = {"type": number(int, 1, 1000), "default": repeats}
-        parser.add_argument("--repeats", **settings, help=f"timings of each ({repeats})")
+    if timed:
+        parser.add_argument("--quick", action="store_true", help="a look: fewer and shorter runs")
     return parser
 
 
 def host(**more):
-    """What ran on what; printed, and returned for the JSON."""
+    """Print what ran on what."""
     what = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__}
     say(", ".join(f"{key} {value}" for key, value in (what | more).items()))
-    return what | more
-
-
-def finish(args, content):
-    """Write the JSON, if that is asked for. Returns the exit status."""
-    if args.json:
-        write_json(args.json, content)
-    return 0

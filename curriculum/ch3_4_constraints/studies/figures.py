@@ -2,11 +2,9 @@
 the block below it.
 
 A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with
-`$ COMMAND`, for the reader. `--only WORD` takes the commands that contain WORD, `--quick` leaves
-out those that take over a minute; of these, studies of speed want a machine that does nothing else.
-A text is written after each of its blocks; a command that fails leaves its block as it was, is told
-of, and makes the exit status 1.
-The quick commands, whose digits are the same everywhere, are run by tests/test_texts.py, too.
+`$ COMMAND`, for the reader. A text is written after each of its blocks; a command that fails leaves
+its block as it was, is told of, and makes the exit status 1. Studies of speed want a machine that
+does nothing else. What is quick and the same everywhere is run by tests/test_texts.py, too.
 """
 
 import re
@@ -22,12 +20,11 @@ from curriculum.common.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[3]
 CHAPTER = ROOT / "curriculum/ch3_4_constraints"
-PAGES = ("README.md", "studies/README.md", "exercises/README.md", "exercises/solutions/README.md")
+PAGES = "README.md", "studies/README.md", "exercises/README.md", "exercises/solutions/README.md"
 TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
-BLOCK = re.compile(
-    r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?(?P<body>.*?)(```\n)", re.S
-)
-SLOW = re.compile(r"studies\.(hard_cases|real_thing|benchmark|shown hour)")  # over a minute
+HEAD = r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?"
+BLOCK = re.compile(HEAD + r"(?P<body>.*?)(```\n)", re.S)
+SLOW = re.compile(r"studies\.(hard_cases|real_thing|benchmark)")  # over a minute
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
@@ -69,16 +66,17 @@ def main(argv=None):
     if not asked:
         parser.error(f"argument --only: no command in a text contains {args.only!r}")
     for path, match in asked:
-        if args.quick and SLOW.search(match["command"]):
-            print(f"left out  {match['command']}")
+        command, body = match["command"], match["body"]
+        if args.quick and SLOW.search(command):
+            print(f"left out  {command}")
             continue
-        output = printed(match["command"])
+        output = printed(command)
         failed |= output is None
-        if output is None or output == match["body"]:
+        if output in (None, body):
             continue
-        if machine_free(output) != machine_free(match["body"]):
-            print(f"{path.relative_to(ROOT)}: {match['command']}: changed", flush=True)
-        new = match[1] + (f"$ {match['command']}\n" if match[3] else "") + output + match[5]
+        if machine_free(output) != machine_free(body):
+            print(f"{path.relative_to(ROOT)}: {command}: changed", flush=True)
+        new = match[1] + (match[3] or "") + output + match[5]
         texts[path] = text = texts[path].replace(match[0], new)
         write_whole(path, lambda aside, text=text: aside.write_text(text, encoding="utf-8"))
     return int(failed)

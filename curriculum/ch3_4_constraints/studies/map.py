@@ -6,10 +6,9 @@ is early, black is never. Starts inside the white curve have too little energy t
 the line, as in a mirror, are the lowest rows once more by the mode `none`, whose rods let energy
 leak: what turns over late there does not turn over at all.
 
-A rod is looked at every LOOK steps. While rods hold and energy is kept, it turns by no more than
-sqrt(24 g / L), 15 rad/s: far less than a quarter turn. So a rod that went over stands left of its
-joint at one look and right of it at the next, and above it. What is missed is a rod that falls back
-before it is looked at, and that has not turned over.
+A rod is looked at every LOOK steps. While energy is kept, it turns by no more than sqrt(24 g / L),
+15 rad/s: far less than a quarter turn. So a rod that went over stands left of its joint at one look
+and right of it at the next, and above it. One that falls back between two looks has not turned.
 """
 
 import math
@@ -40,8 +39,8 @@ def starts(angles):
 def first_turns(angles, mode, seconds):
     """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
     q, turns = starts(angles), np.zeros(len(angles), dtype=int)
-    v, left = np.zeros_like(q), np.arange(len(q))  # who has not turned over yet
-    start = c.build_system("double") | {"q0": q, "v0": v}
+    left = np.arange(len(q))  # who has not turned over yet
+    start = c.build_system("double") | {"q0": q, "v0": np.zeros_like(q)}
     crowd = _runs.crowd(start, "semi_implicit", mode, DT)
     for look in range(1, round(seconds / (LOOK * DT)) + 1):
         before = q[:, 1, 0] - q[:, 0, 0]
@@ -52,9 +51,9 @@ def first_turns(angles, mode, seconds):
         if over.any():
             turns[left[over]] = look
             q, left = q[~over], left[~over]
-            if not len(left):
-                break
             crowd.put(q, v[~over])
+        if not len(left):
+            break
     return turns
 
 
@@ -74,11 +73,6 @@ def lights(size, rows, mode, seconds, tick):
         pixels[place] = np.where(turns > 0, WHITE - 1 - late, NEVER)
         tick(begin + len(place))
     return pixels.reshape(rows, size)
-
-
-def poor(size):
-    """Which starts (size, size) have less energy than the lowest pose with the second rod up."""
-    return 2.0 * np.cos(angle(size))[:, None] + np.cos(angle(size)) > 1.0
 
 
 def png(pixels):
@@ -104,26 +98,27 @@ def main(argv=None):
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
     add("--out", type=writable, default="outputs/map.png", metavar="PATH", help="of the picture")
     args = parser.parse_args(argv)
-    what = _runs.host(size=args.size, seconds=args.seconds, dt=DT)
-    half, strip = (args.size + 1) // 2, max(1, args.size // STRIP)
-    tick = progress("turning", (half + strip) * args.size)
-    low = lights(args.size, half, MODE, args.seconds, tick)
-    leaky = lights(args.size, strip, "none", args.seconds, lambda k: tick(k + half * args.size))
+    size, seconds = args.size, args.seconds
+    _runs.host(size=size, seconds=seconds, dt=DT)
+    half, strip = (size + 1) // 2, max(1, size // STRIP)
+    tick = progress("turning", (half + strip) * size)
+    low = lights(size, half, MODE, seconds, tick)
+    leaky = lights(size, strip, "none", seconds, lambda k: tick(k + half * size))
     # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
-    whole = np.concatenate([low, low[args.size // 2 - 1 :: -1, ::-1]])
-    rows, inside = [], poor(args.size)
+    whole = np.concatenate([low, low[size // 2 - 1 :: -1, ::-1]])
+    # who has less energy than the lowest pose with the second rod up, and who of them is outermost
+    poor, rows = 2.0 * np.cos(angle(size))[:, None] + np.cos(angle(size)) > 1.0, []
+    inner = [np.roll(poor, shift, axis) for shift in (1, -1) for axis in (0, 1)]
+    edge = poor & ~np.logical_and.reduce(inner)
     for mode, seen in ((MODE, whole), (MODE, whole[:strip]), ("none", leaky)):
-        row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER).item()}
-        rows.append(row | {"without the energy": int(np.sum(seen[inside[: len(seen)]] > NEVER))})
-    table = show(f"share of starts at rest that turn over within {args.seconds:g} s", rows)
-    around = [np.roll(inside, shift, axis) for shift in (1, -1) for axis in (0, 1)]
-    edge = inside & ~np.logical_and.reduce(around)
-    line = np.full((max(1, args.size // 200), args.size), WHITE, dtype=np.uint8)
+        row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER)}
+        rows.append(row | {"without the energy": np.sum(seen[poor[: len(seen)]] > NEVER)})
+    show(f"share of starts at rest that turn over within {seconds:g} s", rows)
+    line = np.full((max(1, size // 200), size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(args.out, lambda path: path.write_bytes(png(image)))
     print(f"wrote {args.out}")
-    return _runs.finish(args, what | {"answers": [table]})
 
 
 if __name__ == "__main__":
