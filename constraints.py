@@ -393,7 +393,7 @@ def main(argv=None):
 
     if args.show_step:
         print(run(modes[0], rule, args.dt, 1).source)
-        return 0
+        return
     print(banner.banner("ch3.4", "constraints", args.device, usual))
     for mode in list(modes):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
@@ -401,6 +401,7 @@ def main(argv=None):
             print(f"{mode} left out: it {why}")
     most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)
     rule, dt, steps, truth = attempt(ruler.settle, run, modes, rule, args.dt, steps, args.tol, most)
+    tables.forewarn(steps, [run(mode, rule, dt, 1).pace for mode in modes if many])
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
     keep = [truth.step, *range(0, steps + 1, look := max(1, steps // LOOKS)), *shown]
     runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.in_parts(modes)}
@@ -412,7 +413,6 @@ def main(argv=None):
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     ghost = most and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
     print(publish.publish(args, used, system, runs, rows, fall, forces, shown, ghost))
-    return 0
 
 
 if __name__ == "__main__":
