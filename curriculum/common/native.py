@@ -27,30 +27,47 @@ def available():
 
 
 class Writer:
-    """Lines of one function in LLVM's language, and the functions that it calls.
+    """Lines of one function in LLVM's language; `routines` {id of a program: its name and lines}.
 
-    `trouble` is a truth value: a divisor was zero, or a result not finite, where Python would
-    raise an error. With several lanes nobody asks.
+    What a loop changes is in memory, reserved at the `top`; LLVM finds registers for it. `trouble`
+    is a truth value: a divisor was zero, or a result not finite, where Python would raise an error.
+    With several lanes nobody asks.
     """
 
     def __init__(self, lanes, routines):
         self.lanes, self.routines = lanes, routines
         self.type = "double" if lanes == 1 else f"<{lanes} x double>"
         self.truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
-        self.lines, self.top, self.count, self.block, self.trouble = [], [], 0, "top", "false"
+        self.top, self.lines, self.count, self.trouble = [], [], 0, "false"
 
-    def name(self):
+    def new(self, text):
+        """The name of what `text` computes."""
         self.count += 1
+        self.lines.append(f"  %u{self.count} = {text}")
         return f"%u{self.count}"
 
-    def line(self, text):
-        name = self.name()
-        self.lines.append(f"  {name} = {text}")
-        return name
+    def begin(self, block, branch=None):
+        """A new block; the one before ends with a branch, or goes straight on."""
+        self.lines += [f"  br {branch or f'label %{block}'}", f"{block}:"]
 
-    def begin(self, block):
-        self.lines.append(f"{block}:")
-        self.block = block
+    def memory(self, kind, many=1):
+        self.top.append(f"  %memory{len(self.top)} = alloca {kind}, i64 {many}, align 64")
+        return f"%memory{len(self.top) - 1}"
+
+    def variable(self, value, kind=None):
+        """Memory that holds a value."""
+        place = self.memory(kind or self.type)
+        self.store(value, place, kind)
+        return place
+
+    def load(self, place, kind=None):
+        return self.new(f"load {kind or self.type}, ptr {place}, align 8")
+
+    def store(self, value, place, kind=None):
+        self.lines.append(f"  store {kind or self.type} {value}, ptr {place}, align 8")
+
+    def entry(self, place, k, kind=None):
+        return self.new(f"getelementptr {kind or self.type}, ptr {place}, i64 {k}")
 
     def constant(self, x):
         bits = f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}"
@@ -59,40 +76,48 @@ class Writer:
     def value(self, env, s):
         x, minus = (s, False) if isinstance(s, (str, float, int)) else (s.x, s.minus)
         value = env[x] if isinstance(x, str) else self.constant(x)
-        return self.line(f"fneg {self.type} {value}") if minus else value
+        return self.new(f"fneg {self.type} {value}") if minus else value
 
-    def watch(self, text):
-        """Note the trouble that a comparison finds."""
-        if self.lanes == 1:
-            self.trouble = self.line(f"or i1 {self.trouble}, {self.line(text)}")
+    def compare(self, how, left, right):
+        return self.new(f"fcmp {how} {self.type} {left}, {right}")
+
+    def select(self, test, yes, no):
+        return self.new(f"select {self.truth} {test}, {self.type} {yes}, {self.type} {no}")
+
+    def watch(self, trouble):
+        """Note what may be trouble."""
+        self.trouble = self.new(f"or i1 {self.trouble}, {trouble}")
 
     def operation(self, sign, values):
         """What one operation makes of values."""
         if sign in ARITHMETIC:
-            left, right = values
-            if sign == "/" and right.startswith("%"):
-                self.watch(f"fcmp oeq {self.type} {right}, {self.constant(0.0)}")
-            return self.line(f"{ARITHMETIC[sign]} {self.type} {left}, {right}")
-        kind = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
-        if sign in ("sqrt", "abs"):
-            function = "sqrt" if sign == "sqrt" else "fabs"
-            made = self.line(f"call {self.type} @llvm.{function}.{kind}({self.type} {values[0]})")
-        else:
-            made = self.library(f"c_{LIBRARY[sign]}", values)
-        if sign != "abs" and self.lanes == 1:
-            size = self.line(f"call double @llvm.fabs.f64(double {made})")
-            self.watch(f"fcmp uge double {size}, {self.constant(np.inf)}")
+            if sign == "/" and self.lanes == 1 and values[1].startswith("%"):
+                self.watch(self.compare("oeq", values[1], self.constant(0.0)))
+            return self.new(f"{ARITHMETIC[sign]} {self.type} {', '.join(values)}")
+        if sign == "abs":
+            return self.intrinsic("fabs", *values)
+        made = self.library(sign, values) if sign in LIBRARY else self.intrinsic(sign, *values)
+        if self.lanes == 1:
+            size = self.intrinsic("fabs", made)
+            self.watch(self.compare("uge", size, self.constant(np.inf)))
         return made
 
-    def library(self, function, values):
+    def intrinsic(self, function, value):
+        kind = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
+        return self.new(f"call {self.type} @llvm.{function}.{kind}({self.type} {value})")
+
+    def library(self, sign, values):
         """A function of the C library, lane by lane."""
-        if self.lanes == 1:
-            return self.line(f"call double @{function}({', '.join(f'double {x}' for x in values)})")
         made = "poison"
         for lane in range(self.lanes):
-            ones = [self.line(f"extractelement {self.type} {x}, i32 {lane}") for x in values]
-            one = self.line(f"call double @{function}({', '.join(f'double {x}' for x in ones)})")
-            made = self.line(f"insertelement {self.type} {made}, double {one}, i32 {lane}")
+            ones = values
+            if self.lanes > 1:
+                ones = [self.new(f"extractelement {self.type} {x}, i32 {lane}") for x in values]
+            given = ", ".join(f"double {x}" for x in ones)
+            one = self.new(f"call double @c_{LIBRARY[sign]}({given})")
+            if self.lanes == 1:
+                return one
+            made = self.new(f"insertelement {self.type} {made}, double {one}, i32 {lane}")
         return made
 
     def operations(self, tape, names, env):
@@ -107,164 +132,120 @@ class Writer:
 
     def call(self, call, env):
         """A routine, which leaves its results in memory and returns its trouble."""
-        program = call.program
-        if id(program) not in self.routines:
-            name = f"routine{len(self.routines)}"
-            self.routines[id(program)] = name, ""
-            self.routines[id(program)] = name, routine(program, name, self.lanes, self.routines)
-        name, place = self.routines[id(program)][0], f"%memory{len(self.top)}"
-        self.top.append(f"  {place} = alloca {self.type}, i64 {len(call.made)}, align 64")
+        key, place = id(call.program), self.memory(self.type, len(call.made))
+        if key not in self.routines:
+            name = f"@routine{len(self.routines)}"
+            self.routines[key] = name, []  # its place, before those that it calls
+            self.routines[key] = name, routine(call.program, name, self.lanes, self.routines)
+        name, _ = self.routines[key]
         given = [f"{self.type} {self.value(env, s)}" for s in call.arguments]
-        failed = self.line(f"call i1 @{name}({', '.join([*given, f'ptr {place}'])})")
-        if self.lanes == 1:
-            self.trouble = self.line(f"or i1 {self.trouble}, {failed}")
-        for k, made in enumerate(call.names):
-            at = self.line(f"getelementptr {self.type}, ptr {place}, i64 {k}")
-            env[made] = self.line(f"load {self.type}, ptr {at}")
+        self.watch(self.new(f"call i1 {name}({', '.join([*given, f'ptr {place}'])})"))
+        env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
 
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
         self.count += 1
-        k, t, many = self.count, self.type, self.lanes > 1
-        start = [self.value(env, s) for s in loop.start]
-        before, outside, trouble = self.trouble, self.block, f"%trouble{k}"
-        self.lines.append(f"  br label %head{k}")
+        k, tape, truth = self.count, loop.tape, self.truth
+        places = [self.variable(self.value(env, s)) for s in loop.start]
+        turn, last = self.variable("0", "i64"), self.variable(self.constant(np.inf))
+        done, trouble = self.variable("zeroinitializer", truth), self.variable(self.trouble, "i1")
         self.begin(f"head{k}")
-        at, turn, last, done = len(self.lines), f"%turn{k}", f"%last{k}", f"%done{k}"
-        names = [f"%v{k}_{n}" for n in range(len(loop.names))]
-        inner = env | dict(zip(loop.names, names, strict=True))
-        self.trouble = self.trouble if many else trouble
-        more = self.line(f"icmp slt i64 {turn}, {loop.most}")
-        self.lines.append(f"  br i1 {more}, label %test{k}, label %fail{k}")
-        self.begin(f"test{k}")
-        tape = loop.tape
+        values, before = [self.load(place) for place in places], self.load(done, truth)
+        inner = env | dict(zip(loop.names, values, strict=True))
+        self.trouble, turns = self.load(trouble, "i1"), self.load(turn, "i64")
+        more = self.new(f"icmp slt i64 {turns}, {loop.most}")
+        self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %lost{k}")
         test = tape.needed([loop.size])
-        rest = [name for name in tape.needed(loop.following) if name not in set(test)]
         self.operations(tape, test, inner)
         size = self.value(inner, loop.size)
-        good = self.line(f"fcmp ole {t} {size}, {self.constant(1.0)}")
-        if loop.nearly > 1.0:
-            falls = self.line(f"fcmp ole {t} {last}, {size}")
-            small = self.line(f"fcmp ole {t} {size}, {self.constant(loop.nearly)}")
-            low = self.line(f"and {self.truth} {falls}, {small}")
-            good = self.line(f"or {self.truth} {good}, {low}")
-        ready = good
-        if many:
-            good = self.line(f"or {self.truth} {done}, {good}")
-            every = f"llvm.vector.reduce.and.v{self.lanes}i1"
-            ready = self.line(f"call i1 @{every}({self.truth} {good})")
-        self.lines.append(f"  br i1 {ready}, label %end{k}, label %body{k}")
-        tested, known = self.block, self.trouble
-        self.begin(f"body{k}")
+        falls = self.compare("ole", self.load(last), size)
+        small = self.compare("ole", size, self.constant(loop.nearly))
+        good = self.compare("ole", size, self.constant(1.0))
+        for also in (self.new(f"and {truth} {falls}, {small}"), before):
+            good = self.new(f"or {truth} {good}, {also}")
+        self.store(size, last)
+        self.store(good, done, truth)
+        self.store(self.trouble, trouble, "i1")
+        every = good
+        if self.lanes > 1:
+            every = self.new(f"call i1 @llvm.vector.reduce.and.v{self.lanes}i1({truth} {good})")
+        self.begin(f"body{k}", f"i1 {every}, label %end{k}, label %body{k}")
+        rest = [name for name in tape.needed(loop.following) if name not in set(test)]
         self.operations(tape, rest, inner)
         following = [self.value(inner, s) for s in loop.following]
-        if many:
-            both = zip(names, following, strict=True)
-            following = [
-                self.line(f"select {self.truth} {good}, {t} {old}, {t} {new}") for old, new in both
-            ]
-        after = self.line(f"add i64 {turn}, 1")
-        self.lines.append(f"  br label %head{k}")
-        bodied, again = self.block, self.trouble
-        phis = [(t, n, s, f) for n, s, f in zip(names, start, following, strict=True)]
-        phis += [("i64", turn, "0", after), ("i1", trouble, before, again)]
-        phis += [(t, last, self.constant(np.inf), size)] * (loop.nearly > 1.0)
-        phis += [(self.truth, done, "zeroinitializer", good)] * many
-        self.lines[at:at] = [
-            f"  {name} = phi {kind} [{first}, %{outside}], [{next_}, %{bodied}]"
-            for kind, name, first, next_ in phis
-        ]
-        self.begin(f"fail{k}")
-        nan = self.constant(np.nan)
-        lost = names
-        if many:
-            lost = [self.line(f"select {self.truth} {done}, {t} {n}, {t} {nan}") for n in names]
-        self.lines.append(f"  br label %end{k}")
+        for place, old, new in zip(places, values, following, strict=True):
+            self.store(self.select(good, old, new), place)
+        self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
+        self.store(self.trouble, trouble, "i1")
+        self.begin(f"lost{k}", f"label %head{k}")
+        for place, old in zip(places, values, strict=True):
+            self.store(self.select(before, old, self.constant(np.nan)), place)
+        self.store("true", trouble, "i1")
         self.begin(f"end{k}")
-        for made, name, other in zip(loop.names, names, lost, strict=True):
-            env[made] = self.line(f"phi {t} [{name}, %{tested}], [{other}, %fail{k}]")
-        if not many:
-            self.trouble = self.line(f"phi i1 [{known}, %{tested}], [true, %fail{k}]")
+        env |= {name: self.load(x) for name, x in zip(loop.names, places, strict=True)}
+        self.trouble = self.load(trouble, "i1")
 
-
-def stores(w, values, place):
-    """Write values to place(k)."""
-    for k, value in enumerate(values):
-        w.lines.append(f"  store {w.type} {value}, ptr {place(k)}, align 8")
+    def function(self, head, result):
+        """The lines of the whole function."""
+        return [f"define {head} {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
 def routine(program, name, lanes, routines):
     """A Routine's program as a function of values, which writes its results to memory."""
     w, made = Writer(lanes, routines), [s for s in program.out if isinstance(s.x, str)]
     env = {x: f"%in{k}" for k, x in enumerate(program.inputs)}
+    given = ", ".join([*(f"{w.type} {x}" for x in env.values()), "ptr %out"])
     w.operations(program.tape, program.tape.needed(made), env)
-    values = [w.value(env, s) for s in made]
-    stores(w, values, lambda k: w.line(f"getelementptr {w.type}, ptr %out, i64 {k}"))
-    given = ", ".join([*(f"{w.type} {env[x]}" for x in program.inputs), "ptr %out"])
+    for k, s in enumerate(made):
+        w.store(w.value(env, s), w.entry("%out", k))
     inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    head = f"define internal i1 @{name}({given}) {inline} {{"
-    return "\n".join([head, "top:", *w.top, *w.lines, f"  ret i1 {w.trouble}", "}", ""])
+    return w.function(f"internal i1 {name}({given}) {inline}", f"i1 {w.trouble}")
 
 
 def assembly(program, lanes):
     """i64 run(state, count, out, members, knobs): the steps done, of `lanes` members out of many.
 
     state (entries, members), where they begin, and then where they end; out (count, rows,
-    members), or null: every state, or what the program makes besides, if it does. A single member
-    ends before a step that has trouble.
+    members), or null: every state, or what the program makes besides, if it does; knobs
+    (knobs, lanes). A single member ends before a step that has trouble.
     """
-    routines, tape = {}, program.tape
-    w, n = Writer(lanes, routines), range(len(program.inputs))
-    t = w.type
-    for k in n:
-        w.lines.append(f"  %at{k} = mul i64 %members, {k}")
-        w.lines.append(f"  %p{k} = getelementptr double, ptr %state, i64 %at{k}")
-        w.lines.append(f"  %s{k} = load {t}, ptr %p{k}, align 8")
-    env = {name: f"%in{k}" for k, name in enumerate(program.inputs)}
-    for k, knob in enumerate(program.knobs):
-        env[knob] = w.line(
-            f"load double, ptr {w.line(f'getelementptr double, ptr %knobs, i64 {k}')}"
-        )
-        if lanes > 1:
-            one = w.line(f"insertelement {t} poison, double {env[knob]}, i32 0")
-            env[knob] = w.line(
-                f"shufflevector {t} {one}, {t} poison, <{lanes} x i32> zeroinitializer"
-            )
+    w, tape, size = Writer(lanes, {}), program.tape, len(program.inputs)
+    given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(size)]
+    state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
+    env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
     w.operations(tape, tape.needed(program.lasting()), env)
-    w.lines += ["  %silent = icmp eq ptr %out, null", "  br label %step"]
+    silent = w.new("icmp eq ptr %out, null")
     w.begin("step")
-    at = len(w.lines)
+    before = w.load(done, "i64")
+    env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
     w.operations(tape, [name for name in tape.needed(program.out) if name not in env], env)
     out = [w.value(env, s) for s in program.out]
-    w.lines.append(f"  br i1 {w.trouble}, label %trouble, label %good")
-    w.begin("good")
-    w.lines.append("  br i1 %silent, label %next, label %write")
-    w.begin("write")
-    rows = out[len(n) :] or out
-    row = w.line(f"mul i64 %done, {len(rows)}")
-
-    def place(k):
-        entry = w.line(f"mul i64 {w.line(f'add i64 {row}, {k}')}, %members")
-        return w.line(f"getelementptr double, ptr %out, i64 {entry}")
-
-    stores(w, rows, place)
-    w.lines.append("  br label %next")
+    trouble = w.trouble if lanes == 1 else "false"
+    w.begin("good", f"i1 {trouble}, label %end, label %good")
+    for value, place in zip(out, state, strict=False):
+        w.store(value, place)
+    after = w.new(f"add i64 {before}, 1")
+    w.store(after, done, "i64")
+    w.begin("write", f"i1 {silent}, label %next, label %write")
+    rows = out[size:] or out
+    row = w.new(f"mul i64 {before}, {len(rows)}")
+    for k, value in enumerate(rows):
+        place = w.new(f"mul i64 {w.new(f'add i64 {row}, {k}')}, %members")
+        w.store(value, w.entry("%out", place, "double"))
     w.begin("next")
-    w.lines += ["  %after = add i64 %done, 1", "  %more = icmp slt i64 %after, %count"]
-    w.lines.append("  br i1 %more, label %step, label %whole")
-    w.lines[at:at] = [f"  %in{k} = phi {t} [%s{k}, %top], [{out[k]}, %next]" for k in n]
-    w.lines.insert(at, "  %done = phi i64 [0, %top], [%after, %next]")
-    for block, values, done in ("whole", out, "%after"), ("trouble", [*env.values()], "%done"):
-        w.begin(block)
-        stores(w, [values[k] for k in n], "%p{}".format)
-        w.lines.append(f"  ret i64 {done}")
+    more = w.new(f"icmp slt i64 {after}, %count")
+    w.begin("end", f"i1 {more}, label %step, label %end")
+    for place, end in zip(state, given, strict=True):
+        w.store(w.load(place), end)
     pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
-    body = [f"define i64 @run({pointers}) {{", "top:", *w.top, *w.lines, "}", ""]
-    declared = [
-        f"declare double @c_{name}({'double, double' if name == 'pow' else 'double'})"
-        for name in LIBRARY.values()
+    main = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
+    texts = [
+        f"declare double @c_{x}({'double, double' if x == 'pow' else 'double'})"
+        for x in LIBRARY.values()
     ]
-    return "\n".join([*declared, *(text for _, text in routines.values()), *body])
+    for _, lines in w.routines.values():
+        texts += lines
+    return "\n".join([*texts, *main, ""])
 
 
 @cache
@@ -312,12 +293,12 @@ class Native:
 
         out (count, rows, members), or None, becomes all states, or what is measured of them.
         """
-        members, knobs = state.shape[1], np.array(knobs, dtype=float)
+        members, same = state.shape[1], np.repeat(np.array(knobs, dtype=float), self.lanes)
         whole, apart, done = members - members % self.lanes, state.strides[0] // 8, count
         for first in range(0, whole, self.lanes):
-            place = None if out is None else out.ctypes.data + 8 * first
             begin = state.ctypes.data + 8 * first
-            done = self.function(begin, count, place, apart, knobs.ctypes.data)
+            place = None if out is None else out.ctypes.data + 8 * first
+            done = self.function(begin, count, place, apart, same.ctypes.data)
         if whole < members:  # the last lanes are filled with the last member
             some = np.minimum(np.arange(whole, whole + self.lanes), members - 1)
             few = state[:, some].copy()
