@@ -27,18 +27,15 @@ def available():
 
 
 class Writer:
-    """Lines of one function in LLVM's language; `routines` {id of a program: its name and lines}.
+    """Lines of one function in LLVM's language, and the `routines` {id of a program: lines}.
 
-    What a loop changes is in memory, reserved at the `top`; LLVM finds registers for it. `trouble`
-    is a truth value: a divisor was zero, or a result not finite, where Python would raise an error.
-    With several lanes nobody asks.
+    What a loop changes is in memory, reserved at the `top`: LLVM finds registers for it.
     """
 
     def __init__(self, lanes, routines):
-        self.lanes, self.routines = lanes, routines
+        self.lanes, self.routines, self.top, self.lines, self.count = lanes, routines, [], [], 0
         self.type = "double" if lanes == 1 else f"<{lanes} x double>"
         self.truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
-        self.top, self.lines, self.count, self.trouble = [], [], 0, "false"
 
     def new(self, text):
         """The name of what `text` computes."""
@@ -50,15 +47,15 @@ class Writer:
         """A new block; the one before ends with a branch, or goes straight on."""
         self.lines += [f"  br {branch or f'label %{block}'}", f"{block}:"]
 
-    def memory(self, kind, many=1):
-        self.top.append(f"  %memory{len(self.top)} = alloca {kind}, i64 {many}, align 64")
-        return f"%memory{len(self.top) - 1}"
-
     def variable(self, value, kind=None):
         """Memory that holds a value."""
         place = self.memory(kind or self.type)
         self.store(value, place, kind)
         return place
+
+    def memory(self, kind, many=1):
+        self.top.append(f"  %memory{len(self.top)} = alloca {kind}, i64 {many}, align 64")
+        return f"%memory{len(self.top) - 1}"
 
     def load(self, place, kind=None):
         return self.new(f"load {kind or self.type}, ptr {place}, align 8")
@@ -74,49 +71,28 @@ class Writer:
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
     def value(self, env, s):
-        x, minus = (s, False) if isinstance(s, (str, float, int)) else (s.x, s.minus)
+        x, minus = (s, False) if isinstance(s, (str, float)) else (s.x, s.minus)
         value = env[x] if isinstance(x, str) else self.constant(x)
         return self.new(f"fneg {self.type} {value}") if minus else value
-
-    def compare(self, how, left, right):
-        return self.new(f"fcmp {how} {self.type} {left}, {right}")
-
-    def select(self, test, yes, no):
-        return self.new(f"select {self.truth} {test}, {self.type} {yes}, {self.type} {no}")
-
-    def watch(self, trouble):
-        """Note what may be trouble."""
-        self.trouble = self.new(f"or i1 {self.trouble}, {trouble}")
 
     def operation(self, sign, values):
         """What one operation makes of values."""
         if sign in ARITHMETIC:
-            if sign == "/" and self.lanes == 1 and values[1].startswith("%"):
-                self.watch(self.compare("oeq", values[1], self.constant(0.0)))
             return self.new(f"{ARITHMETIC[sign]} {self.type} {', '.join(values)}")
-        if sign == "abs":
-            return self.intrinsic("fabs", *values)
-        made = self.library(sign, values) if sign in LIBRARY else self.intrinsic(sign, *values)
-        if self.lanes == 1:
-            size = self.intrinsic("fabs", made)
-            self.watch(self.compare("uge", size, self.constant(np.inf)))
-        return made
-
-    def intrinsic(self, function, value):
+        if sign in LIBRARY:
+            return self.library(f"@c_{LIBRARY[sign]}", values)
+        function = "fabs" if sign == "abs" else sign
         kind = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
-        return self.new(f"call {self.type} @llvm.{function}.{kind}({self.type} {value})")
+        return self.new(f"call {self.type} @llvm.{function}.{kind}({self.type} {values[0]})")
 
-    def library(self, sign, values):
+    def library(self, function, values):
         """A function of the C library, lane by lane."""
+        if self.lanes == 1:
+            return self.new(f"call double {function}({', '.join(f'double {x}' for x in values)})")
         made = "poison"
         for lane in range(self.lanes):
-            ones = values
-            if self.lanes > 1:
-                ones = [self.new(f"extractelement {self.type} {x}, i32 {lane}") for x in values]
-            given = ", ".join(f"double {x}" for x in ones)
-            one = self.new(f"call double @c_{LIBRARY[sign]}({given})")
-            if self.lanes == 1:
-                return one
+            ones = [self.new(f"extractelement {self.type} {x}, i32 {lane}") for x in values]
+            one = self.new(f"call double {function}({', '.join(f'double {x}' for x in ones)})")
             made = self.new(f"insertelement {self.type} {made}, double {one}, i32 {lane}")
         return made
 
@@ -131,66 +107,60 @@ class Writer:
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 
     def call(self, call, env):
-        """A routine, which leaves its results in memory and returns its trouble."""
-        key, place = id(call.program), self.memory(self.type, len(call.made))
-        if key not in self.routines:
-            name = f"@routine{len(self.routines)}"
-            self.routines[key] = name, []  # its place, before those that it calls
-            self.routines[key] = name, routine(call.program, name, self.lanes, self.routines)
-        name, _ = self.routines[key]
+        """A routine, which leaves its results in memory."""
+        program, place = call.program, self.memory(self.type, len(call.made))
+        if id(program) not in self.routines:
+            self.routines[id(program)] = []  # known to those that it calls
+            self.routines[id(program)] = routine(program, self.lanes, self.routines)
         given = [f"{self.type} {self.value(env, s)}" for s in call.arguments]
-        self.watch(self.new(f"call i1 {name}({', '.join([*given, f'ptr {place}'])})"))
+        self.lines.append(f"  call void @r{id(program)}({', '.join([*given, f'ptr {place}'])})")
         env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
 
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
         self.count += 1
-        k, tape, truth = self.count, loop.tape, self.truth
+        k, t, truth, tape = self.count, self.type, self.truth, loop.tape
         places = [self.variable(self.value(env, s)) for s in loop.start]
-        turn, last = self.variable("0", "i64"), self.variable(self.constant(np.inf))
-        done, trouble = self.variable("zeroinitializer", truth), self.variable(self.trouble, "i1")
+        turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
+        last = self.variable(self.constant(np.inf))
         self.begin(f"head{k}")
-        values, before = [self.load(place) for place in places], self.load(done, truth)
+        turns, before = self.load(turn, "i64"), self.load(done, truth)
+        values = [self.load(place) for place in places]
         inner = env | dict(zip(loop.names, values, strict=True))
-        self.trouble, turns = self.load(trouble, "i1"), self.load(turn, "i64")
         more = self.new(f"icmp slt i64 {turns}, {loop.most}")
         self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %lost{k}")
         test = tape.needed([loop.size])
         self.operations(tape, test, inner)
         size = self.value(inner, loop.size)
-        falls = self.compare("ole", self.load(last), size)
-        small = self.compare("ole", size, self.constant(loop.nearly))
-        good = self.compare("ole", size, self.constant(1.0))
+        good = self.new(f"fcmp ole {t} {size}, {self.constant(1.0)}")
+        small = self.new(f"fcmp ole {t} {size}, {self.constant(loop.nearly)}")
+        falls = self.new(f"fcmp ole {t} {self.load(last)}, {size}")
         for also in (self.new(f"and {truth} {falls}, {small}"), before):
             good = self.new(f"or {truth} {good}, {also}")
         self.store(size, last)
         self.store(good, done, truth)
-        self.store(self.trouble, trouble, "i1")
-        every = good
-        if self.lanes > 1:
-            every = self.new(f"call i1 @llvm.vector.reduce.and.v{self.lanes}i1({truth} {good})")
-        self.begin(f"body{k}", f"i1 {every}, label %end{k}, label %body{k}")
+        every = f"@llvm.vector.reduce.and.v{self.lanes}i1"
+        ready = good if self.lanes == 1 else self.new(f"call i1 {every}({truth} {good})")
+        self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
         rest = [name for name in tape.needed(loop.following) if name not in set(test)]
         self.operations(tape, rest, inner)
         following = [self.value(inner, s) for s in loop.following]
         for place, old, new in zip(places, values, following, strict=True):
-            self.store(self.select(good, old, new), place)
+            self.store(self.new(f"select {truth} {good}, {t} {old}, {t} {new}"), place)
         self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
-        self.store(self.trouble, trouble, "i1")
         self.begin(f"lost{k}", f"label %head{k}")
+        nan = self.constant(np.nan)
         for place, old in zip(places, values, strict=True):
-            self.store(self.select(before, old, self.constant(np.nan)), place)
-        self.store("true", trouble, "i1")
+            self.store(self.new(f"select {truth} {before}, {t} {old}, {t} {nan}"), place)
         self.begin(f"end{k}")
         env |= {name: self.load(x) for name, x in zip(loop.names, places, strict=True)}
-        self.trouble = self.load(trouble, "i1")
 
     def function(self, head, result):
-        """The lines of the whole function."""
+        """All lines of the function."""
         return [f"define {head} {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
-def routine(program, name, lanes, routines):
+def routine(program, lanes, routines):
     """A Routine's program as a function of values, which writes its results to memory."""
     w, made = Writer(lanes, routines), [s for s in program.out if isinstance(s.x, str)]
     env = {x: f"%in{k}" for k, x in enumerate(program.inputs)}
@@ -199,7 +169,7 @@ def routine(program, name, lanes, routines):
     for k, s in enumerate(made):
         w.store(w.value(env, s), w.entry("%out", k))
     inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    return w.function(f"internal i1 {name}({given}) {inline}", f"i1 {w.trouble}")
+    return w.function(f"internal void @r{id(program)}({given}) {inline}", "void")
 
 
 def assembly(program, lanes):
@@ -207,7 +177,7 @@ def assembly(program, lanes):
 
     state (entries, members), where they begin, and then where they end; out (count, rows,
     members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends before a step that has trouble.
+    (knobs, lanes). A single member ends before a step whose end is not finite.
     """
     w, tape, size = Writer(lanes, {}), program.tape, len(program.inputs)
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(size)]
@@ -220,8 +190,12 @@ def assembly(program, lanes):
     env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
     w.operations(tape, [name for name in tape.needed(program.out) if name not in env], env)
     out = [w.value(env, s) for s in program.out]
-    trouble = w.trouble if lanes == 1 else "false"
-    w.begin("good", f"i1 {trouble}, label %end, label %good")
+    if lanes == 1:
+        zero = "0.0"
+        for value in out[:size]:
+            zero = w.new(f"fadd double {zero}, {w.new(f'fmul double {value}, 0.0')}")
+        good = w.new(f"fcmp oeq double {zero}, 0.0")
+        w.begin("good", f"i1 {good}, label %good, label %end")
     for value, place in zip(out, state, strict=False):
         w.store(value, place)
     after = w.new(f"add i64 {before}, 1")
@@ -238,14 +212,10 @@ def assembly(program, lanes):
     for place, end in zip(state, given, strict=True):
         w.store(w.load(place), end)
     pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
-    main = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
-    texts = [
-        f"declare double @c_{x}({'double, double' if x == 'pow' else 'double'})"
-        for x in LIBRARY.values()
-    ]
-    for _, lines in w.routines.values():
-        texts += lines
-    return "\n".join([*texts, *main, ""])
+    lines = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
+    for name in LIBRARY.values():
+        lines.append(f"declare double @c_{name}({'double, double' if name == 'pow' else 'double'})")
+    return "\n".join(sum(w.routines.values(), lines))
 
 
 @cache
