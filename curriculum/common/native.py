@@ -177,10 +177,10 @@ def assembly(program, lanes):
 
     state (entries, members), where they begin, and then where they end; out (count, rows,
     members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends before a step whose end is not finite.
+    (knobs, lanes). A single member ends with a step whose end is not finite, which does not count.
     """
-    w, tape, size = Writer(lanes, {}), program.tape, len(program.inputs)
-    given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(size)]
+    w, tape, many = Writer(lanes, {}), program.tape, len(program.inputs)
+    given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
     state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
     w.operations(tape, tape.needed(program.lasting()), env)
@@ -190,24 +190,25 @@ def assembly(program, lanes):
     env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
     w.operations(tape, [name for name in tape.needed(program.out) if name not in env], env)
     out = [w.value(env, s) for s in program.out]
-    if lanes == 1:
-        zero = "0.0"
-        for value in out[:size]:
-            zero = w.new(f"fadd double {zero}, {w.new(f'fmul double {value}, 0.0')}")
-        good = w.new(f"fcmp oeq double {zero}, 0.0")
-        w.begin("good", f"i1 {good}, label %good, label %end")
     for value, place in zip(out, state, strict=False):
         w.store(value, place)
-    after = w.new(f"add i64 {before}, 1")
+    good, total = "true", "0.0"
+    if lanes == 1:
+        for value in out[:many]:
+            total = w.new(f"fadd double {total}, {value}")
+        far = w.operation("abs", [total])
+        good = w.new(f"fcmp olt double {far}, {w.constant(np.inf)}")
+    after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
     w.begin("write", f"i1 {silent}, label %next, label %write")
-    rows = out[size:] or out
+    rows = out[many:] or out
     row = w.new(f"mul i64 {before}, {len(rows)}")
     for k, value in enumerate(rows):
         place = w.new(f"mul i64 {w.new(f'add i64 {row}, {k}')}, %members")
         w.store(value, w.entry("%out", place, "double"))
     w.begin("next")
     more = w.new(f"icmp slt i64 {after}, %count")
+    more = w.new(f"and i1 {more}, {good}")
     w.begin("end", f"i1 {more}, label %step, label %end")
     for place, end in zip(state, given, strict=True):
         w.store(w.load(place), end)
