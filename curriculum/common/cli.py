@@ -1,14 +1,15 @@
 """Command lines that answer a mistake with one line: the flag, the value, and what is allowed."""
 
 import argparse
-import contextlib
 import math
 import os
 import re
 import signal
 import sys
 import textwrap
+import traceback
 import warnings
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from curriculum.common.files import check_writable
 
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[compare]", "mujoco": "[compare]"}
 EXTRAS |= dict.fromkeys(("exudyn", "pymunk", "heyoka"), "[peers]") | {"mpmath": "[reference]"}
+FORMS = {int: r"[-+]?\d{1,99}", float: r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"}
 FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # files of frames
 
 
@@ -30,8 +32,9 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args=None, namespace=None):
         """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
         self.allow_abbrev, args = False, sys.argv[1:] if args is None else list(args)
-        if empty := re.search(r"^(--[\w-]+)=--$", "\n".join(args).partition("\n--\n")[0], re.M):
-            self.error(f"argument {empty[1]}: '--' is no value")
+        for word in args[: args.index("--") if "--" in args else None]:
+            if word.startswith("--") and word.endswith("=--"):
+                self.error(f"argument {word[:-3]}: '--' is no value")
         return super().parse_known_args(args, namespace)
 
     def error(self, message):
@@ -39,13 +42,10 @@ class Parser(argparse.ArgumentParser):
         message = r"\n".join(message.splitlines())  # a value may hold a line break
         choice = r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)"
         if wrong := re.search(choice, message):
-            known = re.findall(
-                r"[\w-]+" if wrong[2] else r"--[\w-]+", wrong[2] or self.format_help()
-            )
-            from difflib import get_close_matches  # here: it takes its time to load
-
-            near = get_close_matches((wrong[1] or wrong[3] or "").lower(), known, 1)
-            message += f"; did you mean {near[0]}?" if near else ""
+            value, choices, flag = wrong.groups(default="")
+            known = re.findall(r"[\w-]+", choices) or re.findall(r"--[\w-]+", self.format_help())
+            for near in get_close_matches((value + flag).lower(), known, 1):
+                message += f"; did you mean {near}?"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         self.exit(2, f"{self.prog}: error: {message}\n")
 
@@ -65,9 +65,7 @@ def number(kind=float, low=1e-12, high=1e12):
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):
-        value = math.nan
-        with contextlib.suppress(ValueError):
-            value = kind(text) if re.fullmatch(r"[-+.\deE]+", text, re.ASCII) else value
+        value = kind(text) if re.fullmatch(FORMS[kind], text, re.ASCII) else math.nan
         lost = value == 0 and re.match(r"[-+.0]*[1-9]", text)  # 1e-400 is not meant as zero
         if lost or not low <= value < high:
             raise argparse.ArgumentTypeError(f"must be {allowed}, not {shorten(text)!r}")
@@ -94,35 +92,36 @@ def chapter_parser(prog, folder, out, examples):
 
     They take "--flag METAVAR" and the settings of argparse's add_argument.
     """
-    studies = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
-    studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies.NAME: {studies}"
+    names = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
+    studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies.NAME: {names}"
     lines = ["examples:", *(f"  python {prog} {example}" for example in examples)]
     lines += textwrap.wrap(studies, 80, subsequent_indent="  ")
     use = f"python {prog} [flags]: each is a question, turn it and look"
     form = partial(argparse.RawDescriptionHelpFormatter, max_help_position=27, width=80)
-    parser = Parser(prog=prog, usage=use, epilog="\n".join(lines), add_help=False)
-    parser.formatter_class = form
+    settings = {"epilog": "\n".join(lines), "add_help": False, "formatter_class": form}
+    parser = Parser(prog=prog, usage=use, **settings)
 
     def group(title):
+        flags = parser.add_argument_group(title)
+
         def add(flag, **settings):
             names = flag.split()
             if names[-1].isupper():
                 settings["metavar"] = names.pop()
-                settings["help"] += "" if settings.get("default") is None else " (%(default)s)"
+                settings["help"] += " (%(default)s)" if settings.get("default") is not None else ""
             flags.add_argument(*names, **settings)
 
-        flags = parser.add_argument_group(title)
         return add
 
     system, method, results, ci = map(group, ("which system", "which method", "results", "for CI"))
     system("--seed K", type=number(int, 0), default=0, help="a hair apart may end metres apart")
+    plain = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
+    method("--plain", action="store_true", help=plain)
     results("-h --help", action="help", help="these lines")
     results("--out DIR", default=out, help="a folder")
     switch = {"action": argparse.BooleanOptionalAction, "default": True}
     results("--picture", **switch, help="one that moves, for any browser")
     results("--rerun", **switch, help="the recording, for Rerun's viewer")
-    aim = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
-    method("--plain", action="store_true", help=aim)
     results("--show-step", action="store_true", help="print the code that a step becomes, no more")
     ci("--smoke", action="store_true", help="few steps whatever --steps says: for a byte-diff")
     ci("--device", choices=["cpu"], default="cpu", help="here nothing needs another")
@@ -131,30 +130,31 @@ def chapter_parser(prog, folder, out, examples):
 
 def mistake(error):
     """The traceback of an exception, without frames of this package, of libraries, of made code."""
-    import traceback
-
-    shown = whole = traceback.TracebackException.from_exception(error)
-    while shown:
-        own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]
-        shown.stack[:] = own or shown.stack
-        shown.__context__, shown = None, shown.__cause__
-    return "".join(whole.format()).rstrip()
+    shown = traceback.TracebackException.from_exception(error)
+    own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]
+    shown.stack[:] = own or shown.stack
+    return "".join(shown.format(chain=False)).rstrip()
 
 
-def run_script(main):
-    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
-    # a standard stream that is closed is opened again, lest a file take its place
-    while (spare := os.open(os.devnull, os.O_RDWR)) < 3:
+def prepare():
+    """Open standard streams that are closed, and heed signals; the streams that can be written."""
+    while (spare := os.open(os.devnull, os.O_RDWR)) < 3:  # lest a file take a closed one's place
         pass
     os.close(spare)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
         if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
-            # leave no temporary file
+            # an exit leaves no temporary file
             signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
-    prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
+    streams = list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:
         stream.reconfigure(errors="backslashreplace")
+    return streams
+
+
+def run_script(main):
+    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
+    prog, streams = Path(sys.argv[0]).name, prepare()
     try:
         try:
             status = main()
@@ -173,7 +173,7 @@ def run_script(main):
         line = f"{prog}: error: {error.strerror or error}{where}"
         status = 1 if isinstance(error, BrokenPipeError) else line
     except Exception as error:
-        name = error.name if isinstance(error, ModuleNotFoundError) else None
-        line = f"{prog}: error: {name} is not installed: pip install -e '.{EXTRAS.get(name)}'"
-        status = line if name in EXTRAS else mistake(error)
+        status, name = mistake(error), getattr(error, "name", None)
+        if isinstance(error, ModuleNotFoundError) and name in EXTRAS:
+            status = f"{prog}: error: {name} is not installed: pip install -e '.{EXTRAS[name]}'"
     sys.exit(status)
