@@ -5,8 +5,12 @@ python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run,
 
 import datetime
 import platform
+import re
+import subprocess
 import sys
 import time
+import timeit
+from functools import partial
 from pathlib import Path
 
 from curriculum.common.files import write_whole
@@ -41,20 +45,19 @@ def progress(what, steps):
     if not (sys.stderr and sys.stderr.isatty()):
         return lambda step: None
     name, before, parts, begin = PARTS or ("", 0, 1, time.monotonic())
-    label, shown = f"{what} {name}".rstrip(), -1.0  # when a line was last written, in s after begin
+    shown = -1.0  # when a line was last written, in s after begin
 
     def tick(step):
         nonlocal shown
         taken, share = time.monotonic() - begin, (before + step / steps) / parts
-        if step >= steps and shown >= 0.0:
-            line = ""
-        elif 0 < step < steps and taken > max(SURE, shown + 0.1) and taken > LONG * share:
-            line = f"{label}: {share:.0%} of all, {about(taken * (1.0 / share - 1.0))} left"
-        else:
-            return
-        # back to the line's start, so that whatever comes next writes over it
-        print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
-        shown = taken
+        line, due = "", taken > max(SURE, shown + 0.1) and taken > LONG * share
+        if 0 < step < steps and due:
+            left = about(taken * (1.0 / share - 1.0))
+            line = f"{what} {name}".rstrip() + f": {share:.0%} of all, {left} left"
+        if line or (step >= steps and shown >= 0.0):
+            # back to the line's start, so that whatever comes next writes over it
+            print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
+            shown = taken
 
     return tick
 
@@ -68,24 +71,18 @@ def about(seconds):
 
 def processor():
     """The processor's name, as the system gives it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(x.split(":", 1)[1].strip() for x in lines if x.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    text = info.read_text(encoding="utf-8") if info.exists() else ""
+    found = re.search("^model name.*: (.+)", text, re.MULTILINE)
+    return found[1] if found else platform.processor() or platform.machine()
 
 
 def main():
     """Measure: the median wall-clock of five processes, to the ledger."""
-    import subprocess  # here: no chapter needs it
-
     chapter, *command = sys.argv[1:]
-    seconds = []
-    for _ in range(5):
-        clock = time.perf_counter()
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        seconds.append(time.perf_counter() - clock)
-    row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
+    run = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
+    seconds = sorted(timeit.repeat(run, number=1, repeat=5))[2]
+    row = chapter, f"{seconds:.2f}", datetime.date.today(), processor().replace(",", "")
     text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
     write_whole(LEDGER, lambda path: path.write_text(text, encoding="utf-8"))
 

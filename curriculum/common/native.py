@@ -128,7 +128,7 @@ class Writer:
         values = [self.load(place) for place in places]
         inner = env | dict(zip(loop.names, values, strict=True))
         more = self.new(f"icmp slt i64 {turns}, {loop.most}")
-        self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %lost{k}")
+        self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
         test = tape.needed([loop.size])
         self.operations(tape, test, inner)
         size = self.value(inner, loop.size)
@@ -148,12 +148,11 @@ class Writer:
         for place, old, new in zip(places, values, following, strict=True):
             self.store(self.new(f"select {truth} {good}, {t} {old}, {t} {new}"), place)
         self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
-        self.begin(f"lost{k}", f"label %head{k}")
-        nan = self.constant(np.nan)
-        for place, old in zip(places, values, strict=True):
-            self.store(self.new(f"select {truth} {before}, {t} {old}, {t} {nan}"), place)
-        self.begin(f"end{k}")
-        env |= {name: self.load(x) for name, x in zip(loop.names, places, strict=True)}
+        self.begin(f"end{k}", f"label %head{k}")
+        good, nan = self.load(done, truth), self.constant(np.nan)
+        for name, place in zip(loop.names, places, strict=True):
+            last = self.load(place)
+            env[name] = self.new(f"select {truth} {good}, {t} {last}, {t} {nan}")
 
     def function(self, head, result):
         """All lines of the function."""
@@ -183,12 +182,11 @@ def assembly(program, lanes):
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
     state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
-    w.operations(tape, tape.needed(program.lasting()), env)
     silent = w.new("icmp eq ptr %out, null")
     w.begin("step")
     before = w.load(done, "i64")
     env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
-    w.operations(tape, [name for name in tape.needed(program.out) if name not in env], env)
+    w.operations(tape, tape.needed(program.out), env)
     out = [w.value(env, s) for s in program.out]
     for value, place in zip(out, state, strict=False):
         w.store(value, place)
@@ -242,10 +240,8 @@ class Native:
     def __init__(self, program, lanes=1, best=True):
         llvm = library()
         module = llvm.parse_assembly(assembly(program, lanes))
-        target, host = llvm.Target.from_default_triple(), {}
-        if best:
-            host = {"cpu": llvm.get_host_cpu_name()}
-            host["features"] = llvm.get_host_cpu_features().flatten()
+        host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
+        target = llvm.Target.from_default_triple()
         machine = target.create_target_machine(opt=2 * best, jit=True, **host)
         if best:
             options = llvm.create_pipeline_tuning_options(speed_level=1)

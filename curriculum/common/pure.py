@@ -5,7 +5,7 @@ import random
 import sys
 from collections import deque
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, zip_longest
 from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
 
 import numpy as np
@@ -124,10 +124,8 @@ class Memory:
             yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
         if isinstance(x, FunctionType | SimpleNamespace) or ours(type(x).__module__):
             yield type(x), name
-            attributes = self.note(
-                getattr(x, "__dict__", None), name, f"the attribute {{}} of {name}"
-            )
-            yield from ((y, name) for y in attributes)
+            held = getattr(x, "__dict__", None)
+            yield from ((y, name) for y in self.note(held, name, f"the attribute {{}} of {name}"))
         elif hasattr(x, "__next__"):
             self.asks.append(f"it takes from {name}, which cannot be put back")
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
@@ -137,15 +135,15 @@ class Memory:
         """(words, x, put, old) of what is not as it was."""
         for words, x, take, put, old in self.parts.values():
             now = take(x)
-            if len(now) != len(old) or not all(map(same, now, old)):
-                new = (k for k, (a, b) in enumerate(zip(now, old, strict=False)) if not same(a, b))
-                k = next(new, min(len(now), len(old)))
-                yield words.format(*now[k - k % 2 :][:1] or [""]), x, put, old
+            both = zip_longest(now, old, fillvalue=self)
+            if others := [k for k, (a, b) in enumerate(both) if not same(a, b)]:
+                key = now[others[0] - others[0] % 2 :][:1] or [""]
+                yield words.format(*key), x, put, old
 
     def changed(self):
         """What a trace did not leave as it was, or cannot stand for, in words; None if nothing."""
-        found = [f"it changes {words}" for words, *_ in self.differing()]
-        return next(iter([*found, *self.asks]), None)
+        found = (f"it changes {words}" for words, *_ in self.differing())
+        return next(chain(found, self.asks), None)
 
     def restore(self):
         """Put back, in place, all that has changed."""

@@ -105,20 +105,18 @@ class Log:
 
     def note(self, q, v, violations, energies):
         """Take a state, or a block of them, and what was measured of it, as far as it is sane."""
-        block = q, v, violations, energies
+        measured = [q[..., -1, :], violations, energies]
         if not self.series:
-            shapes = [x.shape for x in (q[..., -1, :], violations, energies)]
-            self.series = [np.empty((self.steps + 1, *shape)) for shape in shapes]
-            self.ndim = q.ndim
-        if q.ndim == self.ndim:  # one state
-            block = (np.asarray(x)[None] for x in block)
-        q, v, violations, energies = block
+            self.series = [np.empty((self.steps + 1, *x.shape)) for x in measured]
+        if q.ndim == self.series[0].ndim:  # one state
+            q, v, *measured = (np.asarray(x)[None] for x in (q, v, *measured))
+        _, violations, energies = measured
         sane = (violations < self.far) & np.isfinite(energies)
         sane = np.logical_and.accumulate(sane.reshape(len(q), -1).all(axis=1))
         count, first = int(np.sum(sane)), self.done + 1
         if first + count == 0:
             raise ValueError("this is no start: a rod is far off, or a number is not finite")
-        for series, x in zip(self.series, (q[..., -1, :], violations, energies), strict=True):
+        for series, x in zip(self.series, measured, strict=True):
             series[first : first + count] = x[:count]
         self.done += count
         low, high = np.searchsorted(self.keep, [first, first + count])
@@ -134,8 +132,7 @@ class Log:
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
         once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
         series = [x[: self.done + 1] for x in self.series]
-        seconds = stepper.seconds * self.done / max(1, stepper.taken)
         ended = self.stopped, self.kind, stepper.halved
-        return Run(
-            *series, steps[once], q[once], v[once], *ended, seconds, stepper.way, stepper.source
-        )
+        seconds = stepper.seconds * self.done / max(1, stepper.taken)
+        how = seconds, stepper.way, stepper.source
+        return Run(*series, steps[once], q[once], v[once], *ended, *how)
