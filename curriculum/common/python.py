@@ -14,7 +14,7 @@ WIDTH = 80  # what is used once stands where it is used, up to this many charact
 def write(tape, routines, *groups):
     """For each group of symbols, lines that compute what no group before has, and expressions.
 
-    `routines`: {id of a program: its function's name}, to which those that are called are added.
+    `routines`: a list of programs, to which those that are called are added.
     """
     used = Counter(s.x for group in groups for s in group)
     for name in tape.needed(sum(groups, [])):
@@ -57,7 +57,9 @@ def part_lines(part, signed, routines):
     """A Call or a Loop; `signed`(symbol) is an expression for what is computed before it."""
     names = ", ".join(part.names)
     if isinstance(part, Call):
-        called = routines.setdefault(id(part.program), (f"routine{len(routines)}", part))[0]
+        if part.program not in routines:
+            routines.append(part.program)
+        called = f"routine{routines.index(part.program)}"
         yield f"{names}, = {called}({', '.join(map(signed, part.arguments))})"
         return
     (test, (size,)), (rest, following) = write(part.tape, routines, [part.size], part.following)
@@ -79,16 +81,14 @@ def number_function(program, frame):
 
     frame(inputs, knobs, first, lines, results): `first` are lines that need be done only once.
     """
-    routines = {}
+    routines = []
     (first, _), (lines, results) = write(program.tape, routines, program.lasting(), program.out)
     source = frame(program.inputs, program.knobs, first, lines, results)
-    written = 0
-    while written < len(routines):  # a routine may call others
-        name, call = list(routines.values())[written]
-        written += 1
-        ((lines, made),) = write(call.tape, routines, call.made)
-        head, body = ", ".join(call.program.inputs), "".join(f"    {line}\n" for line in lines)
-        source = f"def {name}({head}):\n{body}    return {', '.join(made)},\n\n\n" + source
+    for k, called in enumerate(routines):  # which may call others: the list grows
+        made = [s for s in called.out if isinstance(s.x, str)]
+        ((lines, made),) = write(called.tape, routines, made)
+        head, body = ", ".join(called.inputs), "".join(f"    {line}\n" for line in lines)
+        source = f"def routine{k}({head}):\n{body}    return {', '.join(made)},\n\n\n" + source
     space = dict(NUMBERS)
     exec(source, space)  # made of the names of operations and of floats, and of nothing else
     return space["f"], source
