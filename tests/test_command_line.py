@@ -100,8 +100,8 @@ def test_an_end_to_be_expected_is_one_line_and_a_missing_package_names_what_brin
         "raise OSError(28, 'Full', 'a.json')": "-c: error: Full: a.json",
         "raise SystemExit('so be it')": "so be it",
     }
-    line = "-c: error: scipy is not installed: pip install -e '.[compare]'"
-    ends["sys.modules['scipy'] = None\nimport scipy"] = line
+    line = "-c: error: mujoco is not installed: pip install -e '.[compare]'"
+    ends["sys.modules['mujoco'] = None\nimport mujoco"] = line
     for lines, line in ends.items():
         done = script(lines)
         assert (done.returncode, done.stderr.strip()) == (1, line)

@@ -6,10 +6,8 @@ python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run,
 import datetime
 import platform
 import re
-import subprocess
 import sys
 import time
-import timeit
 from functools import partial
 from pathlib import Path
 
@@ -79,6 +77,9 @@ def processor():
 
 def main():
     """Measure: the median wall-clock of five processes, to the ledger."""
+    import subprocess  # here: no chapter needs these
+    import timeit
+
     chapter, *command = sys.argv[1:]
     run = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
     seconds = sorted(timeit.repeat(run, number=1, repeat=5))[2]

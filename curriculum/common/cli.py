@@ -7,7 +7,6 @@ import re
 import signal
 import sys
 import textwrap
-import traceback
 import warnings
 from difflib import get_close_matches
 from functools import partial
@@ -15,8 +14,8 @@ from pathlib import Path
 
 from curriculum.common.files import check_writable
 
-EXTRAS = {"rerun": "", "llvmlite": "[fast]", "scipy": "[compare]", "mujoco": "[compare]"}
-EXTRAS |= dict.fromkeys(("exudyn", "pymunk", "heyoka"), "[peers]") | {"mpmath": "[reference]"}
+EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
+EXTRAS |= {"mujoco": "[compare]", "heyoka": "[peers]"}
 FORMS = {int: r"[-+]?\d{1,99}", float: r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"}
 FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # files of frames
 
@@ -130,6 +129,8 @@ def chapter_parser(prog, folder, out, examples):
 
 def mistake(error):
     """The traceback of an exception, without frames of this package, of libraries, of made code."""
+    import traceback  # here: few runs end so
+
     shown = traceback.TracebackException.from_exception(error)
     own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]
     shown.stack[:] = own or shown.stack
