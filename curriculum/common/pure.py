@@ -5,7 +5,7 @@ import random
 import sys
 from collections import deque
 from functools import lru_cache
-from itertools import chain, zip_longest
+from itertools import chain, islice
 from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
 
 import numpy as np
@@ -31,30 +31,35 @@ def named(code):
 
 
 def refill(x, old):
-    """Have a dict, a class or an array hold again what a list says."""
-    if isinstance(x, np.ndarray):
-        x.flat[:] = np.fromiter(old, object) if x.dtype == object else np.frombuffer(*old, x.dtype)
-    elif isinstance(x, dict):
-        x.clear()
-        x.update(zip(old[::2], old[1::2], strict=True))
-    else:
-        before = dict(zip(old[::2], old[1::2], strict=True))
-        [delattr(x, name) for name in vars(x).keys() - before.keys()]
-        [setattr(x, name, y) for name, y in before.items() if vars(x).get(name, x) is not y]
+    """Have an array hold again what a dict says."""
+    known = (
+        np.fromiter(old.values(), object) if x.dtype == object else np.frombuffer(old[0], x.dtype)
+    )
+    x.flat[:] = known
 
 
-KINDS = {  # what can change: its name, what it holds, as a list, and how that is put back
-    dict: ("the dict {}", lambda x: [*chain(*x.items())], refill),
-    type: ("the global {}", lambda x: [*chain(*vars(x).items())], refill),
-    set: ("the set {}", list, lambda x, old: (x.clear(), x.update(old))),
-    (list, deque): ("the list {}", list, lambda x, old: (x.clear(), x.extend(old))),
-    np.ndarray: ("the array {}", lambda x: [*x.flat] if x.dtype == object else [x.tobytes()],
-        refill),
-    CellType: ("the variable {}", lambda x: [] if x == CellType() else [x.cell_contents],
-        lambda x, old: setattr(x, "cell_contents", *old)),
+def reset(x, old):
+    """Have a class hold again what a dict says."""
+    for name in vars(x).keys() - old.keys():
+        delattr(x, name)
+    for name, y in old.items():
+        if vars(x).get(name, x) is not y:
+            setattr(x, name, y)
+
+
+KINDS = {  # what can change: its name, what it holds, as a dict, and how that is put back
+    dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
+    type: ("the global {}", lambda x: dict(vars(x)), reset),
+    set: ("the set {}", lambda x: {y: y for y in x}, lambda x, old: (x.clear(), x.update(old))),
+    (list, deque): ("the list {}", lambda x: dict(enumerate(x)),
+        lambda x, old: (x.clear(), x.extend(old.values()))),
+    np.ndarray: ("the array {}",
+        lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
+    CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
+        lambda x, old: setattr(x, "cell_contents", old[0])),
     (np.random.BitGenerator, np.random.RandomState, random.Random): ("the random generator {}",
-        lambda x: [pickle.dumps(x.__getstate__())],
-        lambda x, old: x.__setstate__(pickle.loads(*old))),
+        lambda x: {0: pickle.dumps(x.__getstate__())},
+        lambda x, old: x.__setstate__(pickle.loads(old[0]))),
 }  # fmt: skip
 
 
@@ -90,16 +95,16 @@ class Memory:
             todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
 
     def note(self, x, name, words=None):
-        """What x holds, as a list; noted, if x is of one of KINDS."""
-        if not (kind := kind_of(type(x))):
-            return x if isinstance(x, tuple | frozenset) else ()
-        try:
-            if id(x) not in self.parts:
-                self.parts[id(x)] = words or kind[0].format(name), x, *kind[1:], kind[1](x)
-            return self.parts[id(x)][-1]
-        except Exception:  # a generator without a state
-            self.asks.append(f"it uses {name}, which cannot be put back")
-            return ()
+        """(y, name) of all that x holds; noted, if x is of one of KINDS."""
+        held = dict(enumerate(x)) if isinstance(x, tuple | frozenset) else {}
+        if kind := kind_of(type(x)):
+            try:
+                if id(x) not in self.parts:
+                    self.parts[id(x)] = words or kind[0].format(name), x, *kind[1:], kind[1](x)
+                held = self.parts[id(x)][-1]
+            except Exception:  # a generator without a state
+                self.asks.append(f"it uses {name}, which cannot be put back")
+        return [(y, name) for y in held.values()]
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""
@@ -112,10 +117,10 @@ class Memory:
                 self.spaces[id(space)] = space
                 self.note(x if isinstance(x, type) else space, "", "the global {}")
         else:
-            yield from ((y, name) for y in self.note(x, name))
+            yield from self.note(x, name)
         if isinstance(x, FunctionType):  # of what is not ours, what it closes over
             for n, cell in zip(x.__code__.co_freevars, x.__closure__ or (), strict=True):
-                yield from ((y, n) for y in self.note(cell, n))
+                yield from self.note(cell, n)
             if not known:
                 return
             self.names |= named(x.__code__)
@@ -124,8 +129,8 @@ class Memory:
             yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
         if isinstance(x, FunctionType | SimpleNamespace) or ours(type(x).__module__):
             yield type(x), name
-            held = getattr(x, "__dict__", None)
-            yield from ((y, name) for y in self.note(held, name, f"the attribute {{}} of {name}"))
+            words = f"the attribute {{}} of {name}"
+            yield from self.note(getattr(x, "__dict__", None), name, words)
         elif hasattr(x, "__next__"):
             self.asks.append(f"it takes from {name}, which cannot be put back")
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
@@ -135,10 +140,9 @@ class Memory:
         """(words, x, put, old) of what is not as it was."""
         for words, x, take, put, old in self.parts.values():
             now = take(x)
-            both = zip_longest(now, old, fillvalue=self)
-            if others := [k for k, (a, b) in enumerate(both) if not same(a, b)]:
-                key = now[others[0] - others[0] % 2 :][:1] or [""]
-                yield words.format(*key), x, put, old
+            new = (k for k in old | now if not same(old.get(k, self), now.get(k, self)))
+            for key in islice(new, 1):
+                yield words.format(key), x, put, old
 
     def changed(self):
         """What a trace did not leave as it was, or cannot stand for, in words; None if nothing."""
