@@ -5,7 +5,7 @@ import random
 import sys
 from collections import deque
 from functools import lru_cache
-from itertools import chain, islice
+from itertools import chain
 from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
 
 import numpy as np
@@ -32,10 +32,8 @@ def named(code):
 
 def refill(x, old):
     """Have an array hold again what a dict says."""
-    known = (
-        np.fromiter(old.values(), object) if x.dtype == object else np.frombuffer(old[0], x.dtype)
-    )
-    x.flat[:] = known
+    objects = x.dtype == object
+    x.flat[:] = np.fromiter(old.values(), object) if objects else np.frombuffer(old[0], x.dtype)
 
 
 def reset(x, old):
@@ -140,9 +138,9 @@ class Memory:
         """(words, x, put, old) of what is not as it was."""
         for words, x, take, put, old in self.parts.values():
             now = take(x)
-            new = (k for k in old | now if not same(old.get(k, self), now.get(k, self)))
-            for key in islice(new, 1):
-                yield words.format(key), x, put, old
+            new = [k for k in old | now if not same(old.get(k, self), now.get(k, self))]
+            if new:
+                yield words.format(new[0]), x, put, old
 
     def changed(self):
         """What a trace did not leave as it was, or cannot stand for, in words; None if nothing."""
