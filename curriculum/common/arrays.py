@@ -12,8 +12,8 @@ import numpy as np
 CACHE = 1 << 16  # numbers in all buffers together
 UFUNCS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "**": "power"}
 UFUNCS |= {"abs": "absolute"} | {name: name for name in FUNCTIONS}
-USED = [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not"]
-NAMES = {name: getattr(np, name) for name in USED} | {"inf": np.inf, "nan": np.nan}
+USED = [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not", "inf", "nan"]
+NAMES = {name: getattr(np, name) for name in USED}
 
 
 class Writer:

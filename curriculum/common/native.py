@@ -253,7 +253,7 @@ class Native:
         word, pointer = ctypes.c_int64, ctypes.c_void_p
         kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer)
         self.function = kind(self.engine.get_function_address("run"))
-        self.rows, self.lanes = len(program.out[len(program.inputs) :] or program.out), lanes
+        self.lanes = lanes
 
     def __call__(self, state, count, out, *knobs):
         """The steps done. state (entries, members), which is part of an array, becomes the end.
@@ -269,7 +269,7 @@ class Native:
         if whole < members:  # the last lanes are filled with the last member
             some = np.minimum(np.arange(whole, whole + self.lanes), members - 1)
             few = state[:, some].copy()
-            rows = None if out is None else np.empty((count, self.rows, self.lanes))
+            rows = None if out is None else np.empty((*out.shape[:2], self.lanes))
             self(few, count, rows, *knobs)
             state[:, whole:] = few[:, : members - whole]
             if out is not None:

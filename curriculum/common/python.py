@@ -5,8 +5,8 @@ from collections import Counter
 
 from curriculum.common.trace import FUNCTIONS, Call, Stop
 
-NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow"]} | {"abs": abs, "Stop": Stop}
-NUMBERS |= {"inf": math.inf, "nan": math.nan}
+NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow", "inf", "nan"]}
+NUMBERS |= {"abs": abs, "Stop": Stop}
 BINDS = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names, numbers and calls: 4
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
