@@ -15,23 +15,10 @@ from curriculum.ch3_4_constraints import publish
 from curriculum.common import banner, cli
 
 import pytest
+from conftest import MISTAKES
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
-REFUSED = {  # what the line must repeat, beside each flag with a value
-    "--dt=0 --dt=-1 --dt=nan --dt=inf --dt=abc --dt=1e-320 --dt=1e308 --steps=0 --steps=1.5": "",
-    f"--steps=1e3 --steps=\u0663 --steps=1_000 --steps={10**24} --seed=-1 --seed=x --seed=--": "",
-    "--baumgarte=-1 --baumgarte=1e-400 --impedance=0 --impedance=1 --links=0 --device=gpu": "",
-    "--system=nosuch --system=-- --stabilization=nosuch --links=99999999999": "",
-    "--system=two\nlines": r"two\nlines",
-    "--no\nsuch|1": r"--no\nsuch 1",
-    "--integ|rk4": "--integ rk4",
-    "--stabilization|impulse|--integrator|rk4": "impulse|rk4|q + dt (v + dt a)|semi_implicit",
-    "--tol|0.001|--integrator|rk4": "--tol|0.001|--integrator gauss",
-    "--integrator|RK4": "mean rk4?",
-    "--SYSTEM|double": "mean --system?",
-    "--system|Triple": "mean 'triple'?",
-}
 
 
 def refusal(capsys, *words):
@@ -43,12 +30,17 @@ def refusal(capsys, *words):
     return line
 
 
-@pytest.mark.parametrize(("flags", "repeated"), REFUSED.items())
-def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(flags, repeated, capsys):
-    for words in flags.split(" ") if "=" in flags else [flags]:
-        line, (flag, _, value) = refusal(capsys, *words.split("|")), words.partition("=")
-        assert all(part in line for part in repeated.split("|"))
-        assert not value or (f"argument {flag}: " in line and repr(value) in line), words
+@pytest.mark.parametrize("flag", MISTAKES["command_line"]["values"])
+def test_a_bad_value_is_one_line_that_repeats_it(flag, capsys):
+    name, _, value = flag.partition("=")
+    line = refusal(capsys, flag)
+    assert f"argument {name}: " in line and repr(value) in line
+
+
+@pytest.mark.parametrize(("words", "parts"), MISTAKES["command_line"]["words"])
+def test_a_bad_flag_or_combination_is_one_line_that_helps(words, parts, capsys):
+    line = refusal(capsys, *words)
+    assert all(part in line for part in parts)
 
 
 def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
