@@ -28,14 +28,11 @@ TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
 def load(tmp_path):
     """load(name, right, wrong) -> an exercise solved, with `wrong` for `right` in its solution."""
 
-    def load(name, right="", wrong=""):
-        path = HERE / f"solutions/{name}.py"
-        source = path.read_text(encoding="utf-8")
+    def load(name, right="\n", wrong="\n"):
+        path, answers = HERE / f"solutions/{name}.py", ModuleType(name)
+        source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
         assert right in source
-        answers = ModuleType(path.stem)
-        answers.__file__ = str(path)
-        source = source.replace(right, wrong) if right else source
-        exec(compile(source, path, "exec"), vars(answers))
+        exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
         exercise = solved(name, answers)
         exercise.NOTE = tmp_path / "outputs/note.json"
         return exercise
