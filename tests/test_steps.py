@@ -1,13 +1,18 @@
 """Many steps at once are the steps of the lines as they stand, in every way that they are done."""
 
 import math
-from functools import partial
+import random as dice
+import time
+from datetime import datetime
+from functools import partial, singledispatch
 from itertools import product
+from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, native
 from curriculum.common.compiled import Compiled
+from curriculum.common.pure import Memory
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
 
@@ -58,6 +63,10 @@ def careless(q, v):
         return 0.0 * q
 
 
+def later(q, v):
+    return 0.0 * q if q.dtype == object else 9.0 * np.minimum(0.0, q + 0.06)
+
+
 def halving(q):
     """Where a loop that works in place ends, and what its turns kept."""
     kept = []
@@ -70,40 +79,98 @@ def halving(q):
     return repeat(body, q, 60, "no end"), kept
 
 
+class Controller(SimpleNamespace):
+    def __call__(self, q, v):
+        gain, self.hold.gain = self.hold.gain, q[0, 0]
+        return -gain * v
+
+
+CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
+
+
 def forces():
-    """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze."""
-    start, rng = [], np.random.default_rng(3)
+    """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze.
+
+    Their names say, up to a colon, what the run says of them.
+    """
+    global CALLS
+    CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
+    rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
+    np.random.seed(3)  # noqa: NPY002
+
+    def count(q, v):
+        global CALLS
+        CALLS += 1
+        return np.full(q.shape, CALLS // 5 % 2)
+
+    def counter(q, v):
+        nonlocal calls
+        calls += 1
+        return np.full(q.shape, calls // 5 % 2)
+
+    def lag(q, v):
+        before, lag.speed = getattr(lag, "speed", v), v.copy()
+        return before - v
+
     return {
-        # what they keep; test_pure.py has more of these
-        "start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
-        "chance": lambda q, v: rng.normal(size=q.shape) * (rng.random() < 0.3),
-        "counts turns": lambda q, v: len(halving(q)[1]) * -v,
-        "keeps turns": lambda q, v: halving(q)[1][-1] - v,
+        "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
+        "changes the list turns": lambda q, v, turns=[0, 1, 2]: turns.append(turns.pop(0)) or -v,
+        "changes the dict cache": lambda q, v: cache.setdefault(q.shape, -v),
+        "changes the global CALLS": count,
+        "changes the variable calls": singledispatch(counter),  # in a closure of the library
+        "changes the attribute speed of lag": lambda q, v: lag(q, v),
+        "changes the attribute gain of controller": lambda q, v: controller(q, v),
+        "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
+        "the random generator of numpy": np.vectorize(lambda q, v: np.random.random()),  # noqa: NPY002
+        "asks for the time": lambda q, v: -v if datetime.now() else v,
+        "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
+        "takes from ticks, which cannot be put back": lambda q, v: 0.0 * next(ticks) * v,
+        "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
+        "something else when it is traced: turns": lambda q, v: len(halving(q)[1]) * -v,
+        "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
-        "isinstance": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "isscalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
-        "str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
-        "dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
-        "bare except": careless,
-        "complex": lambda q, v: np.abs(q * np.exp(0.5j) + v),
-        "later": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * np.minimum(0.0, q + 0.06),
-        # nothing: these stay compiled, though Python would refuse to divide, or overflow
-        "pure: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
-        "pure: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
-        "pure: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
-        "pure: in place": lambda q, v: halving(q)[0],
+        "when it is traced: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
+        "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
+        "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
+        "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
+        "branches on a value": careless,
+        "makes a complex number": lambda q, v: np.abs(q * np.exp(0.5j) + v),
+        "something else when it is compiled": later,
+        # nothing: Python alone would refuse to divide, or overflow
+        "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
+        "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
+        "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
+        "compiled: in place": lambda q, v: halving(q)[0],
     }
 
 
 @pytest.mark.parametrize("name", forces())
-def test_what_a_trace_would_freeze_gives_the_plain_answer(name, monkeypatch):
+def test_what_a_trace_would_freeze_gives_the_plain_answer_and_is_told_of(name, monkeypatch):
     ends = []
     for way in (Machine, Plain):
         feel(monkeypatch, forces()[name])
         ends.append(run(DOUBLE, "rk4", 0.0, 0.005, 40, way=way))
     found, plain = ends
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)
-    assert ("slower: it" in found.way) == (not name.startswith("pure"))
+    assert name.split(":")[0] in found.way
+    assert ("slower: it" in found.way) == (not name.startswith("compiled"))
+
+
+@pytest.mark.parametrize("mode", c.hold_table())
+def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
+    """Some tens of dicts, arrays and cells, for the chapter's own functions and a drag."""
+    rate, endless = np.ones(3), {"of": Memory, "file": open, "lock": np.lib}
+    endless["self"] = [endless]
+
+    def drag(q, v, k=(0.1, [0.2]), n=math.pi):
+        return np.sin(n) - k[0] * v + np.cross(q, rate) if endless else q
+
+    q, v, m = (DOUBLE[key] for key in ("q0", "v0", "m"))
+    force = c.make_force(DOUBLE, mode)
+    memory = Memory(c.rk4_step, force, force.after, drag)
+    state = c.rk4_step(q, v, m, force, 0.005)
+    drag(*(force.after(q, *state, 0.005) if force.after else state))
+    assert memory.changed() is None and len(memory.parts) < 80
 
 
 def motor(q, v):
