@@ -76,9 +76,8 @@ def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(pyt
 
 # --- what ends a program ---
 def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "def wrong(path):\n    import numpy\n    numpy.stack([[1], []])"
-    )
+    mine = "def wrong(path):\n    import numpy\n    numpy.stack([[1], []])"
+    (tmp_path / "mine.py").write_text(mine)
     lines = "sys.path.insert(0, sys.argv[1])\nimport mine\nfiles.write_whole('a', mine.wrong)"
     done = script(lines, tmp_path, cwd=tmp_path, variables={"PYTHONPATH": c.HERE})
     files = re.findall(r'File "(.+?)", line (\d+)', done.stderr)

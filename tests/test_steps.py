@@ -56,13 +56,6 @@ def feel(monkeypatch, force):
     monkeypatch.setattr(c, "external_force", lambda s, q, v: s["m"] * c.GRAVITY + force(q, v))
 
 
-def careless(q, v):
-    try:
-        return np.full(q.shape, 1.0 if v[0, 1] < 0.0 else -1.0)
-    except:  # noqa: E722
-        return 0.0 * q
-
-
 def later(q, v):
     return 0.0 * q if q.dtype == object else 9.0 * np.minimum(0.0, q + 0.06)
 
@@ -97,6 +90,7 @@ def forces():
     CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
     rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
     np.random.seed(3)  # noqa: NPY002
+    noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
 
     def count(q, v):
         global CALLS
@@ -121,7 +115,7 @@ def forces():
         "changes the attribute speed of lag": lambda q, v: lag(q, v),
         "changes the attribute gain of controller": lambda q, v: controller(q, v),
         "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
-        "the random generator of numpy": np.vectorize(lambda q, v: np.random.random()),  # noqa: NPY002
+        "the random generator of numpy": noise,
         "asks for the time": lambda q, v: -v if datetime.now() else v,
         "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
         "takes from ticks, which cannot be put back": lambda q, v: 0.0 * next(ticks) * v,
@@ -133,7 +127,6 @@ def forces():
         "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
         "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
         "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
-        "branches on a value": careless,
         "makes a complex number": lambda q, v: np.abs(q * np.exp(0.5j) + v),
         "something else when it is compiled": later,
         # nothing: Python alone would refuse to divide, or overflow

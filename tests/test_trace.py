@@ -4,11 +4,11 @@ from functools import partial
 from itertools import pairwise
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import whole_step
+from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
 from curriculum.common.arrays import ArrayFunction
 from curriculum.common.python import number_function
-from curriculum.common.steps import Traced, again
+from curriculum.common.steps import again
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
 
 import numpy as np
@@ -230,17 +230,11 @@ def test_who_prints_a_symbol_is_told_of_plain_once(monkeypatch, capsys):
     assert seen.out == "x_0_0 -x_1_2\n" and seen.err.count("--plain") == 1
 
 
-def source_of(name, rule, hold):
-    system = c.build_system(name)
-    step, force = whole_step(system, rule, hold, 0.005)
-    return Traced(step, system["m"], force, 0.005, system["q0"], system["v0"]).source
-
-
 def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
     """A scene file stays data, whatever it holds; the pendulum's step is the textbook's formula."""
     for name in ("windows", "light_tip"):
-        source = source_of(name, "rk4", "project")
+        source = run(c.build_system(name), "rk4", "project", steps=1).source
         assert "__" not in source and "import" not in source and name not in source
-    source = source_of("pendulum", "semi_implicit", "none")
+    source = run(c.build_system("pendulum"), steps=1).source
     assert len(source.splitlines()) <= 13
     assert "v_0_0 * v_0_0 + v_0_1 * v_0_1" in source and "q_0_0 * q_0_0 + q_0_1 * q_0_1" in source
