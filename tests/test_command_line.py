@@ -86,14 +86,7 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path
 
 
 def test_an_end_to_be_expected_is_one_line_and_a_missing_package_names_what_brings_it(script):
-    ends = {
-        "raise MemoryError": "-c: error: not enough memory; ask for fewer rods, members or steps",
-        "raise OSError(28, 'Full', 'a.json')": "-c: error: Full: a.json",
-        "raise SystemExit('so be it')": "so be it",
-    }
-    line = "-c: error: scipy is not installed: pip install -e '.[compare]'"
-    ends["sys.modules['scipy'] = None\nimport scipy"] = line
-    for lines, line in ends.items():
+    for lines, line in MISTAKES["command_line"]["ends"].items():
         done = script(lines)
         assert (done.returncode, done.stderr.strip()) == (1, line)
     assert "Traceback" in script("raise ImportError").stderr
