@@ -117,9 +117,7 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(script, pyt
 
 
 @posix
-def test_a_full_closed_or_narrow_terminal_and_a_reader_that_has_seen_enough(
-    script, python, tmp_path
-):
+def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(script, python, tmp_path):
     with open("/dev/full", "w") as full:
         done = script("print(1)", stdout=full)
     assert (done.returncode, done.stderr) == (1, "-c: error: No space left on device\n")

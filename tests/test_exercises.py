@@ -24,20 +24,13 @@ EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=HERE, capture_output
 TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture
-def load(tmp_path):
-    """load(name, right, wrong) -> an exercise solved, with `wrong` for `right` in its solution."""
-
-    def load(name, right="\n", wrong="\n"):
-        path, answers = HERE / f"solutions/{name}.py", ModuleType(name)
-        source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
-        assert right in source
-        exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
-        exercise = solved(name, answers)
-        exercise.NOTE = tmp_path / "outputs/note.json"
-        return exercise
-
-    return load
+def load(name, right="\n", wrong="\n"):
+    """An exercise solved, with `wrong` for what is right in its solution."""
+    path, answers = HERE / f"solutions/{name}.py", ModuleType(name)
+    source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
+    assert right in source
+    exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
+    return solved(name, answers)
 
 
 @pytest.mark.parametrize("name", CHECKS)
@@ -57,35 +50,35 @@ def test_an_unedited_exercise_ends_by_what_it_wants_next(name, python):
 
 
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
-def test_a_wrong_answer_is_told_of(name, right, wrong, says, load):
+def test_a_wrong_answer_is_told_of(name, right, wrong, says):
     with pytest.raises(Wrong, match=says):
         CHECKS[name](load(name, right, wrong))
 
 
-def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load, capsys):
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path, capsys):
     """A wrong one counts; one that was changed afterwards does not."""
-    load(ONE, '"factor": 16,', '"factor": 2,').main()
+    first = load(ONE, '"factor": 16,', '"factor": 2,')
+    first.NOTE = tmp_path / "outputs/note.json"
+    first.main()
     assert capsys.readouterr().out.startswith("you wrote down {'rod': 'grows', 'factor': 2,")
+    changed = load(ONE)
+    changed.NOTE = tmp_path / "outputs/note.json"
     with pytest.raises(Wrong, match="before, you wrote down"):
-        load(ONE).main()
+        changed.main()
 
 
-def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, python, tmp_path):
+def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(python, tmp_path):
     solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
     solution.SCENE = tmp_path / "mine.json"
-    for content, error, says in (
-        (scene | {"rods": scene["rods"][:2]}, Wrong, "close no loop"),
-        (scene | {"rods": []}, SceneError, "rods is"),
-    ):
-        solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
+    for rods, error, says in ((2, Wrong, "close no loop"), (0, SceneError, "rods is")):
+        solution.SCENE.write_text(json.dumps(scene | {"rods": scene["rods"][:rods]}), "utf-8")
         with pytest.raises(error, match=says):
             CHECKS[FIVE](solution)
-    code = f"import {FOLDER}.ex5_linkage as x; x.SCENE = 'no.json'; x.run(x.main)"
-    broken = python("-c", code)
+    broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
     assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
 
 
-def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
+def test_the_numbers_in_the_answers_are_those_of_the_runs():
     """Those that no script prints, as they are written there."""
     pendulum, double = c.build_system("pendulum"), c.build_system("double")
     no_turn = run(pendulum, hold=c.hold_table()["none"]._replace(use_jdotv=0.0)).violations
@@ -110,7 +103,7 @@ def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
     assert [words for words in said if words not in " ".join(TEXT.split())] == []
 
 
-def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so(load):
+def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
     holds = {("semi_implicit", 165.0): True, ("semi_implicit", 166.0): False}
     holds |= {("rk4", 460.0): True, ("rk4", 480.0): False}
     holds |= {("euler", w): False for w in (5.0, 20.0, 100.0, 390.0)}

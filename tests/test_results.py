@@ -96,6 +96,7 @@ def test_metrics_are_the_run_rounded_and_the_table_the_metrics_with_units(result
         *told, pace = line.split()
         assert told == " ".join(words).split() and float(pace) > 0.0
     assert found["error_at"] == 1.0 and "at 1 s" in lines[start - 1]
+    # a line above tells how the steps were done: the longer, the busier the machine has been
     assert max(map(len, lines[start - 2 : start + 5])) <= 80
 
 

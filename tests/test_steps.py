@@ -127,7 +127,6 @@ def forces():
         "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
         "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
         "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
-        "makes a complex number": lambda q, v: np.abs(q * np.exp(0.5j) + v),
         "something else when it is compiled": later,
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
