@@ -19,6 +19,9 @@ from conftest import MISTAKES
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
+REFUSED = MISTAKES["command_line"]["words"]
+for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"]["values"]):
+    REFUSED.append(([f"{flag}={value}"], (f"argument {flag}: ", repr(value))))
 
 
 def refusal(capsys, *words):
@@ -30,15 +33,8 @@ def refusal(capsys, *words):
     return line
 
 
-@pytest.mark.parametrize("flag", MISTAKES["command_line"]["values"])
-def test_a_bad_value_is_one_line_that_repeats_it(flag, capsys):
-    name, _, value = flag.partition("=")
-    line = refusal(capsys, flag)
-    assert f"argument {name}: " in line and repr(value) in line
-
-
-@pytest.mark.parametrize(("words", "parts"), MISTAKES["command_line"]["words"])
-def test_a_bad_flag_or_combination_is_one_line_that_helps(words, parts, capsys):
+@pytest.mark.parametrize(("words", "parts"), REFUSED)
+def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, parts, capsys):
     line = refusal(capsys, *words)
     assert all(part in line for part in parts)
 

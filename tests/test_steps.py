@@ -56,10 +56,6 @@ def feel(monkeypatch, force):
     monkeypatch.setattr(c, "external_force", lambda s, q, v: s["m"] * c.GRAVITY + force(q, v))
 
 
-def later(q, v):
-    return 0.0 * q if q.dtype == object else 9.0 * np.minimum(0.0, q + 0.06)
-
-
 def halving(q):
     """Where a loop that works in place ends, and what its turns kept."""
     kept = []
@@ -127,7 +123,7 @@ def forces():
         "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
         "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
         "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
-        "something else when it is compiled": later,
+        "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
