@@ -1,13 +1,16 @@
-"""What several test files need: processes of their own, and a run that is made once."""
+"""What several test files need: mistakes, processes of their own, and a run that is made once."""
 
 import os
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import constraints
 
 import pytest
 
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 

@@ -15,23 +15,13 @@ from curriculum.ch3_4_constraints import publish
 from curriculum.common import banner, cli
 
 import pytest
+from conftest import MISTAKES
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
-REFUSED = {  # what the line must repeat, beside each flag with a value
-    "--dt=0 --dt=-1 --dt=nan --dt=inf --dt=abc --dt=1e-320 --dt=1e308 --steps=0 --steps=1.5": "",
-    f"--steps=1e3 --steps=\u0663 --steps=1_000 --steps={10**24} --seed=-1 --seed=x --seed=--": "",
-    "--baumgarte=-1 --baumgarte=1e-400 --impedance=0 --impedance=1 --links=0 --device=gpu": "",
-    "--system=nosuch --system=-- --stabilization=nosuch --links=99999999999": "",
-    "--system=two\nlines": r"two\nlines",
-    "--no\nsuch|1": r"--no\nsuch 1",
-    "--integ|rk4": "--integ rk4",
-    "--stabilization|impulse|--integrator|rk4": "impulse|rk4|q + dt (v + dt a)|semi_implicit",
-    "--tol|0.001|--integrator|rk4": "--tol|0.001|--integrator gauss",
-    "--integrator|RK4": "mean rk4?",
-    "--SYSTEM|double": "mean --system?",
-    "--system|Triple": "mean 'triple'?",
-}
+REFUSED = MISTAKES["command_line"]["words"]
+for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"]["values"]):
+    REFUSED.append(([f"{flag}={value}"], (f"argument {flag}: ", repr(value))))
 
 
 def refusal(capsys, *words):
@@ -43,12 +33,10 @@ def refusal(capsys, *words):
     return line
 
 
-@pytest.mark.parametrize(("flags", "repeated"), REFUSED.items())
-def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(flags, repeated, capsys):
-    for words in flags.split(" ") if "=" in flags else [flags]:
-        line, (flag, _, value) = refusal(capsys, *words.split("|")), words.partition("=")
-        assert all(part in line for part in repeated.split("|"))
-        assert not value or (f"argument {flag}: " in line and repr(value) in line), words
+@pytest.mark.parametrize(("words", "parts"), REFUSED)
+def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, parts, capsys):
+    line = refusal(capsys, *words)
+    assert all(part in line for part in parts)
 
 
 def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
@@ -84,9 +72,8 @@ def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(pyt
 
 # --- what ends a program ---
 def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "def wrong(path):\n    import numpy\n    numpy.stack([[1], []])"
-    )
+    mine = "def wrong(path):\n    import numpy\n    numpy.stack([[1], []])"
+    (tmp_path / "mine.py").write_text(mine)
     lines = "sys.path.insert(0, sys.argv[1])\nimport mine\nfiles.write_whole('a', mine.wrong)"
     done = script(lines, tmp_path, cwd=tmp_path, variables={"PYTHONPATH": c.HERE})
     files = re.findall(r'File "(.+?)", line (\d+)', done.stderr)
@@ -95,14 +82,7 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path
 
 
 def test_an_end_to_be_expected_is_one_line_and_a_missing_package_names_what_brings_it(script):
-    ends = {
-        "raise MemoryError": "-c: error: not enough memory; ask for fewer rods, members or steps",
-        "raise OSError(28, 'Full', 'a.json')": "-c: error: Full: a.json",
-        "raise SystemExit('so be it')": "so be it",
-    }
-    line = "-c: error: mujoco is not installed: pip install -e '.[compare]'"
-    ends["sys.modules['mujoco'] = None\nimport mujoco"] = line
-    for lines, line in ends.items():
+    for lines, line in MISTAKES["command_line"]["ends"].items():
         done = script(lines)
         assert (done.returncode, done.stderr.strip()) == (1, line)
     assert "Traceback" in script("raise ImportError").stderr
@@ -133,9 +113,7 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(script, pyt
 
 
 @posix
-def test_a_full_closed_or_narrow_terminal_and_a_reader_that_has_seen_enough(
-    script, python, tmp_path
-):
+def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(script, python, tmp_path):
     with open("/dev/full", "w") as full:
         done = script("print(1)", stdout=full)
     assert (done.returncode, done.stderr) == (1, "-c: error: No space left on device\n")

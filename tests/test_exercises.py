@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -15,42 +14,28 @@ from curriculum.ch3_4_constraints.studies import figures
 from curriculum.ch3_4_constraints.studies._runs import run
 
 import pytest
+from conftest import MISTAKES
 
 HERE, FOLDER, CHECKS = Path(checks.__file__).parent, checks.__package__, checks.CHECKS
 ONE, TWO, THREE, FOUR, FIVE = CHECKS
+WRONG = [(name, *row) for name, rows in MISTAKES["exercises"].items() for row in rows]
 LISTED = ["git", "ls-files", "--modified", "--", "ex*.py", "my_linkage.json"]
 EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=HERE, capture_output=True).stdout
 TEXT = (HERE / "solutions/README.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture
-def load(tmp_path):
-    """load(name, right, wrong) -> an exercise solved, with `wrong` for `right` in its solution."""
-
-    def load(name, right="", wrong=""):
-        path = HERE / f"solutions/{name}.py"
-        source = path.read_text(encoding="utf-8")
-        assert right in source
-        answers = ModuleType(path.stem)
-        answers.__file__ = str(path)
-        source = source.replace(right, wrong) if right else source
-        exec(compile(source, path, "exec"), vars(answers))
-        exercise = solved(name, answers)
-        exercise.NOTE = tmp_path / "outputs/note.json"
-        return exercise
-
-    return load
-
-
-def script(*words):
-    """Python, run as a reader would, from the project's folder; its errors among its output."""
-    kept = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    return subprocess.run([sys.executable, *words], cwd=c.HERE, **kept)
+def load(name, right="\n", wrong="\n"):
+    """An exercise solved, with `wrong` for what is right in its solution."""
+    path, answers = HERE / f"solutions/{name}.py", ModuleType(name)
+    source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
+    assert right in source
+    exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
+    return solved(name, answers)
 
 
 @pytest.mark.parametrize("name", CHECKS)
-def test_a_solution_passes_and_prints_what_its_text_says(name):
-    done = script("-m", f"{FOLDER}.{name}", "--solved")
+def test_a_solution_passes_and_prints_what_its_text_says(name, python):
+    done = python("-m", f"{FOLDER}.{name}", "--solved", stderr=subprocess.STDOUT)
     blocks = {block["command"]: block["body"] for block in figures.BLOCK.finditer(TEXT)}
     assert done.returncode == 0 and f"{name}.py: solved" in done.stdout
     assert blocks[f"python -m {FOLDER}.{name} --solved"] == done.stdout
@@ -58,67 +43,42 @@ def test_a_solution_passes_and_prints_what_its_text_says(name):
 
 @pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
 @pytest.mark.parametrize("name", CHECKS)
-def test_an_unedited_exercise_ends_by_what_it_wants_next(name):
-    done = script("-m", f"{FOLDER}.{name}")
-    assert done.returncode == 0
+def test_an_unedited_exercise_ends_by_what_it_wants_next(name, python):
+    done = python("-m", f"{FOLDER}.{name}")
+    assert (done.returncode, done.stderr) == (0, "")
     assert re.fullmatch(rf"{name}\.py, line \d+: .{{20,}}", done.stdout.splitlines()[-1])
 
 
-WRONG = [
-    (ONE, '"rod": "grows", "factor": 15.9', '"rod": "stays", "factor": 15.9', "rod: not"),
-    (ONE, "15.9", "4", "factor: not"),
-    (ONE, "0.5 * dt**2", "dt**2", "expected_g"),
-    (ONE, '"why": why', '"why": "It grows."', "why: "),
-    (TWO, "rate @ rate", "0.0", "right at rest, wrong in motion"),
-    (TWO, "rate @ rate", "2.1 * (rate @ rate)", "turning: a chain of 1 in motion, w 0"),
-    (TWO, "jac * inverse_m", "jac * 1.1", "mobility: a chain of 1 at rest"),
-    (TWO, "-2.0 * w", "-w", "half the damping"),
-    (TWO, "- w**2 * g", "- 1.1 * w**2 * g", "wanted: a chain of 1 in motion, w 20"),
-    (THREE, "a.tobytes() == b.tobytes()", "np.allclose(a, b)", "last bit"),
-    (THREE, "gap > 1.0", "gap > 0.0", "parted"),
-    (THREE, "else np.inf", "else 0.0", "never"),
-    (THREE, "34.4", "26.9", "1e-12: not"),
-    (FOUR, "(middle, high) if", "(low, middle) if not", "bisect"),
-    (FOUR, "0.5 * (low + high)", "0.95 * low + 0.05 * high", "calls"),
-    (FOUR, "-z * v", "-2.0 * z * v", "step_matrix: of euler"),
-    (FOUR, "1.0)]).T", "1.0)])", "it is transposed"),
-    (FIVE, 'return "impulse"', 'return "baumgarte"', "mm off"),
-    (FIVE, 'return "impulse"', 'return "project"', "solves more"),
-    (FIVE, '"loses": "baumgarte"', '"loses": "project"', "loses: under project"),
-    (FIVE, '"holds": "impulse"', '"holds": "soft"', "holds: under soft"),
-]  # fmt: skip
-
-
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
-def test_a_wrong_answer_is_told_of(name, right, wrong, says, load):
+def test_a_wrong_answer_is_told_of(name, right, wrong, says):
     with pytest.raises(Wrong, match=says):
         CHECKS[name](load(name, right, wrong))
 
 
-def test_a_guess_counts_only_as_it_was_written_down_before_the_run(load, capsys):
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path, capsys):
     """A wrong one counts; one that was changed afterwards does not."""
-    load(ONE, '"factor": 16,', '"factor": 2,').main()
+    first = load(ONE, '"factor": 16,', '"factor": 2,')
+    first.NOTE = tmp_path / "outputs/note.json"
+    first.main()
     assert capsys.readouterr().out.startswith("you wrote down {'rod': 'grows', 'factor': 2,")
+    changed = load(ONE)
+    changed.NOTE = tmp_path / "outputs/note.json"
     with pytest.raises(Wrong, match="before, you wrote down"):
-        load(ONE).main()
+        changed.main()
 
 
-def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(load, tmp_path):
+def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(python, tmp_path):
     solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
     solution.SCENE = tmp_path / "mine.json"
-    for content, error, says in (
-        (scene | {"rods": scene["rods"][:2]}, Wrong, "close no loop"),
-        (scene | {"rods": []}, SceneError, "rods is"),
-    ):
-        solution.SCENE.write_text(json.dumps(content), encoding="utf-8")
+    for rods, error, says in ((2, Wrong, "close no loop"), (0, SceneError, "rods is")):
+        solution.SCENE.write_text(json.dumps(scene | {"rods": scene["rods"][:rods]}), "utf-8")
         with pytest.raises(error, match=says):
             CHECKS[FIVE](solution)
-    code = f"import {FOLDER}.ex5_linkage as x; x.SCENE = 'no.json'; x.run(x.main)"
-    broken = script("-c", code)
-    assert broken.returncode == 1 and len(broken.stdout.splitlines()) == 1
+    broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
+    assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
 
 
-def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
+def test_the_numbers_in_the_answers_are_those_of_the_runs():
     """Those that no script prints, as they are written there."""
     pendulum, double = c.build_system("pendulum"), c.build_system("double")
     no_turn = run(pendulum, hold=c.hold_table()["none"]._replace(use_jdotv=0.0)).violations
@@ -143,7 +103,7 @@ def test_the_numbers_in_the_answers_are_those_of_the_runs(load):
     assert [words for words in said if words not in " ".join(TEXT.split())] == []
 
 
-def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so(load):
+def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
     holds = {("semi_implicit", 165.0): True, ("semi_implicit", 166.0): False}
     holds |= {("rk4", 460.0): True, ("rk4", 480.0): False}
     holds |= {("euler", w): False for w in (5.0, 20.0, 100.0, 390.0)}

@@ -55,6 +55,7 @@ def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkey
         signal.raise_signal(signal.SIGINT)
         replace(*paths)
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
     monkeypatch.setattr(files.Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         files.write_together(tmp_path, dict.fromkeys("ab", writes("new")))

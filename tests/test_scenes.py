@@ -4,67 +4,31 @@ import json
 import os
 import re
 import time
-from itertools import product
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import LARGEST, MOST, SceneError, check_system
+from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.scenes.make_scenes import MADE, SCENES, again
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common.graph import has_loop
 
 import numpy as np
 import pytest
+from conftest import MISTAKES
 
-# fmt: off
-GOOD = {
-    "anchors": [[0, 0, 0]], "rods": [{"pair": [0, -1]}, {"pair": [1, 0], "length": 1}],
-    "particles": [{"position": [1, 0, 0], "velocity": [0] * 3, "mass": 1}, {"position": [2, 0, 0]}],
-}
-POINT, END = "three finite numbers [x, y, z]", "a particle 0..1, tied to another or to an anchor"
-LIST, ONLY, TWICE = "a list of 1 to ", "an object with no keys but ", "once; rods[0] ties the same"
-MISTAKES = [  # a place in GOOD, JSON to put there, what must be there
-    ("particles", ["[]", "null"], LIST),
-    ("particles[0]", ["7"], ONLY + "position, velocity, mass"),
-    ("particles[1].position", ["[2, 0]", "[NaN, 0, 0]", "[1e999, 0, 0]"], POINT),
-    ("particles[0].velocity", ["[0, -Infinity, 0]", "[0, true, 0]", f"[{10**400}, 0, 0]"], POINT),
-    ("particles[0].mass", ["0", "-1", "true", "1e-320", '"1"', "[1]"], "a finite number of kilo"),
-    ("rods[1].pair", ["[1]", "[1, 0.0]", "[true, 0]", "null"], "two whole numbers [i, j]"),
-    ("rods[1].pair", ["[2, 0]", "[1, 2]", "[1, -2]", "[-1, 1]", "[1, 1]"], END),
-    ("rods[1].length", ["0", "-1", "null"], "a finite number of metres > 0"),
-    ("rods[1].length", ["1.01"], "1 m, as its ends are apart, to 0.0001 %"),
-]
-ANSWERED = [(place, value, "", to) for place, values, to in MISTAKES for value in values] + [
-    ("by", '"me"', 'the file is ["anchors", "by", "particles", "rods"]', ONLY + "about, anchors"),
-    ("anchors", "[]", "rods[0].pair is [0, -1]", "tied to another; there are no anchors"),
-    ("rods[0].pair", "[0, 1]", "rods[1].pair is [1, 0]", TWICE),
-    ("particles[0].position[0]", "0", "rods[0].pair is [0, -1]", "two points apart"),
-    ("particles[0].velocity[0]", "0.5", "rods[0] is stretched at 0.5 m/s", "0: velocities keep"),
+GOOD = MISTAKES["scenes"]["good"]
+WRONG = [(at, x, *told) for at, values, *told in MISTAKES["scenes"]["wrong"] for x in values]
+WRONG += [
+    ("particles[0].velocity", f"[{10**400}, 0, 0]", "", "three finite numbers [x, y, z]"),
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
-    ("particles[1].mass", "1e13", "particles[1].mass is ", "1e+12 times 1 kg"),
 ]
-TWO = np.array([[[1.0, 0, 0], [2, 0, 0]], [[1, 0, 0], [3, 0, 0]]])
 STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
-TYPED = {  # keys of a double pendulum that was typed in, and the sentence
-    "the shape of m is [2]; must be (N, 1)": {"m": np.ones(2)},
-    "the shape of lengths is [3]; must be (2,)": {"lengths": np.ones(3)},
-    "lengths[1] is 1.0; must be 2 m, as its ends are apart, to 10 %": {"q0": TWO, "v0": 0 * TWO},
-    "pairs[0] is [0.0, -1]; must be two whole numbers": {"pairs": [(0.0, -1), (1, 0)]},
+TYPED = MISTAKES["scenes"]["typed"] | {
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
-    "q0[1] is [2.0, NaN, 0.0]; must be three": {"q0": np.array([[1.0, 0, 0], [2, np.nan, 0]])},
-    "v0[1] is [0, 0]; must be three finite numbers": {"v0": [[0, 0, 0], [0, 0]]},
     "q0 is null; must be a list or an array (N, 3)": {"q0": None},
     "meet is 489300; must be 400000": c.build_system("chain", links=700) | STAR,
 }
-NO_SCENES = [
-    *product(["open", "deep", "bytes"], ["is not JSON: "]),
-    *product(["huge", "folder", "pipe"], [f"must be a plain file of at most {LARGEST / 1e6:g} MB"]),
-    ("twice", 'the key "99999" stands twice'),
-    ("tripel", "is no scene and no file; did you mean 'triple'?"),
-    ("", "no file; scenes are pendulum, double, triple, chain, braced, "),
-    ("x" * 5000, "cannot be read: "),
-]
-# fmt: on
+NO_SCENES = [*MISTAKES["scenes"]["names"], ("x" * 5000, "cannot be read: ")]
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +48,7 @@ def answer(tmp_path, monkeypatch, capsys):
     return refused
 
 
-@pytest.mark.parametrize(("place", "value", "found", "allowed"), ANSWERED)
+@pytest.mark.parametrize(("place", "value", "found", "allowed"), WRONG)
 def test_a_mistake_in_a_file_is_named(place, value, found, allowed, answer):
     at = document = {"file": json.loads(json.dumps(GOOD))}
     *keys, last = [int(k) if k.isdigit() else k for k in re.findall(r"\w+", f"file.{place}")]
@@ -99,10 +63,11 @@ def test_a_mistake_in_a_file_is_named(place, value, found, allowed, answer):
 
 @pytest.mark.parametrize("sentence", TYPED)
 def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
+    level = {"q0": [[1.0, 0, 0], [2, 0, 0]]}
     with pytest.raises(SceneError, match=re.escape(sentence)):
-        run(c.build_system("double") | {"q0": TWO[0]} | TYPED[sentence], steps=2)
+        run(c.build_system("double") | level | TYPED[sentence], steps=2)
     with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
-        check_system({"q0": TWO[0]})
+        check_system(level)
 
 
 def test_a_clean_system_is_float64_keeps_other_keys_and_costs_little():

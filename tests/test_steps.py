@@ -1,12 +1,18 @@
 """Many steps at once are the steps of the lines as they stand, in every way that they are done."""
 
 import math
-from functools import partial
+import random as dice
+import time
+from datetime import datetime
+from functools import partial, singledispatch
 from itertools import product
+from types import SimpleNamespace
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, native
 from curriculum.common.compiled import Compiled
+from curriculum.common.pure import Memory
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
 
@@ -23,7 +29,7 @@ class Machine(Compiled):
             self.to_machine(0)
 
 
-WAYS = Compiled, Machine, Plain
+WAYS, DOUBLE, PENDULUM = (Compiled, Machine, Plain), *map(c.build_system, ("double", "pendulum"))
 MEMBERS = native.LANES + 3  # more than go in step
 
 
@@ -32,16 +38,13 @@ def in_every_way(rule, system, hold, dt, steps, ways=WAYS):
 
     With the same sentence and kind of stop, and as many steps in halves.
     """
-    runs = [
-        c.simulate(rule, system, c.make_force(system, hold), dt, steps, range(steps + 1), way)
-        for way in ways
-    ]
-    *compiled, plain = runs
-    for run in compiled:
-        assert run.way.startswith("compiled") == runs[0].way.startswith("compiled")
-        assert run[6:9] == plain[6:9] and all(map(np.array_equal, run[:6], runs[0][:6]))
-        assert all(map(partial(np.allclose, rtol=1e-7, atol=1e-9), run[:6], plain[:6]))
-    return runs[0]
+    runs = [run(system, rule, hold, dt, steps, range(steps + 1), way) for way in ways]
+    first, plain = runs[0], runs[-1]
+    for found in runs[:-1]:
+        assert found.way.startswith("compiled") == first.way.startswith("compiled")
+        assert found[6:9] == plain[6:9] and all(map(np.array_equal, found[:6], first[:6]))
+        assert all(map(partial(np.allclose, rtol=1e-7, atol=1e-9), found[:6], plain[:6]))
+    return first
 
 
 def crowd_of(system, v):
@@ -51,13 +54,6 @@ def crowd_of(system, v):
 def feel(monkeypatch, force):
     """Have the rods feel gravity and force(q, v)."""
     monkeypatch.setattr(c, "external_force", lambda s, q, v: s["m"] * c.GRAVITY + force(q, v))
-
-
-def careless(q, v):
-    try:
-        return np.full(q.shape, 1.0 if v[0, 1] < 0.0 else -1.0)
-    except:  # noqa: E722
-        return 0.0 * q
 
 
 def halving(q):
@@ -72,43 +68,97 @@ def halving(q):
     return repeat(body, q, 60, "no end"), kept
 
 
+class Controller(SimpleNamespace):
+    def __call__(self, q, v):
+        gain, self.hold.gain = self.hold.gain, q[0, 0]
+        return -gain * v
+
+
+CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
+
+
 def forces():
-    """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze."""
-    start, speeds, known, calls, rng = [], [0.0], {}, [], np.random.default_rng(3)
+    """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze.
+
+    Their names say, up to a colon, what the run says of them.
+    """
+    global CALLS
+    CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
+    rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
+    np.random.seed(3)  # noqa: NPY002
+    noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
+
+    def count(q, v):
+        global CALLS
+        CALLS += 1
+        return np.full(q.shape, CALLS // 5 % 2)
+
+    def counter(q, v):
+        nonlocal calls
+        calls += 1
+        return np.full(q.shape, calls // 5 % 2)
+
+    def lag(q, v):
+        before, lag.speed = getattr(lag, "speed", v), v.copy()
+        return before - v
+
     return {
-        # what they keep
-        "start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
-        "last speed": lambda q, v: -0.5 * (v - speeds[speeds.append(v.copy()) or -2]),
-        "cache": lambda q, v: known.setdefault(q.shape, -v),
-        "count": lambda q, v: np.full(q.shape, float(calls.append(0) or len(calls) // 5 % 2)),
-        "chance": lambda q, v: rng.normal(size=q.shape) * (rng.random() < 0.3),
-        "counts turns": lambda q, v: len(halving(q)[1]) * -v,
-        "keeps turns": lambda q, v: halving(q)[1][-1] - v,
+        "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
+        "changes the list turns": lambda q, v, turns=[0, 1, 2]: turns.append(turns.pop(0)) or -v,
+        "changes the dict cache": lambda q, v: cache.setdefault(q.shape, -v),
+        "changes the global CALLS": count,
+        "changes the variable calls": singledispatch(counter),  # in a closure of the library
+        "changes the attribute speed of lag": lambda q, v: lag(q, v),
+        "changes the attribute gain of controller": lambda q, v: controller(q, v),
+        "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
+        "the random generator of numpy": noise,
+        "asks for the time": lambda q, v: -v if datetime.now() else v,
+        "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
+        "takes from ticks, which cannot be put back": lambda q, v: 0.0 * next(ticks) * v,
+        "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
+        "something else when it is traced: turns": lambda q, v: len(halving(q)[1]) * -v,
+        "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
-        "isinstance": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "isscalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
-        "str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
-        "dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
-        "bare except": careless,
-        "complex": lambda q, v: np.abs(q * np.exp(0.5j) + v),
-        "later": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * np.minimum(0.0, q + 0.06),
-        # nothing: these stay compiled, though Python would refuse to divide, or overflow
-        "pure: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
-        "pure: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
-        "pure: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
-        "pure: in place": lambda q, v: halving(q)[0],
+        "when it is traced: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
+        "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
+        "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
+        "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
+        "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
+        # nothing: Python alone would refuse to divide, or overflow
+        "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
+        "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
+        "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
+        "compiled: in place": lambda q, v: halving(q)[0],
     }
 
 
 @pytest.mark.parametrize("name", forces())
-def test_what_a_trace_would_freeze_gives_the_plain_answer(name, monkeypatch):
-    system, ends = c.build_system("double"), []
+def test_what_a_trace_would_freeze_gives_the_plain_answer_and_is_told_of(name, monkeypatch):
+    ends = []
     for way in (Machine, Plain):
         feel(monkeypatch, forces()[name])
-        ends.append(c.simulate(c.rk4_step, system, c.make_force(system, 0.0), 0.005, 40, way=way))
+        ends.append(run(DOUBLE, "rk4", 0.0, 0.005, 40, way=way))
     found, plain = ends
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)
-    assert ("slower: it" in found.way) == (not name.startswith("pure"))
+    assert name.split(":")[0] in found.way
+    assert ("slower: it" in found.way) == (not name.startswith("compiled"))
+
+
+@pytest.mark.parametrize("mode", c.hold_table())
+def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
+    """Some tens of dicts, arrays and cells, for the chapter's own functions and a drag."""
+    rate, endless = np.ones(3), {"of": Memory, "file": open, "lock": np.lib}
+    endless["self"] = [endless]
+
+    def drag(q, v, k=(0.1, [0.2]), n=math.pi):
+        return np.sin(n) - k[0] * v + np.cross(q, rate) if endless else q
+
+    q, v, m = (DOUBLE[key] for key in ("q0", "v0", "m"))
+    force = c.make_force(DOUBLE, mode)
+    memory = Memory(c.rk4_step, force, force.after, drag)
+    state = c.rk4_step(q, v, m, force, 0.005)
+    drag(*(force.after(q, *state, 0.005) if force.after else state))
+    assert memory.changed() is None and len(memory.parts) < 80
 
 
 def motor(q, v):
@@ -126,11 +176,11 @@ def branching(q, v):
 def test_members_of_a_crowd_are_as_if_alone(force, monkeypatch):
     """Also where one alone is at rest, in the plane, or below a limit."""
     feel(monkeypatch, force)
-    system, v = c.build_system("double"), np.random.default_rng(4).normal(size=(MEMBERS, 2, 3))
+    v = np.random.default_rng(4).normal(size=(MEMBERS, 2, 3))
     v[3] = 0.0
-    together = in_every_way(c.semi_implicit_step, crowd_of(system, v), 0.0, 0.005, 10)
+    together = in_every_way("semi_implicit", crowd_of(DOUBLE, v), 0.0, 0.005, 10)
     for k, x in enumerate(v):
-        alone = in_every_way(c.semi_implicit_step, system | {"v0": x}, 0.0, 0.005, 10, [Plain])
+        alone = run(DOUBLE | {"v0": x}, "semi_implicit", 0.0, 0.005, 10, range(11), Plain)
         assert np.abs(together.q[:, k] - alone.q).max() < 1e-12
         assert np.abs(together.energies[:, k] - alone.energies).max() < 1e-12
 
@@ -139,8 +189,7 @@ def test_a_force_on_the_last_particle_is_not_one_on_the_last_stage(monkeypatch):
     feel(monkeypatch, motor)
     chain, rule = c.build_system("chain", 0, 41), c.INTEGRATORS["gauss"]
     plain = c.simulate(rule, chain, c.make_force(chain, 0.0, plain=True), 0.02, 1, way=Plain)
-    found = c.simulate(rule, chain, c.make_force(chain, 0.0), 0.02, 1)
-    assert np.abs(found.q[-1] - plain.q[-1]).max() < 1e-10
+    assert np.abs(run(chain, rule, 0.0, 0.02, 1).q[-1] - plain.q[-1]).max() < 1e-10
 
 
 MISTAKES = {  # what is raised: a force that a reader might write
@@ -153,10 +202,9 @@ MISTAKES = {  # what is raised: a force that a reader might write
 @pytest.mark.parametrize("words", MISTAKES)
 def test_a_mistake_of_the_readers_surfaces_as_it_is(words, monkeypatch):
     feel(monkeypatch, MISTAKES[words])
-    system = c.build_system("double")
     for way in WAYS:
         with pytest.raises((ValueError, NameError, TypeError), match=words):
-            c.simulate(c.rk4_step, system, c.make_force(system, 0.0), 0.01, 3, way=way)
+            run(DOUBLE, "rk4", 0.0, 0.01, 3, way=way)
 
 
 def too_long(v, dt):
@@ -177,41 +225,32 @@ def by_hand(q, v, m, force, dt):
 
 
 def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
-    """By whoever of a crowd needs it; the others do not notice."""
-    system, dt = c.build_system("pendulum"), 0.04
-    v = np.linspace(0.0, 3.0, MEMBERS)[:, None, None] * np.cross([0.0, 0.0, 1.0], system["q0"])
-    together, alone = (in_every_way(timid, x, 0.0, dt, 40) for x in (crowd_of(system, v), system))
-    runs = [in_every_way(by_hand, system | {"v0": x}, 0.0, dt, 40, [Plain]) for x in v]
-    halved = [np.sum(too_long(run.v[:-1], dt) > 1.0) for run in runs]
+    """By whoever of a crowd needs it; the others do not notice. Such a rule may have a budget."""
+    dt, speeds = 0.04, np.linspace(0.0, 3.0, MEMBERS)[:, None, None]
+    v = speeds * np.cross([0.0, 0.0, 1.0], PENDULUM["q0"])
+    alone = in_every_way(timid, PENDULUM, 0.0, dt, 40)
+    together = in_every_way(timid, crowd_of(PENDULUM, v), 0.0, dt, 40)
+    runs = [run(PENDULUM | {"v0": x}, by_hand, 0.0, dt, 40, range(41), Plain) for x in v]
+    halved = [np.sum(too_long(one.v[:-1], dt) > 1.0) for one in runs]
     assert (together.halved, alone.halved) == (sum(halved), halved[0])
     assert np.max(too_long(runs[0].v, dt)) > 2.0  # halves of halves
-    assert np.abs(together.q - np.stack([run.q for run in runs], axis=1)).max() < 1e-12
+    assert np.abs(together.q - np.stack([one.q for one in runs], axis=1)).max() < 1e-12
     assert np.array_equal(together.q[:, 0], alone.q)
-
-
-def test_halves_end_somewhere():
-    def hopeless(q, v, m, force, dt):
-        return repeat(lambda x: (x, 2.0 + 0.0 * x[0, 0]), q, 1, "no way"), v
-
-    system = c.build_system("pendulum")
-    found = in_every_way(hopeless, system, 0.0, 0.1, 5)
-    assert (found.stopped, found.kind) == ("stopped at step 1: no way", "loop")
-    found = in_every_way(timid, system, 0.0, 0.1, 50, [partial(Compiled, tries=20)])
-    assert found.kind == "budget" and 0 < len(found.tip) < 50
+    spent = run(PENDULUM, timid, 0.0, 0.1, 50, way=partial(Compiled, tries=20))
+    assert spent.kind == "budget" and 0 < len(spent.tip) < 50
 
 
 @pytest.mark.parametrize("members", [(), (19,)])
 def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
     """Nor does it matter where machine code takes over."""
-    v, runs = np.random.default_rng(6).normal(size=(*members, 2, 3)), []
-    crowd = crowd_of(c.build_system("double"), v)
+    crowd, runs = crowd_of(DOUBLE, np.random.default_rng(6).normal(size=(*members, 2, 3))), []
     for block, cost in ((1 << 17, 1e9), (100, 1e9), (100, 0.0)):
         monkeypatch.setattr(compiled, "BLOCK", block * max(1, *members, 1))
         monkeypatch.setattr(compiled, "LOADING", cost)
         monkeypatch.setattr(compiled, "COMPILING", cost)
-        runs.append(in_every_way(c.rk4_step, crowd, "project", 0.005, 90, [Compiled]))
-    assert all(map(np.array_equal, run[:6], runs[0][:6]) for run in runs)
-    ways = ["compiled to machine code" in run.way for run in runs]
+        runs.append(run(crowd, "rk4", "project", 0.005, 90, range(91)))
+        assert all(map(np.array_equal, runs[-1][:6], runs[0][:6]))
+    ways = ["compiled to machine code" in found.way for found in runs]
     assert ways == [False, False, native.available()]
 
 
@@ -219,8 +258,7 @@ def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
 def test_an_arithmetic_error_ends_a_run_alike_in_every_way(rule, monkeypatch):
     """As soon as something is low enough."""
     feel(monkeypatch, lambda q, v: 1e-300 * np.exp(-900.0 * q))
-    rule, system = c.INTEGRATORS[rule], c.build_system("double")
-    assert in_every_way(rule, system, "none", 0.02, 40).kind == "diverged"
+    assert in_every_way(rule, DOUBLE, "none", 0.02, 40).kind == "diverged"
 
 
 SCENES = "heavy_tip", "fourbar_coupler", "jansen_leg", "windows", "spin", "tonne"
@@ -247,11 +285,10 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
     members, ways = (MEMBERS, WAYS) if quick else (2, WAYS[::2])  # more takes seconds to compile
     noise = np.random.default_rng(2).normal(size=(members, *system["q0"].shape))
     noise[0] = 0.0
-    v, rule = system["v0"] + 0.1 * noise * (system["q0"] != 0.0), c.INTEGRATORS[rule]
     alone = in_every_way(rule, system, mode, dt, steps)
     assert alone.kind == kind and alone.way.startswith("compiled")
     if dt < 0.1:  # in a crowd, who can go on no more is no Stop but NaN
-        together = in_every_way(rule, crowd_of(system, v), mode, dt, steps, ways)
+        crowd = crowd_of(system, system["v0"] + 0.1 * noise * (system["q0"] != 0.0))
+        together = in_every_way(rule, crowd, mode, dt, steps, ways)
         assert together.way.startswith("compiled")
-        assert np.array_equal(together.q[:, 0], alone.q)
-        assert np.array_equal(together.v[:, 0], alone.v)
+        assert all(map(np.array_equal, (together.q[:, 0], together.v[:, 0]), (alone.q, alone.v)))
