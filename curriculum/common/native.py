@@ -177,7 +177,7 @@ def assembly(program, lanes):
 
     state (entries, members), where they begin, and then where they end; out (count, rows,
     members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends with a step whose end is not finite, which does not count.
+    (knobs, lanes). A single member ends with a step whose end is not finite, which is not counted.
     """
     w, tape, many = Writer(lanes, {}), program.tape, len(program.inputs)
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
@@ -258,6 +258,7 @@ class Native:
         """The steps done. state (entries, members), which is part of an array, becomes the end.
 
         out (count, rows, members), or None, becomes all states, or what is measured of them.
+        A single member ends with a step whose end is not finite, which is not counted.
         """
         members, same = state.shape[1], np.repeat(np.array(knobs, dtype=float), self.lanes)
         whole, apart, done = members - members % self.lanes, state.strides[0] // 8, count
