@@ -19,6 +19,7 @@ ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 LIBRARY = {name: name for name in FUNCTIONS if name != "sqrt"} | {"**": "pow"}
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
+FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
 
 def available():
@@ -176,7 +177,7 @@ def assembly(program, lanes):
 
     state (entries, members), where they begin, and then where they end; out (count, rows,
     members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends with a step whose end is not finite, which does not count.
+    (knobs, lanes). A single member ends with a step whose end is not finite, which is not counted.
     """
     w, tape, many = Writer(lanes, {}), program.tape, len(program.inputs)
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
@@ -190,12 +191,10 @@ def assembly(program, lanes):
     out = [w.value(env, s) for s in program.out]
     for value, place in zip(out, state, strict=False):
         w.store(value, place)
-    good, total = "true", "0.0"
-    if lanes == 1:
-        for value in out[:many]:
-            total = w.new(f"fadd double {total}, {value}")
-        far = w.operation("abs", [total])
-        good = w.new(f"fcmp olt double {far}, {w.constant(np.inf)}")
+    good = "true"
+    for value in out[:many] if lanes == 1 else ():
+        finite = w.new(f"call i1 @llvm.is.fpclass.f64(double {value}, i32 {FINITE})")
+        good = w.new(f"and i1 {good}, {finite}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
     w.begin("write", f"i1 {silent}, label %next, label %write")
@@ -259,6 +258,7 @@ class Native:
         """The steps done. state (entries, members), which is part of an array, becomes the end.
 
         out (count, rows, members), or None, becomes all states, or what is measured of them.
+        A single member ends with a step whose end is not finite, which is not counted.
         """
         members, same = state.shape[1], np.repeat(np.array(knobs, dtype=float), self.lanes)
         whole, apart, done = members - members % self.lanes, state.strides[0] // 8, count

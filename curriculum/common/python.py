@@ -2,8 +2,11 @@
 
 import math
 from collections import Counter
+from functools import lru_cache
 
 from curriculum.common.trace import FUNCTIONS, Call, Stop
+
+import numpy as np
 
 NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow", "inf", "nan"]}
 NUMBERS |= {"abs": abs, "Stop": Stop}
@@ -89,6 +92,26 @@ def number_function(program, frame):
         ((lines, made),) = write(called.tape, routines, made)
         head, body = ", ".join(called.inputs), "".join(f"    {line}\n" for line in lines)
         source = f"def routine{k}({head}):\n{body}    return {', '.join(made)},\n\n\n" + source
-    space = dict(NUMBERS)
-    exec(source, space)  # made of the names of operations and of floats, and of nothing else
-    return space["f"], source
+    return compiled(source, NUMBERS), source
+
+
+def compiled(source, space):
+    """The function f of a source, which is made of names in `space` and of floats, and no more."""
+    exec(source, space := dict(space))
+    return space["f"]
+
+
+@lru_cache(8)
+def careful(source):
+    """The same f, for numpy's floats: it makes inf or nan where Python's raise an error."""
+
+    def function(name):
+        def of(*x):
+            try:
+                return np.float64(NUMBERS[name](*x))
+            except (ArithmeticError, ValueError):
+                return getattr(np, name)(*map(np.float64, x))
+
+        return of
+
+    return compiled(source, NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]})

@@ -7,7 +7,7 @@ import time
 from itertools import chain
 
 from curriculum.common import native
-from curriculum.common.python import number_function
+from curriculum.common.python import careful, number_function
 from curriculum.common.trace import Program, Routine, Stop, Untraceable
 
 import numpy as np
@@ -180,17 +180,23 @@ class Single:
         return in_halves(self.one, state, dt)
 
     def one(self, state, dt):
-        """A step on Python's floats; or in numpy, which goes on where they raise an error."""
+        """A step on Python's floats; on numpy's, where they raise an error; or the plain step."""
         found, self.tries = [], self.tries - 1
         if self.tries < 0:
             raise Stop("the steps that may be tried in halves are spent", "budget")
         try:
-            self.traced.function(tuple(state.tolist()), 1, found.append, *self.traced.knobs(dt))
-            return np.array(found[0])
-        except Stop:
-            raise
-        except (ArithmeticError, ValueError, Untraceable):
+            knobs = self.traced.knobs(dt)
+            try:
+                self.traced.function(tuple(state.tolist()), 1, found.append, *knobs)
+            except Stop:
+                raise
+            except (ArithmeticError, ValueError):
+                with np.errstate(all="ignore"):
+                    careful(self.traced.source)(tuple(state), 1, found.append, *knobs)
+        except Untraceable:
             return self.by_plain(state, dt)
+        end = np.array(found[0])
+        return end if np.isfinite(end).all() else self.by_plain(state, dt)
 
     def by_plain(self, state, dt):
         """The plain step of columns (entries,)."""
