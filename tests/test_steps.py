@@ -137,7 +137,7 @@ def test_what_a_trace_would_freeze_gives_the_plain_answer_and_is_told_of(name, m
     ends = []
     for way in WAYS:
         feel(monkeypatch, forces()[name])
-        ends.append(run(DOUBLE, "rk4", 0.0, 0.005, 40, way=way))
+        ends.append(run(DOUBLE, "rk4", "project", 0.005, 40, way=way))
     quick, found, plain = ends
     assert np.array_equal(quick.tip, found.tip) or not name.startswith("compiled")
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)

@@ -3,6 +3,7 @@
 A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tried in halves.
 """
 
+import contextlib
 import time
 from itertools import chain
 
@@ -191,12 +192,12 @@ class Single:
             except Stop:
                 raise
             except (ArithmeticError, ValueError):
-                with np.errstate(all="ignore"):
+                with contextlib.suppress(Stop), np.errstate(all="ignore"):
                     careful(self.traced.source)(tuple(state), 1, found.append, *knobs)
         except Untraceable:
-            return self.by_plain(state, dt)
-        end = np.array(found[0])
-        return end if np.isfinite(end).all() else self.by_plain(state, dt)
+            pass
+        whole = found and np.isfinite(found).all()
+        return np.array(found[0]) if whole else self.by_plain(state, dt)
 
     def by_plain(self, state, dt):
         """The plain step of columns (entries,)."""
