@@ -20,6 +20,13 @@ import numpy as np
 import pytest
 
 
+class Python(Compiled):
+    """A step that stays Python."""
+
+    def improve(self, pace):
+        pass
+
+
 class Machine(Compiled):
     """A step that is machine code from the start on."""
 
@@ -29,7 +36,7 @@ class Machine(Compiled):
             self.to_machine(0)
 
 
-WAYS, DOUBLE, PENDULUM = (Compiled, Machine, Plain), *map(c.build_system, ("double", "pendulum"))
+WAYS, DOUBLE, PENDULUM = (Python, Machine, Plain), *map(c.build_system, ("double", "pendulum"))
 MEMBERS = native.LANES + 3  # more than go in step
 
 
@@ -126,18 +133,23 @@ def forces():
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
-        "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.05))),
+        "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: in place": lambda q, v: halving(q)[0],
     }
 
 
-@pytest.mark.parametrize("name", forces())
-def test_what_a_trace_would_freeze_gives_the_plain_answer_and_is_told_of(name, monkeypatch):
+FROZEN = [(name, "rk4", "none", 40) for name in forces()]
+PURE = [name for name in forces() if name.startswith("compiled")]
+FROZEN += [(name, "semi_implicit", "project", 200) for name in PURE]
+
+
+@pytest.mark.parametrize(("name", "rule", "mode", "steps"), FROZEN)
+def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, steps, monkeypatch):
     ends = []
     for way in WAYS:
         feel(monkeypatch, forces()[name])
-        ends.append(run(DOUBLE, "rk4", "project", 0.005, 40, way=way))
+        ends.append(run(DOUBLE, rule, mode, 0.005, steps, way=way))
     quick, found, plain = ends
     assert np.array_equal(quick.tip, found.tip) or not name.startswith("compiled")
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)

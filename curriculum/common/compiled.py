@@ -97,10 +97,8 @@ class Compiled:
 
     def differs(self, start, rows, dt):
         """Whether the last step of a block (count, entries, members) is not the plain one."""
-        last, known = rows[-1, :, 0], not (self.taken or self.machine)  # as the start, compared
-        if known or not self.check or not np.isfinite(last).all():
-            return False
-        return not self.agrees((rows[-2] if len(rows) > 1 else start)[:, 0], last, dt)
+        before, last = (rows[-2] if len(rows) > 1 else start)[:, 0], rows[-1, :, 0]
+        return self.check and np.isfinite(last).all() and not self.agrees(before, last, dt)
 
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it."""
