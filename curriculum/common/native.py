@@ -229,6 +229,11 @@ def library():
     return llvm
 
 
+def address(array):
+    """Where an array's numbers begin; None if there is none."""
+    return None if array is None else array.__array_interface__["data"][0]
+
+
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
@@ -260,12 +265,12 @@ class Native:
         out (count, rows, members), or None, becomes all states, or what is measured of them.
         A single member ends with a step whose end is not finite, which is not counted.
         """
-        members, same = state.shape[1], np.repeat(np.array(knobs, dtype=float), self.lanes)
+        members, same = state.shape[1], np.array([x for x in knobs for _ in range(self.lanes)])
         whole, apart, done = members - members % self.lanes, state.strides[0] // 8, count
-        for first in range(0, whole, self.lanes):
-            begin = state.ctypes.data + 8 * first
-            place = None if out is None else out.ctypes.data + 8 * first
-            done = self.function(begin, count, place, apart, same.ctypes.data)
+        begin, rows, given = (address(x) for x in (state, out, same))
+        for first in range(0, 8 * whole, 8 * self.lanes):
+            place = rows and rows + first
+            done = self.function(begin + first, count, place, apart, given)
         if whole < members:  # the last lanes are filled with the last member
             some = np.minimum(np.arange(whole, whole + self.lanes), members - 1)
             few = state[:, some].copy()
