@@ -6,7 +6,7 @@ from functools import cache
 from io import StringIO
 
 import constraints as c
-from curriculum.ch3_4_constraints import publish
+from curriculum.ch3_4_constraints import publish, tables
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.ch3_4_constraints.tables import length, per_cent
 from curriculum.common.ruler import Truth, true_position
@@ -141,3 +141,10 @@ def test_there_is_no_verdict_where_it_would_mean_nothing(results):
         "--integrator gauss --dt 0.05 --system pendulum",  # does not drift
     ):
         assert not marked(results(flags, 1000)[1], "verdict: "), flags
+
+
+def test_a_long_run_of_many_rods_says_so_before_it_begins(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(tables, "PATIENCE", 0.0)
+    flags = "--system chain --links 50 --steps 9 --no-rerun --no-picture --out"
+    c.main([*flags.split(), str(tmp_path)])
+    assert "\n9 steps of 5 modes: about 1 s, by what one took\n" in capsys.readouterr().out

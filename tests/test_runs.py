@@ -21,6 +21,8 @@ def test_a_run_that_could_not_be_right_is_refused():
     for mode in ("impulse", "soft"):
         with pytest.raises(ValueError, match="is for steps of 0.005 s, not of 0.008 s"):
             c.simulate(c.semi_implicit_step, DOUBLE, c.make_force(DOUBLE, mode), 0.008, 1)
+    with pytest.raises(ValueError, match="does not fit rk4"):
+        run(DOUBLE, "rk4", "impulse", steps=1)
     with pytest.raises(ValueError, match="finite"):
         run(PENDULUM | {"v0": np.array([[0.0, 0.0, np.nan]])}, steps=1)
 

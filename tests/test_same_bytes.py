@@ -45,9 +45,7 @@ def test_metrics_are_the_same_bytes_everywhere(python, tmp_path):
         (metrics, numbers), (others, found) = pool.map(everything, ({}, PLAIN))
     for text in metrics:
         assert all(row["stopped"] is None for row in json.loads(text)["results"].values())
-    different = [
-        case for case, *two in zip(CASES, metrics, others, strict=True) if two[0] != two[1]
-    ]
+    different = [x for x, one, two in zip(CASES, metrics, others, strict=True) if one != two]
     assert different == [] and numbers == found
 
 
