@@ -12,6 +12,7 @@ FRAME_RATE, MAX_RECORDED = 60.0, 300_000  # states a simulated second; positions
 TIMELINE, BACKGROUND = "sim_time", [16, 16, 20]  # seconds; dark
 WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a tile's title
 SLOPE, MARGIN = 0.52, 1.12  # Rerun's eye sees so much up per metre ahead; room around
+LABEL = [255, 255, 255]  # its ground is dark in the light theme, too
 FLOOR = 1e-9  # m: a rod error of less is drawn as this
 FORCES, ENERGY = "pull of the first rod, N", "energy error, share of m g L"
 RODS = "worst rod, powers of ten of a metre (-3: 1 mm)"
@@ -161,7 +162,7 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     still = [
         ("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP),
         ("scene/anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(GREY))),
-        ("scene/bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=rgb(GREY))),
+        ("scene/bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL])),
         ("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)),
     ]
     moving = []  # (entity, seconds (F,), a style that stays, rows)
@@ -176,7 +177,7 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
             moving.append((f"scene/{key}/{entity}", seconds, *drawn))
         if run.stopped:
             end, gone = seconds[-1:] + dt, rr.Clear.columns(is_recursive=[True])
-            words = {"labels": [verdict(run, dt)], "colors": [color], "radii": [0.0]}
+            words = {"labels": [verdict(run, dt)], "colors": [LABEL], "radii": [0.0]}
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
             moving += [(f"scene/{key}", end, None, gone), (f"scene/lost_{key}", end, None, said)]
         for plot, curve in enumerate(curves.values()):
