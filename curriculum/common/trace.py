@@ -17,8 +17,8 @@ import numpy as np
 
 # by these names numpy and math have them
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
-# operations: a routine of at most so many is written out wherever it is called; where that is in a
-# loop, of which there is much to write already, only a short one
+# operations: calls of a routine are written out until they come to so many; in a loop, of which
+# there is much to write already, only those of a short one
 INLINE, IN_LOOP = 160, 20
 
 
@@ -284,11 +284,12 @@ class Program:
 class Routine:
     """function(*arrays) -> array, traced once for each pattern of zeros, and called often.
 
-    On arrays of floats it is just the function. `often`: as if all its calls stood in a loop.
+    On arrays of floats it is just the function. `often`: as if its calls stood in a loop.
     """
 
     def __init__(self, function, often=False):
-        self.function, self.programs, self.often = function, {}, often
+        self.function, self.programs = function, {}
+        self.room = IN_LOOP if often else INLINE
 
     def __call__(self, *arrays):
         if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
@@ -303,8 +304,9 @@ class Routine:
             self.programs[key] = once
         program = self.programs[key]
         arguments = [arrays[k][place] for k, place in program.live]
-        short = IN_LOOP if self.often or Tape.current.outer else INLINE
-        if not program.tape.parts and len(program.tape.nodes) <= short:
+        size, most = len(program.tape.nodes), IN_LOOP if Tape.current.outer else INLINE
+        self.room -= size
+        if not program.tape.parts and self.room >= 0 and size <= most:
             out = program.replay(arguments)
         else:
             out = Call(program, arguments).out
