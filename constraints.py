@@ -330,8 +330,8 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     with log:
         for _ in log.turns():
             q, v = step_fn(q, v, m, force, dt)  # compiled, many steps: (steps, ..., N, 3)
-            violations, energies = constraint_violation(system, q), energy(system, q, v)
-            log.note(q, v, violations, energies)
+            measured = constraint_violation(system, q), energy(system, q, v)
+            log.note(q, v, *measured)
     return log.run(step_fn)
 
 
@@ -340,14 +340,14 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
     parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
-    rules, modes = list(INTEGRATORS), ["all", *hold_table()]
+    modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
     shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE / CHAPTER)}
     what("--scenes", **shown, help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
     what("--dt S", type=number(), default=0.005, help="s; halve it and see the rule's order")
-    how("--integrator RULE", choices=rules, default="semi_implicit", help=", ".join(rules))
+    how("--integrator RULE", choices=INTEGRATORS, default="semi_implicit", help=rules)
     how("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
     how("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
     how("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
@@ -368,10 +368,10 @@ def parse(argv):
 def report(args, system, rows, runs, dt, steps, truth):
     """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
-    at, limit = f"{truth.step * dt:.3g} s", STABILITY_LIMIT.get(args.integrator, np.inf)
+    limit = STABILITY_LIMIT.get(args.integrator, np.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
     hints = {mode: statics.in_line(constraint_terms, system, run) for mode, run in runs.items()}
-    tables.comparison(rows, runs, hints, at, truth, args.tol)
+    tables.comparison(rows, runs, hints, f"{truth.step * dt:.3g} s", truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     if args.system in SYSTEMS and args.baumgarte and steps >= SMOKE_STEPS:
