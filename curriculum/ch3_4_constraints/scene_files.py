@@ -224,7 +224,7 @@ def misfit(hold, rule):
 def check_run(system, force, dt, steps, step_fn, rules):
     """The system as check_system gives it; ValueError if something does not fit a run.
 
-    `rules`: integrators by name. A step_fn that is none of them is whoever calls's own affair.
+    `rules`: integrators by name. A step_fn that is none of them is the caller's own affair.
     """
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):

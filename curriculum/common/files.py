@@ -25,7 +25,7 @@ def write_together(folder, writers):
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
             for left in folder.glob(f"{UNFINISHED}*"):
                 remove(left)
-        aside.mkdir()
+        aside.mkdir(exist_ok=True)
         stack.callback(remove, aside)
         for name in filter(writers.get, writers):
             try:

@@ -162,11 +162,9 @@ class Single:
             begin = np.array(state)[:, None]
             return self.machine(begin, len(rows), rows[:, :, None], *self.traced.knobs(dt))
         states = []
-        try:
+        with contextlib.suppress(ArithmeticError, ValueError):  # a step by itself finds the words
             knobs = self.traced.knobs(dt)
             self.traced.function(tuple(state.tolist()), len(rows), states.append, *knobs)
-        except (ArithmeticError, ValueError):
-            pass  # the step by itself will find the words
         flat = np.fromiter(chain.from_iterable(states), float, len(states) * rows.shape[1])
         rows[: len(states)] = flat.reshape(-1, rows.shape[1])
         return len(states)
@@ -186,7 +184,7 @@ class Single:
         found, self.tries = [], self.tries - 1
         if self.tries < 0:
             raise Stop("the steps that may be tried in halves are spent", "budget")
-        try:
+        with contextlib.suppress(Untraceable):
             knobs = self.traced.knobs(dt)
             try:
                 self.traced.function(tuple(state.tolist()), 1, found.append, *knobs)
@@ -195,8 +193,6 @@ class Single:
             except (ArithmeticError, ValueError):
                 with contextlib.suppress(Stop), np.errstate(all="ignore"):
                     careful(self.traced.source)(tuple(state), 1, found.append, *knobs)
-        except Untraceable:
-            pass
         whole = found and np.isfinite(found).all()
         return np.array(found[0]) if whole else self.by_plain(state, dt)
 
