@@ -110,22 +110,21 @@ def mobility(system, jac, along=None):
     return sum(j @ np.swapaxes(j_t, -1, -2) / m for j, j_t, m in parts)
 
 
-def solve(system, a, b, share=0.0, turned=0.0):
+def solve(system, a, b, turned=0.0, rough=False):
     """lambda (..., C) with a lambda = b: what np.linalg.solve(a, b) gives, for fewer operations.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There `a` is blurred, by a share of its diagonal and by `turned` (..., C, C),
-    and refinement takes that back (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021): what loads
-    eigenvalues of `a` above the blur is met to rounding, the rest is left, as `unheld` tells.
+    rank in passing. There `a` is blurred, by a rounding error and by `turned` (..., C, C), which is
+    left so if `rough`. Else refinement takes it back (J. Carpentier, R. Budhiraja, N. Mansard, RSS
+    2021): what loads eigenvalues of `a` above the blur is met, the rest is left: see `unheld`.
     """
     pairs = tuple(system["pairs"])
     order = elimination_order(pairs)
     if not has_loop(pairs):
         return eliminated(a, order)(b)
-    share = np.reshape(1e-12 + share, (*np.shape(share), 1, 1))  # over rounding in any case
-    blurred = a + turned + share * (a * np.eye(len(pairs)))
-    return refined(eliminated(blurred, order), a, b, "no finite tensions")
+    blurred = eliminated(a + turned + 1e-12 * (a * np.eye(len(pairs))), order)
+    return blurred(b) if rough else refined(blurred, a, b, "no finite tensions")
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
@@ -185,7 +184,7 @@ def multipliers(system, q, v, hold=0.0, f=None):
     a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(pairs)))
     if has_loop(pairs):  # rods that turn together come no nearer to losing rank
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
-    lam = solve(system, a, b, statics.blur(system["lengths"], g), turned)
+    lam = solve(system, a, b, turned)
     return jac, lam, b - dot(a, lam[..., None, :])
 
 
@@ -244,7 +243,7 @@ def project(system, q_start, q, v, dt):
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, statics.blur(lengths, g))
+        mu = solve(system, mobility(system, jac, along), g, rough=True)  # the next round refines
         return q - pull(along, mu) / system["m"], dot(g / close, g / close)
 
     end = repeat(newton, q, 20, "no way back onto the rods")

@@ -11,7 +11,7 @@ from collections import defaultdict
 from functools import lru_cache
 from itertools import product
 
-from curriculum.ch3_4_constraints.statics import INSTANT, blur, near
+from curriculum.ch3_4_constraints.statics import INSTANT, near
 from curriculum.common.graph import band_order, elimination_order, has_loop
 from curriculum.common.trace import Stop, repeat
 
@@ -85,7 +85,7 @@ class Chain:
         felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle, and back the one before it
         return felt
 
-    def multipliers(self, d, along, b, x, g, turn, softness=0.0):
+    def multipliers(self, d, along, b, x, turn, softness=0.0):
         """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
         diagonal = dot(d, along) * ((1.0 + softness) * self.own)
         upper = self.between * dot(d[..., :-1], along[..., 1:])  # of -A
@@ -136,24 +136,22 @@ class Linkage:
         np.subtract.at(force, (..., self.j), felt)
         return force[..., : self.n]
 
-    def multipliers(self, d, along, b, x, g, turn, softness=0.0):
-        """As a Chain's. In a loop a rod may be too many, or J lose rank: there the diagonal gets
-        each rod's blur at g (..., C) more and A what `turn` (3, ..., C) makes of it, and rounds
-        take it back for as long as they help. Raises Stop where b, made of d and differences of x
-        (3, ..., N), is not met then.
+    def multipliers(self, d, along, b, x, turn, softness=0.0):
+        """As a Chain's. In a loop a rod may be too many, or J lose rank: there A gets what `turn`
+        (3, ..., C) makes of it, and rounds take that back for as long as they help. Raises Stop
+        where b, made of d and differences of x (3, ..., N), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
             lam = np.empty_like(b)
             for at in np.ndindex(b.shape[:-1]):
-                part = d[:, *at], along[:, *at], b[at], x[:, *at], g[at], turn[:, *at]
+                part = d[:, *at], along[:, *at], b[at], x[:, *at], turn[:, *at]
                 lam[at] = self.multipliers(*part, softness)
             return lam
-        slack = blur(self.lengths[:, None], g[:, None]) if self.loop else 0.0
         values = self.shares * dot(d[:, self.rows], along[:, self.columns])
         values[self.diagonal] *= 1.0 + softness
         own, spread = values[self.diagonal], values.copy()
         if self.loop:
-            spread[self.diagonal] *= 1.0 + SLACK + slack
+            spread[self.diagonal] *= 1.0 + SLACK
             spread += self.shares * dot(turn[:, self.rows], turn[:, self.columns])
         solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
@@ -164,7 +162,7 @@ class Linkage:
                 break
             lam, last = lam + solve(left), size
         made_of = np.max(np.abs(d)) * np.max(np.abs(x)) + np.max(np.abs(b))
-        if not size <= (NEARLY + np.max(slack)) * made_of:
+        if not size <= NEARLY * made_of:
             raise Stop(NO_TENSIONS)
         return lam
 
@@ -265,7 +263,7 @@ class LargeForce:
         a = f / self.m
         terms = dot(d, self.rates(a)), g, dot(d, rate), dot(rate, rate)
         b = self.right_side(self.hold, self.rods.lengths, *terms)
-        return f, d, self.rods.multipliers(d, d, b, a, g, INSTANT * rate, self.hold.softness), b
+        return f, d, self.rods.multipliers(d, d, b, a, INSTANT * rate, self.hold.softness), b
 
     def __call__(self, q, v):
         f, d, lam, _ = self.answer(q, v)
@@ -290,16 +288,16 @@ class LargeForce:
         start, end, v = map(components_first, (q_start, q, v))
         along, close = self.rods.vectors(start, self.anchors), near(self.rods.lengths, q_start)
 
-        def impulse(d, along, b, x, g):
-            lam = self.rods.multipliers(d, along, b, x, g, 0.0 * d)
+        def impulse(d, along, b, x):
+            lam = self.rods.multipliers(d, along, b, x, 0.0 * d)
             return self.rods.pull(along, lam) / self.m
 
         def newton(x):
             d, g = self.errors(x)
-            return x - impulse(d, along, g, x, g), np.max(np.abs(g) / close)
+            return x - impulse(d, along, g, x), np.max(np.abs(g) / close)
 
         end, before = repeat(newton, end, 20, "no way back onto the rods"), end
         v, (d, _) = v + (end - before) / dt, self.errors(end)
         gdot = dot(d, self.rates(v))
-        v = v - impulse(d, d, gdot, v, 0.0 * gdot)
+        v = v - impulse(d, d, gdot, v)
         return np.moveaxis(end, 0, -1), np.moveaxis(v, 0, -1)

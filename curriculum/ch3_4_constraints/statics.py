@@ -10,17 +10,9 @@ TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelli
 MOST = 1000  # rods: beyond, a start with loops is not looked at
 FEW = 64  # rods: beyond, the place where a run stopped is not looked at
 
-INSTANT = 5e-4  # s: what is over in such a time no step of the chapter can follow
-
-
-def blur(lengths, g):
-    """The share (...) of A's diagonal that an eigenvalue needs to mean anything, in a loop.
-
-    Its root is an angle, from the pose where rods lose rank: no smaller than the shares by which
-    their lengths are wrong. Nor may it be smaller than the angles by which they turn in an INSTANT,
-    unless they turn together: what J M^-1 J^T gains in that time is added to A for that.
-    """
-    return np.sum(np.square(g / np.square(lengths)), axis=-1)
+# s: what is over in such a time no step of the chapter can follow. Rods in a loop may lose rank in
+# passing: their linear system is blurred by what J M^-1 J^T gains in an INSTANT, an angle squared.
+INSTANT = 1e-4
 
 
 def near(lengths, q):

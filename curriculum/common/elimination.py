@@ -43,13 +43,14 @@ def refined(rough, a, b, complaint):
     def weigh(x):
         return np.sum(x * (x / own), axis=-1, keepdims=True)
 
-    nothing = 1e-40 * weigh(b)[..., 0] + 1e-200  # what is left of a b that asks for no force
+    enough = 1e-30 * weigh(b)[..., 0]  # 1e-15 of b, squared
 
     def another(state):  # x, and behind it what was left before the last round
         x, before = state[..., :-1], state[..., -1]
         rest = b - np.sum(a * x[..., None, :], axis=-1)
         left = weigh(rest)
-        size = before / (4.0 * left[..., 0] + nothing)  # at most 1 once a round fails to halve
+        now = left[..., 0]  # the size is at most 1 if that is enough, or more than before / 4
+        size = now * before / (4.0 * now * now + enough * before + 1e-300)
         return np.concatenate([x + rough(rest), left], axis=-1), size
 
     start = np.concatenate([rough(b), weigh(b)], axis=-1)

@@ -95,9 +95,11 @@ def operators(rule, zero=False):
 
     def operator(a, b, swapped=False):
         if type(b) is not Symbol:
-            if isinstance(b, np.ndarray) and b.ndim:
-                return NotImplemented
-            if zero and b == 0:
+            if isinstance(b, np.ndarray):
+                if b.ndim:
+                    return NotImplemented
+                b = b.item()  # which may be a Symbol
+            if zero and type(b) is not Symbol and b == 0:
                 return 0
             b = lift(b)
         return rule(b, a) if swapped else rule(a, b)
