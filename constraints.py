@@ -176,12 +176,13 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
 
 def multipliers(system, q, v, hold=0.0, f=None):
     """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C)."""
-    hold, pairs, turned = as_hold(hold), tuple(system["pairs"]), 0.0
+    hold, pairs = as_hold(hold), tuple(system["pairs"])
     f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
     a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(pairs)))
+    turned = 0.0
     if has_loop(pairs):  # rods that turn together come no nearer to losing rank
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     lam = solve(system, a, b, turned)

@@ -180,9 +180,10 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
     script.chmod(0o700)
     monkeypatch.setenv("BROWSER", str(script))
     command = f"exec {browser} --port 0 --web-viewer-port 0"  # the usual ones may be taken
-    with subprocess.Popen(command, shell=True, stderr=subprocess.DEVNULL) as viewer:
+    own = {"start_new_session": True, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, shell=True, **own) as viewer:
         end = time.monotonic() + 30.0
         while time.monotonic() < end and viewer.poll() is None and not opened.exists():
             time.sleep(0.1)
-        viewer.terminate()
+        os.killpg(viewer.pid, signal.SIGTERM)  # the viewer is a child of that python
     assert opened.read_text().startswith("http://")

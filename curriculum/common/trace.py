@@ -77,12 +77,10 @@ class Tape:
 
     def needed(self, symbols):
         """The names of the operations that the symbols come from, in order."""
-        found, stack = set(), [s.x for s in symbols]
-        while stack:
-            x = stack.pop()
-            if x in self.nodes and x not in found:
-                found.add(x)
-                stack += self.nodes[x][1:]
+        found = {s.x for s in symbols}
+        for name, (_, *operands) in reversed(self.nodes.items()):
+            if name in found:
+                found.update(operands)
         return [name for name in self.nodes if name in found]
 
 
