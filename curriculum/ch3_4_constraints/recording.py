@@ -64,10 +64,11 @@ def box(system, runs):
     best; and a length to compare with, one metre if that fits."""
     worst = {m: np.inf if run.stopped else np.max(run.violations) for m, run in runs.items()}
     good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
-    points = [nodes(system, runs[m].q).reshape(-1, 3) for m in good or [min(worst, key=worst.get)]]
-    low, high = (f([f(x, axis=0) for x in points], axis=0) for f in (np.min, np.max))
-    room = 0.06 * np.max(high - low)
-    return low - room, high + room, min(1.0, 10.0 ** np.floor(np.log10(room / 0.06)))
+    good = good or [min(worst, key=worst.get)]
+    shown = np.concatenate([nodes(system, runs[mode].q) for mode in good])
+    low, high = np.min(shown, axis=(0, 1)), np.max(shown, axis=(0, 1))
+    size = np.max(high - low)
+    return low - 0.06 * size, high + 0.06 * size, min(1.0, 10.0 ** np.floor(np.log10(size)))
 
 
 def columns(count, shape, size, words):
@@ -81,6 +82,14 @@ def rgb(color, share=1.0):
     """[r, g, b] of a "#rrggbb", or what is `share` (...,) on the way to it from grey: (..., 3)."""
     goal, grey = (np.array([*bytes.fromhex(x[1:])]) for x in (color, GREY))
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
+
+
+def axis(curves, cut):
+    """(low, high) of a plot's axis for `curves` [(F,)], without the share `cut` at either end."""
+    least, most = np.quantile(np.concatenate(curves), (cut, 1.0 - cut)).tolist()
+    room = 0.05 * (most - least) + 1e-12
+    top = most + room
+    return least - room, max(top, np.floor(top) + room)  # else half a label may stand above
 
 
 def empty_corner(curves, ranges):
@@ -151,13 +160,10 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
         ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / fall for m, run in runs.items()},
     }
     lively = {plot: [curve[mode] for mode in alive] for plot, curve in curves.items()}
-    ranges = {}
-    for plot, some in lively.items():
-        part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
-        least, most = np.quantile(np.concatenate(some), part).tolist()
-        room = 0.05 * (most - least) + 1e-12
-        ranges[plot] = least - room, most + room
-    line = low + [[0.03 * (high - low)[0], 0.0, 0.0]] + np.outer([0.0, bar], [1.0, 0.0, 0.0])
+    cuts = {FORCES: 0.005, RODS: 0.0, ENERGY: 0.0}  # a spike of force may be cut off
+    ranges = {plot: axis(some, cuts[plot]) for plot, some in lively.items()}
+    begin = low + [0.03 * (high - low)[0], 0.0, 0.0]
+    line = [begin, begin + [bar, 0.0, 0.0]]
     text = GUIDE.format(title=title(args, used), full=full)
     still = [
         ("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP),
@@ -179,10 +185,11 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
             end, gone = seconds[-1:] + dt, rr.Clear.columns(is_recursive=[True])
             words = {"labels": [verdict(run, dt)], "colors": [LABEL], "radii": [0.0]}
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
-            moving += [(f"scene/{key}", end, None, gone), (f"scene/lost_{key}", end, None, said)]
+            moving.append((f"scene/{key}", end, None, gone))
+            moving.append((f"scene/lost_{key}", end, None, said))
         for plot, curve in enumerate(curves.values()):
-            drawn = rr.Scalars.columns(scalars=curve[mode])
             style = rr.SeriesLines(colors=color, names=mode)
+            drawn = rr.Scalars.columns(scalars=curve[mode])
             moving.append((f"curves/{plot}/{key}", seconds, style, drawn))
 
     at_once = rr.ChunkBatcherConfig(flush_num_rows=1)  # to the file as it comes, not in a heap
