@@ -56,16 +56,13 @@ def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
             why = getattr(error, "strerror", None) or str(error) or type(error).__name__
             lost.append(f", but no {path.name}: {shorten(why)}")
 
-    def recorded(path):
-        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
-        attempt(record, path, rows, fall, pulls, ghost)
-
     metrics = partial(dump_json, content=flags | used | {"results": rows})
     files = {METRICS: metrics, PICTURE: None, RECORDING: None}
     if args.picture:
         files[PICTURE] = lambda path: attempt(write_motion, path, shown, ghost)
     if args.rerun:
-        files[RECORDING] = recorded
+        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
+        files[RECORDING] = lambda path: attempt(record, path, rows, fall, pulls, ghost)
     write_together(args.out, files)
     written = [args.out / name for name in files if (args.out / name).exists()]
     text = f"wrote {', '.join(map(str, written))}{''.join(lost)}"

@@ -3,6 +3,7 @@
 import zlib
 from pathlib import Path
 
+from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, MODES, PULL, PUSH
 from curriculum.ch3_4_constraints.tables import length
 
@@ -44,16 +45,10 @@ def verdict(run, dt):
     return f"off {length(np.max(run.violations))}"
 
 
-def nodes(system, q):
-    """What `pairs` point at: particles, and anchors in reverse, (F, N + K, 3), at q (F, N, 3)."""
-    anchors = np.repeat(system["anchors"][None, ::-1], len(q), axis=0)
-    return np.concatenate([q, anchors], axis=1)
-
-
 def rod_ends(system, q):
     """Tails, marks and heads of rods, (F, C, 3) each, at q (F, N, 3): tails are at the partners,
     heads at the particles, and marks where a rod that is too long should end."""
-    heads, tails = np.moveaxis(nodes(system, q)[:, system["pairs"]], 2, 0)
+    heads, tails = np.moveaxis(nodes(q, system["anchors"])[:, system["pairs"]], 2, 0)
     size = np.maximum(np.linalg.norm(heads - tails, axis=-1, keepdims=True), 1e-300)
     share = np.minimum(1.0, np.reshape(system["lengths"], (-1, 1)) / size)
     return tails, tails + share * (heads - tails), heads
@@ -65,7 +60,7 @@ def box(system, runs):
     worst = {m: np.inf if run.stopped else np.max(run.violations) for m, run in runs.items()}
     good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
     good = good or [min(worst, key=worst.get)]
-    shown = np.concatenate([nodes(system, runs[mode].q) for mode in good])
+    shown = np.concatenate([nodes(runs[mode].q, system["anchors"]) for mode in good])
     low, high = np.min(shown, axis=(0, 1)), np.max(shown, axis=(0, 1))
     size = np.max(high - low)
     return low - 0.06 * size, high + 0.06 * size, min(1.0, 10.0 ** np.floor(np.log10(size)))
@@ -82,14 +77,6 @@ def rgb(color, share=1.0):
     """[r, g, b] of a "#rrggbb", or what is `share` (...,) on the way to it from grey: (..., 3)."""
     goal, grey = (np.array([*bytes.fromhex(x[1:])]) for x in (color, GREY))
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
-
-
-def axis(curves, cut):
-    """(low, high) of a plot's axis for `curves` [(F,)], without the share `cut` at either end."""
-    least, most = np.quantile(np.concatenate(curves), (cut, 1.0 - cut)).tolist()
-    room = 0.05 * (most - least) + 1e-12
-    top = most + room
-    return least - room, max(top, np.floor(top) + room)  # else half a label may stand above
 
 
 def empty_corner(curves, ranges):
@@ -160,8 +147,14 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
         ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / fall for m, run in runs.items()},
     }
     lively = {plot: [curve[mode] for mode in alive] for plot, curve in curves.items()}
-    cuts = {FORCES: 0.005, RODS: 0.0, ENERGY: 0.0}  # a spike of force may be cut off
-    ranges = {plot: axis(some, cuts[plot]) for plot, some in lively.items()}
+    ranges = {}
+    for plot, some in lively.items():
+        part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+        least, most = np.quantile(np.concatenate(some), part).tolist()
+        room = 0.05 * (most - least) + 1e-12
+        if plot == RODS:
+            most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
+        ranges[plot] = least - room, most + room
     begin = low + [0.03 * (high - low)[0], 0.0, 0.0]
     line = [begin, begin + [bar, 0.0, 0.0]]
     text = GUIDE.format(title=title(args, used), full=full)

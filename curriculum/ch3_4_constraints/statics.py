@@ -28,11 +28,19 @@ def near(lengths, q):
     return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
+def nodes(x, fixed):
+    """What pairs index: x (..., N, 3) of the particles, then what it is at the anchors (K, 3).
+
+    These stand in reverse, as a negative index counts from the end: (..., N + K, 3).
+    """
+    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
+    return np.concatenate([x, fixed], axis=-2)
+
+
 def along(x, fixed, pairs):
     """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
-    fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
-    ends, (i, j) = np.concatenate([x, fixed], axis=-2), np.transpose(pairs)
-    return x.take(i, axis=-2) - ends.take(j, axis=-2)  # a negative j counts from the end
+    ends, (i, j) = nodes(x, fixed), np.transpose(pairs)
+    return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 
 def refusal(system, gravity):

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
-# Told apart by everybody, in each kind of colour blindness, and readable on white and on black.
-MODES = {"none": "#458fac", "baumgarte": "#4149da", "impulse": "#947c00", "soft": "#b70034"}
+# Told apart by everybody, in each kind of colour blindness, and readable on any ground.
+MODES = {"none": "#458fac", "baumgarte": "#5a4cef", "impulse": "#947c00", "soft": "#bd144e"}
 MODES["project"] = "#ff008d"
 PULL, PUSH, EXCESS = "#cd8166", "#bb72ff", "#ff1f1f"  # of a rod; and what it has too much
 INK, GREY, PALE = "currentColor", "#7d8590", "#7d859055"
