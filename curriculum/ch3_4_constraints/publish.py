@@ -27,10 +27,10 @@ class SceneList(argparse.Action):
 
     def __call__(self, parser, *_):
         counts, folder = self.const
-        counts = counts | {"chain": "--links"}
         named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
-        files = sorted(folder.glob("scenes/*.json"))
-        named |= {path.stem: json.loads(path.read_bytes())["about"] for path in files}
+        named["chain"] = "let go level, rods: --links"
+        for path in sorted(folder.glob("scenes/*.json")):
+            named[path.stem] = json.loads(path.read_bytes())["about"]
         for name, text in named.items():
             print(f"{name:<16} {textwrap.shorten(text, 63, placeholder=' ...')}")
         parser.exit()
