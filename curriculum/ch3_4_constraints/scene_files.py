@@ -18,7 +18,7 @@ from numbers import Integral, Real
 from operator import mul
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.statics import along, refusal
+from curriculum.ch3_4_constraints.statics import differences, refusal
 from curriculum.common.cli import shorten
 
 import numpy as np
@@ -174,7 +174,7 @@ def checked(raw, of_file, bare):
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
     shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
     need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
-    found = np.linalg.norm(along(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
+    found = np.linalg.norm(differences(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[0, bare]
     fit = FIT if of_file else ROUGH

@@ -37,7 +37,7 @@ def nodes(x, fixed):
     return np.concatenate([x, fixed], axis=-2)
 
 
-def along(x, fixed, pairs):
+def differences(x, fixed, pairs):
     """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
     ends, (i, j) = nodes(x, fixed), np.transpose(pairs)
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
@@ -49,8 +49,8 @@ def refusal(system, gravity):
     gravity (3,) in m/s^2 is all that pulls beside the rods.
     """
     pairs, lengths = system["pairs"], system["lengths"]
-    unit = along(system["q0"], system["anchors"], pairs) / lengths[:, None]
-    rate = along(system["v0"], np.zeros_like(system["anchors"]), pairs)
+    unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
+    rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)
     slow = FIT * (1.0 + np.abs(rate).max())
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
@@ -103,7 +103,7 @@ def torn(system, gravity, unit, rate, slow):
     held = np.linalg.lstsq(scaled / size[:, None], held, rcond=LOST)[0]
     accel = ((free + held) / root).reshape(-1, 3)
     floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 / lengths.min()  # of rounding
-    accel = along(accel, np.zeros_like(system["anchors"]), system["pairs"])
+    accel = differences(accel, np.zeros_like(system["anchors"]), system["pairs"])
     k = worked_on(self_stresses(rows[rest]), np.sum(accel**2, axis=1)[rest] / lengths[rest], floor)
     return None if k is None else rest[k]
 
