@@ -341,8 +341,8 @@ def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
     parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
-    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE / CHAPTER)}
-    what("--scenes", **shown, help="list them")
+    scenes = publish.scene_list(SYSTEMS, HERE / CHAPTER)
+    what("--scenes", action="version", version=scenes, help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
