@@ -248,8 +248,7 @@ class LargeForce:
 
     def answer(self, q, v):
         """f (..., N, 3), rods d (..., C, 3), lambda and b (..., C), at q, v (..., N, 3)."""
-        f = self.external_force(self.system, q, v)  # a list, a number, one force for all members
-        f = np.broadcast_to(f, q.shape)
+        f = np.broadcast_to(self.external_force(self.system, q, v), q.shape)  # it may be a list
         (d, g), rate, a = self.errors(q), self.rates(v), f / self.system["m"]
         terms = dot(d, self.rates(a)), g, dot(d, rate), dot(rate, rate)
         b = self.right_side(self.hold, self.rods.lengths, *terms)

@@ -61,9 +61,10 @@ def write_motion(path, args, used, system, runs, keep, ghost=None):
 def draw(args, used, system, runs, keep, ghost, rate, most):
     """The text of the picture, of `rate` frames a second and the first `most` s."""
     (low, high, bar), dt, lines = box(system, runs), used["dt"], pens(system["pairs"])
-    across, wide, tall = columns(len(runs), SHEET, size := (high - low)[:2], WORDS)
-    scale = min(wide / size[0], tall / size[1])  # pixels a metre
-    (width, tall), fine = scale * size, FINE * scale
+    size = (high - low)[:2]
+    across, wide, room = columns(len(runs), SHEET, size, WORDS)
+    scale = min(wide / size[0], room / size[1])  # pixels a metre
+    width, tall = scale * size
     bottom = -(-len(runs) // across) * (tall + WORDS)
     sheet = Drawing(SHEET[0], round(bottom) + 34, title(args, used))
     stride = keep.step * max(1, round(1.0 / (rate * keep.step * dt)))
@@ -71,7 +72,7 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
     total = max(1, int(last / stride)) * stride * dt
 
     def place(points):
-        return np.rint(fine * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
+        return np.rint(FINE * scale * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
 
     def lines_through(q):
         return [place(nodes(q, system["anchors"]))[:, line] for line in lines]

@@ -29,10 +29,7 @@ def near(lengths, q):
 
 
 def nodes(x, fixed):
-    """What pairs index: x (..., N, 3) of the particles, then what it is at the anchors (K, 3).
-
-    These stand in reverse, as a negative index counts from the end: (..., N + K, 3).
-    """
+    """What pairs index: x (..., N, 3), and behind it, in reverse, what it is at the anchors."""
     fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
     return np.concatenate([x, fixed], axis=-2)
 
