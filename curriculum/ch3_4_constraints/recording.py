@@ -227,9 +227,9 @@ def blueprint(runs, dt, low, high, ranges, legend):
         seen["overrides"] = {f"scene/{key}/path": trail}
         left.append(rrb.Spatial3DView(name=name, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    for plot, (name, reach) in enumerate(ranges.items()):
+    for plot, (name, ends) in enumerate(ranges.items()):
         corner = rrb.PlotLegend(getattr(rrb.Corner2D, legend[1]), visible=name == legend[0])
-        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=reach), "plot_legend": corner}
+        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=ends), "plot_legend": corner}
         right.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
     both = rrb.Grid(*left, grid_columns=across), rrb.Vertical(*right)
