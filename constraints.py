@@ -303,10 +303,7 @@ def energy(system, q, v):
 
 def rod_errors(system, q):
     """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
-    (i, j), fixed = np.transpose(system["pairs"]), system.get("anchors", PIVOT[None])[::-1]
-    fixed = np.broadcast_to(fixed, (*q.shape[:-2], *np.shape(fixed)))
-    ends = np.concatenate([q, fixed], axis=-2)  # a negative j counts from the end: -1, the first
-    d = q[..., i, :] - ends[..., j, :]
+    d = statics.differences(q, system.get("anchors", PIVOT[None]), system["pairs"])
     return np.sqrt(dot(d, d)) - system["lengths"]
 
 
@@ -341,8 +338,7 @@ def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
     parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
-    shown = {"action": publish.SceneList, "nargs": 0, "const": (SYSTEMS, HERE / CHAPTER)}
-    what("--scenes", **shown, help="list them")
+    what("--scenes", action="store_true", help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
     what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
@@ -354,6 +350,9 @@ def parse(argv):
     how("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
     how("--tol M", type=number(), help="m at 2 s; gauss then finds its stages and step")
     args = parser.parse_args(argv)
+    if args.scenes:
+        print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
+        parser.exit()
     if args.tol and args.integrator != "gauss":
         parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
     if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):

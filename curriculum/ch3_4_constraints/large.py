@@ -11,7 +11,7 @@ from collections import defaultdict
 from functools import lru_cache
 from itertools import product
 
-from curriculum.ch3_4_constraints.statics import INSTANT, near
+from curriculum.ch3_4_constraints.statics import INSTANT, differences, near
 from curriculum.common.graph import band_order, elimination_order, has_loop
 from curriculum.common.trace import Stop, repeat
 
@@ -48,19 +48,10 @@ def arranged(pairs, masses, lengths):
     return kind(pairs, np.array(masses), np.array(lengths))
 
 
-# Here x, y and z come first: rods d are (3, ..., C), particles (3, ..., N), so that every array is
-# contiguous. The rods stand in an order of their own, `order`.
-
-
-def components_first(x):
-    """(..., N, 3) -> (3, ..., N), contiguous."""
-    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
-
-
 def dot(a, b):
-    """(3, ...), (3, ...) -> (...), added up in this order."""
-    x, y, z = a * b
-    return x + y + z
+    """a . b (...) of vectors (..., 3), added up in this order: twice as fast as np.sum."""
+    x = a * b
+    return x[..., 0] + x[..., 1] + x[..., 2]
 
 
 class Chain:
@@ -73,23 +64,23 @@ class Chain:
         self.own = 1.0 / m + np.append(0.0, self.between)  # A's diagonal, of unit vectors
 
     def vectors(self, x, anchors):
-        """x_i - x_j of every rod (3, ..., C), of x (3, ..., N), which at the anchors is (K, 3)."""
-        d = np.empty_like(x)
-        np.subtract(x[..., 1:], x[..., :-1], out=d[..., 1:])
-        d[..., 0] = x[..., 0] - anchors[0].reshape(3, *[1] * (x.ndim - 2))
+        """x_i - x_j of every rod (..., C, 3), of x (..., N, 3), which at the anchors is (K, 3)."""
+        d = x.copy()
+        d[..., 0, :] -= anchors[0]
+        d[..., 1:, :] -= x[..., :-1, :]
         return d
 
     def pull(self, along, lam):
-        """J^T lambda (3, ..., N), J made of `along`."""
-        felt = lam * along
-        felt[..., :-1] -= felt[..., 1:]  # a rod pulls its particle, and back the one before it
+        """J^T lambda (..., N, 3), J made of `along`."""
+        felt = lam[..., None] * along
+        felt[..., :-1, :] -= felt[..., 1:, :]  # a rod pulls its particle, and back the one before
         return felt
 
     def multipliers(self, d, along, b, x, turn, softness=0.0):
         """lambda (..., C) with (A + softness diag A) lambda = b, A = J(d) M^-1 J(along)^T."""
         diagonal = dot(d, along) * ((1.0 + softness) * self.own)
-        upper = self.between * dot(d[..., :-1], along[..., 1:])  # of -A
-        lower = upper if d is along else self.between * dot(d[..., 1:], along[..., :-1])
+        upper = self.between * dot(d[..., :-1, :], along[..., 1:, :])  # of -A
+        lower = upper if d is along else self.between * dot(d[..., 1:, :], along[..., :-1, :])
         return cyclic_reduction(diagonal, upper, lower, b)
 
 
@@ -103,9 +94,9 @@ class Linkage:
 
     def __init__(self, pairs, m, lengths):
         self.order, self.n, self.loop = band_order(pairs), len(m), has_loop(pairs)
-        self.lengths, (self.i, self.j) = lengths[self.order], np.array(pairs)[self.order].T
+        self.lengths, self.pairs = lengths[self.order], np.array(pairs)[self.order]
         tied, shares = defaultdict(list), defaultdict(float)
-        for k, (i, j) in enumerate(zip(self.i, self.j, strict=True)):
+        for k, (i, j) in enumerate(self.pairs):
             tied[i].append((k, 1.0))
             tied[j].append((k, -1.0))
         for p in range(self.n):
@@ -124,35 +115,33 @@ class Linkage:
 
     def vectors(self, x, anchors):
         """As a Chain's."""
-        fixed = np.reshape(anchors[::-1].T, (3, *[1] * (x.ndim - 2), -1))
-        ends = np.concatenate([x, np.broadcast_to(fixed, (*x.shape[:-1], len(anchors)))], axis=-1)
-        return x[..., self.i] - ends[..., self.j]
+        return differences(x, anchors, self.pairs)
 
     def pull(self, along, lam):
         """As a Chain's."""
-        felt, anchors = lam * along, max(0, -np.min(self.j))
-        force = np.zeros((*felt.shape[:-1], self.n + anchors))
-        np.add.at(force, (..., self.i), felt)
-        np.subtract.at(force, (..., self.j), felt)
-        return force[..., : self.n]
+        (i, j), felt = self.pairs.T, lam[..., None] * along
+        force = np.zeros((*lam.shape[:-1], self.n + max(0, -np.min(j)), 3))  # anchors come last
+        np.add.at(force, (..., i, slice(None)), felt)
+        np.subtract.at(force, (..., j, slice(None)), felt)
+        return force[..., : self.n, :]
 
     def multipliers(self, d, along, b, x, turn, softness=0.0):
         """As a Chain's. In a loop a rod may be too many, or J lose rank: there A gets what `turn`
-        (3, ..., C) makes of it, and rounds take that back for as long as they help. Raises Stop
-        where b, made of d and differences of x (3, ..., N), is not met then.
+        (..., C, 3) makes of it, and rounds take that back for as long as they help. Raises Stop
+        where b, made of d and differences of x (..., N, 3), is not met then.
         """
         if b.ndim > 1:  # one after the other: the blocks of all at once would fill the memory
             lam = np.empty_like(b)
             for at in np.ndindex(b.shape[:-1]):
-                part = d[:, *at], along[:, *at], b[at], x[:, *at], turn[:, *at]
+                part = d[at], along[at], b[at], x[at], turn[at]
                 lam[at] = self.multipliers(*part, softness)
             return lam
-        values = self.shares * dot(d[:, self.rows], along[:, self.columns])
+        values = self.shares * dot(d[self.rows], along[self.columns])
         values[self.diagonal] *= 1.0 + softness
         own, spread = values[self.diagonal], values.copy()
         if self.loop:
             spread[self.diagonal] *= 1.0 + SLACK
-            spread += self.shares * dot(turn[:, self.rows], turn[:, self.columns])
+            spread += self.shares * dot(turn[self.rows], turn[self.columns])
         solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
         while True:
@@ -239,35 +228,33 @@ class LargeForce:
     """
 
     def __init__(self, system, hold, external_force, right_side):
-        self.system, self.hold, self.external_force = system, hold, external_force
-        self.right_side, self.m = right_side, system["m"][:, 0]
-        lengths = tuple(np.asarray(system["lengths"]).tolist())
-        self.rods = arranged(tuple(map(tuple, system["pairs"])), tuple(self.m.tolist()), lengths)
+        self.system, self.hold = system, hold
+        self.external_force, self.right_side = external_force, right_side
+        parts = (np.asarray(system[key]).ravel().tolist() for key in ("m", "lengths"))
+        self.rods = arranged(tuple(map(tuple, system["pairs"])), *map(tuple, parts))
         self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
         self.way, self.after = self.rods.way, self.project if hold.after else None
 
-    def errors(self, x):
-        """Rods d (3, ..., C) of particles x (3, ..., N), and their g (..., C)."""
-        d = self.rods.vectors(x, self.anchors)
+    def errors(self, q):
+        """Rods d (..., C, 3) of particles q (..., N, 3), and their g (..., C)."""
+        d = self.rods.vectors(q, self.anchors)
         return d, 0.5 * (dot(d, d) - self.rods.lengths * self.rods.lengths)
 
-    def rates(self, x):
-        """The difference (3, ..., C) over each rod of velocities or accelerations (3, ..., N)."""
-        return self.rods.vectors(x, 0.0 * self.anchors)
+    def rates(self, v):
+        """The difference (..., C, 3) over each rod of velocities or accelerations (..., N, 3)."""
+        return self.rods.vectors(v, 0.0 * self.anchors)
 
     def answer(self, q, v):
-        """f (3, ..., N), rods d (3, ..., C), lambda and b (..., C), at q, v (..., N, 3)."""
-        f = self.external_force(self.system, q, v)  # a list, a number, one force for all members
-        f = components_first(np.broadcast_to(f, q.shape))
-        (d, g), rate = self.errors(components_first(q)), self.rates(components_first(v))
-        a = f / self.m
+        """f (..., N, 3), rods d (..., C, 3), lambda and b (..., C), at q, v (..., N, 3)."""
+        f = np.broadcast_to(self.external_force(self.system, q, v), q.shape)  # it may be a list
+        (d, g), rate, a = self.errors(q), self.rates(v), f / self.system["m"]
         terms = dot(d, self.rates(a)), g, dot(d, rate), dot(rate, rate)
         b = self.right_side(self.hold, self.rods.lengths, *terms)
         return f, d, self.rods.multipliers(d, d, b, a, INSTANT * rate, self.hold.softness), b
 
     def __call__(self, q, v):
         f, d, lam, _ = self.answer(q, v)
-        return np.moveaxis(f + self.rods.pull(d, lam), 0, -1)
+        return f + self.rods.pull(d, lam)
 
     def tensions(self, q, v):
         """Newtons (..., C) with which the rods pull; below zero they push."""
@@ -280,24 +267,23 @@ class LargeForce:
         """The largest acceleration (...) along a rod, in m/s^2, that is left unanswered."""
         _, d, lam, b = self.answer(q, v)
         given = self.hold.softness * self.rods.own * dot(d, d) * lam
-        left = b - given - dot(d, self.rates(self.rods.pull(d, lam) / self.m))
+        left = b - given - dot(d, self.rates(self.rods.pull(d, lam) / self.system["m"]))
         return np.max(np.abs(left) / self.rods.lengths, axis=-1)
 
     def project(self, q_start, q, v, dt):
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""
-        start, end, v = map(components_first, (q_start, q, v))
-        along, close = self.rods.vectors(start, self.anchors), near(self.rods.lengths, q_start)
+        along = self.rods.vectors(q_start, self.anchors)
+        close = near(self.rods.lengths, q_start)
 
         def impulse(d, along, b, x):
             lam = self.rods.multipliers(d, along, b, x, 0.0 * d)
-            return self.rods.pull(along, lam) / self.m
+            return self.rods.pull(along, lam) / self.system["m"]
 
-        def newton(x):
-            d, g = self.errors(x)
-            return x - impulse(d, along, g, x), np.max(np.abs(g) / close)
+        def newton(q):
+            d, g = self.errors(q)
+            return q - impulse(d, along, g, q), np.max(np.abs(g) / close)
 
-        end, before = repeat(newton, end, 20, "no way back onto the rods"), end
-        v, (d, _) = v + (end - before) / dt, self.errors(end)
+        end = repeat(newton, q, 20, "no way back onto the rods")
+        v, (d, _) = v + (end - q) / dt, self.errors(end)
         gdot = dot(d, self.rates(v))
-        v = v - impulse(d, d, gdot, v)
-        return np.moveaxis(end, 0, -1), np.moveaxis(v, 0, -1)
+        return end, v - impulse(d, d, gdot, v)

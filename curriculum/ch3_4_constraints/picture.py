@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.recording import box, columns, nodes, rod_ends, title, verdict
+from curriculum.ch3_4_constraints.recording import box, columns, rod_ends, title, verdict
+from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, Drawing, element
 
 import numpy as np
@@ -46,10 +47,9 @@ def write_motion(path, args, used, system, runs, keep, ghost=None):
     """Write `path`, an SVG that moves: `runs` {mode: Run} side by side, of whose kept states those
     of the steps `keep`, a range, are shown at the pace of the simulated time.
 
-    `ghost`: the true motion as long as it is known, (seconds (T,), positions (T, N, 3)), or None;
-    20 evenly spaced frames a second will do.
-    `args` and `used` name what was run. The first of RATES is taken whose file has no more than
-    BYTES, or else the last. Equal runs are equal bytes.
+    `args`, `used`, `ghost`: as recording.record takes them; of `ghost` 20 evenly spaced frames a
+    second will do. The first of RATES is taken whose file has no more than BYTES, or else the last.
+    Equal runs are equal bytes.
     """
     for rate, most in RATES:
         text = draw(args, used, system, runs, keep, ghost, rate, most)
@@ -61,9 +61,10 @@ def write_motion(path, args, used, system, runs, keep, ghost=None):
 def draw(args, used, system, runs, keep, ghost, rate, most):
     """The text of the picture, of `rate` frames a second and the first `most` s."""
     (low, high, bar), dt, lines = box(system, runs), used["dt"], pens(system["pairs"])
-    across, wide, tall = columns(len(runs), SHEET, size := (high - low)[:2], WORDS)
-    scale = min(wide / size[0], tall / size[1])  # pixels a metre
-    (width, tall), fine = scale * size, FINE * scale
+    size = (high - low)[:2]
+    across, wide, room = columns(len(runs), SHEET, size, WORDS)
+    scale = min(wide / size[0], room / size[1])  # pixels a metre
+    width, tall = scale * size
     bottom = -(-len(runs) // across) * (tall + WORDS)
     sheet = Drawing(SHEET[0], round(bottom) + 34, title(args, used))
     stride = keep.step * max(1, round(1.0 / (rate * keep.step * dt)))
@@ -71,10 +72,10 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
     total = max(1, int(last / stride)) * stride * dt
 
     def place(points):
-        return np.rint(fine * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
+        return np.rint(FINE * scale * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
 
     def lines_through(q):
-        return [place(nodes(system, q))[:, line] for line in lines]
+        return [place(nodes(q, system["anchors"]))[:, line] for line in lines]
 
     anchors = place(system["anchors"][::-1])
     still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=GREY) for x, y in anchors]

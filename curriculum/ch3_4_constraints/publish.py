@@ -1,6 +1,5 @@
 """What a run hands over: numbers, a picture and a recording, all of one run, in one folder."""
 
-import argparse
 import json
 import os
 import shlex
@@ -19,21 +18,14 @@ DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol" 
 results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an argparse type
 
 
-class SceneList(argparse.Action):
-    """A flag that prints the systems, a line each, and ends the program.
-
-    `const`: {name: how many rods} of those without a file, and the chapter's folder.
-    """
-
-    def __call__(self, parser, *_):
-        counts, folder = self.const
-        counts = counts | {"chain": "--links"}
-        named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
-        files = sorted(folder.glob("scenes/*.json"))
-        named |= {path.stem: json.loads(path.read_bytes())["about"] for path in files}
-        for name, text in named.items():
-            print(f"{name:<16} {textwrap.shorten(text, 63, placeholder=' ...')}")
-        parser.exit()
+def scene_list(counts, folder):
+    """The systems, a line each: {name: how many rods} of those without a file, and a chapter's."""
+    named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
+    named["chain"] = "let go level, rods: --links"
+    for path in sorted(folder.glob("scenes/*.json")):
+        about = json.loads(path.read_bytes())["about"]
+        named[path.stem] = textwrap.shorten(about, 63, placeholder=" ...")
+    return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
 def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
@@ -56,16 +48,13 @@ def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
             why = getattr(error, "strerror", None) or str(error) or type(error).__name__
             lost.append(f", but no {path.name}: {shorten(why)}")
 
-    def recorded(path):
-        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
-        attempt(record, path, rows, fall, pulls, ghost)
-
     metrics = partial(dump_json, content=flags | used | {"results": rows})
     files = {METRICS: metrics, PICTURE: None, RECORDING: None}
     if args.picture:
         files[PICTURE] = lambda path: attempt(write_motion, path, shown, ghost)
     if args.rerun:
-        files[RECORDING] = recorded
+        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
+        files[RECORDING] = lambda path: attempt(record, path, rows, fall, pulls, ghost)
     write_together(args.out, files)
     written = [args.out / name for name in files if (args.out / name).exists()]
     text = f"wrote {', '.join(map(str, written))}{''.join(lost)}"

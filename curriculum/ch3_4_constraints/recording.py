@@ -3,6 +3,7 @@
 import zlib
 from pathlib import Path
 
+from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, MODES, PULL, PUSH
 from curriculum.ch3_4_constraints.tables import length
 
@@ -44,16 +45,10 @@ def verdict(run, dt):
     return f"off {length(np.max(run.violations))}"
 
 
-def nodes(system, q):
-    """What `pairs` point at: particles, and anchors in reverse, (F, N + K, 3), at q (F, N, 3)."""
-    anchors = np.repeat(system["anchors"][None, ::-1], len(q), axis=0)
-    return np.concatenate([q, anchors], axis=1)
-
-
 def rod_ends(system, q):
     """Tails, marks and heads of rods, (F, C, 3) each, at q (F, N, 3): tails are at the partners,
     heads at the particles, and marks where a rod that is too long should end."""
-    heads, tails = np.moveaxis(nodes(system, q)[:, system["pairs"]], 2, 0)
+    heads, tails = np.moveaxis(nodes(q, system["anchors"])[:, system["pairs"]], 2, 0)
     size = np.maximum(np.linalg.norm(heads - tails, axis=-1, keepdims=True), 1e-300)
     share = np.minimum(1.0, np.reshape(system["lengths"], (-1, 1)) / size)
     return tails, tails + share * (heads - tails), heads
@@ -64,10 +59,11 @@ def box(system, runs):
     best; and a length to compare with, one metre if that fits."""
     worst = {m: np.inf if run.stopped else np.max(run.violations) for m, run in runs.items()}
     good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
-    points = [nodes(system, runs[m].q).reshape(-1, 3) for m in good or [min(worst, key=worst.get)]]
-    low, high = (f([f(x, axis=0) for x in points], axis=0) for f in (np.min, np.max))
-    room = 0.06 * np.max(high - low)
-    return low - room, high + room, min(1.0, 10.0 ** np.floor(np.log10(room / 0.06)))
+    good = good or [min(worst, key=worst.get)]
+    shown = np.concatenate([nodes(runs[mode].q, system["anchors"]) for mode in good])
+    low, high = np.min(shown, axis=(0, 1)), np.max(shown, axis=(0, 1))
+    size = np.max(high - low)
+    return low - 0.06 * size, high + 0.06 * size, min(1.0, 10.0 ** np.floor(np.log10(size)))
 
 
 def columns(count, shape, size, words):
@@ -156,8 +152,11 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
         part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
         least, most = np.quantile(np.concatenate(some), part).tolist()
         room = 0.05 * (most - least) + 1e-12
+        if plot == RODS:
+            most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
         ranges[plot] = least - room, most + room
-    line = low + [[0.03 * (high - low)[0], 0.0, 0.0]] + np.outer([0.0, bar], [1.0, 0.0, 0.0])
+    begin = low + [0.03 * (high - low)[0], 0.0, 0.0]
+    line = [begin, begin + [bar, 0.0, 0.0]]
     text = GUIDE.format(title=title(args, used), full=full)
     still = [
         ("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP),
@@ -179,10 +178,11 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
             end, gone = seconds[-1:] + dt, rr.Clear.columns(is_recursive=[True])
             words = {"labels": [verdict(run, dt)], "colors": [LABEL], "radii": [0.0]}
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
-            moving += [(f"scene/{key}", end, None, gone), (f"scene/lost_{key}", end, None, said)]
+            moving.append((f"scene/{key}", end, None, gone))
+            moving.append((f"scene/lost_{key}", end, None, said))
         for plot, curve in enumerate(curves.values()):
-            drawn = rr.Scalars.columns(scalars=curve[mode])
             style = rr.SeriesLines(colors=color, names=mode)
+            drawn = rr.Scalars.columns(scalars=curve[mode])
             moving.append((f"curves/{plot}/{key}", seconds, style, drawn))
 
     at_once = rr.ChunkBatcherConfig(flush_num_rows=1)  # to the file as it comes, not in a heap
@@ -227,9 +227,9 @@ def blueprint(runs, dt, low, high, ranges, legend):
         seen["overrides"] = {f"scene/{key}/path": trail}
         left.append(rrb.Spatial3DView(name=name, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    for plot, (name, reach) in enumerate(ranges.items()):
+    for plot, (name, ends) in enumerate(ranges.items()):
         corner = rrb.PlotLegend(getattr(rrb.Corner2D, legend[1]), visible=name == legend[0])
-        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=reach), "plot_legend": corner}
+        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=ends), "plot_legend": corner}
         right.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
     both = rrb.Grid(*left, grid_columns=across), rrb.Vertical(*right)

@@ -18,7 +18,7 @@ from numbers import Integral, Real
 from operator import mul
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.statics import along, refusal
+from curriculum.ch3_4_constraints.statics import differences, refusal
 from curriculum.common.cli import shorten
 
 import numpy as np
@@ -128,7 +128,7 @@ def parse_scene(data):
     system = {
         "q0": [particle.get("position") for particle in particles],
         "v0": [particle.get("velocity", [0, 0, 0]) for particle in particles],
-        "m": [[particle.get("mass", 1)] for particle in particles],
+        "m": [particle.get("mass", 1) for particle in particles],
         "anchors": entries(data, "anchors"),
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
@@ -153,7 +153,7 @@ def checked(raw, of_file, bare):
         if np.count_nonzero(bad):
             at, found = np.argwhere(bad)[0].tolist(), raw[key]
             at = at[-1:] if key in ("pairs", "lengths") else at  # not which start
-            for k in [*at, 0] if of_file and key == "m" else at:
+            for k in at:
                 found = found[k]
             field = COLUMNS[key][2] if of_file else key + "[{}]"
             need(False, field.format(", ".join(map(str, at))), found, allowed(at[-1]))
@@ -174,7 +174,7 @@ def checked(raw, of_file, bare):
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
     shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
     need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
-    found = np.linalg.norm(along(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
+    found = np.linalg.norm(differences(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[0, bare]
     fit = FIT if of_file else ROUGH
@@ -186,31 +186,32 @@ def checked(raw, of_file, bare):
 def column(raw, key, of_file, refuse):
     """raw, an array or a list of a system's rows, as an array of numbers in range."""
     row, shape, _, allowed = COLUMNS[key]
-    kinds, letters = (Integral, "iu") if key == "pairs" else (Real, "iuf")
+    kind, letters, dtype = (Integral, "iu", int) if key == "pairs" else (Real, "iuf", float)
     low = 1 / HUGE if key in ("m", "lengths") else -HUGE
-
-    def fits(x):
-        if row and not (isinstance(x, (list, tuple)) and len(x) == row[0]):
-            return False
-        numbers = x if row else [x]
-        return all(isinstance(y, kinds) and type(y) is not bool and low < y < HUGE for y in numbers)
-
     need(isinstance(raw, (list, tuple, np.ndarray)), key, raw, f"a list or an array {shape}")
     try:
         array = None if of_file else np.asarray(raw)  # would take true for 1
     except ValueError:
         array = None  # rows of several lengths
     if array is None or array.dtype.kind not in letters:
-        bad = np.array([not fits(x) for x in raw], dtype=bool)
-    else:
-        axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-        right = array.shape[axes:] == row and (axes == 1 or (axes > 1 and key in ("q0", "v0")))
-        need(right, f"the shape of {key}", array.shape, shape)
-        bad = ~((array > low) & (array < HUGE))
-        bad = bad.any(axis=-1) if row and np.count_nonzero(bad) else bad
-    refuse(key, bad, lambda _: allowed)
-    values = np.array(raw if array is None else array, dtype=int if key == "pairs" else float)
-    return values.reshape(-1, *row) if of_file else values
+        size = () if of_file and key == "m" else row
+        bad = [not fits(x, size, kind, low) for x in raw]
+        refuse(key, np.array(bad, dtype=bool), lambda _: allowed)
+        return np.array(raw, dtype).reshape(-1, *row)
+    axes = array.ndim - len(row)  # one of rows; starts may have more, of members
+    right = array.shape[axes:] == row and (axes == 1 or (axes > 1 and key in ("q0", "v0")))
+    need(right, f"the shape of {key}", array.shape, shape)
+    bad = ~((array > low) & (array < HUGE))
+    refuse(key, bad.any(axis=-1) if row else bad, lambda _: allowed)
+    return array.astype(dtype)
+
+
+def fits(x, size, kind, low):
+    """Whether x is a number > low of a kind, or if its size is (n,) a list of n such numbers."""
+    if size:
+        right = isinstance(x, (list, tuple)) and len(x) == size[0]
+        return right and all(fits(y, (), kind, low) for y in x)
+    return isinstance(x, kind) and type(x) is not bool and low < x < HUGE
 
 
 def misfit(hold, rule):

@@ -7,7 +7,7 @@ import numpy as np
 FIT = 1e-6  # relative: how exactly velocities must keep the lengths; below, a rod is at rest
 LOST = 1.5e-8  # singular values of J by the largest: A squares them, and then they are rounding
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
-MOST = 1000  # rods: beyond, a start with loops is not looked at
+MOST = 1000  # rods or particles: beyond, a start with loops is not looked at
 FEW = 64  # rods: beyond, the place where a run stopped is not looked at
 
 # s: what is over in such a time no step of the chapter can follow. Rods in a loop may lose rank in
@@ -21,20 +21,50 @@ def near(lengths, q):
     return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
 
 
-def along(x, fixed, pairs):
-    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
+def nodes(x, fixed):
+    """What pairs index: x (..., N, 3), and behind it, in reverse, what it is at the anchors."""
     fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
-    ends, (i, j) = np.concatenate([x, fixed], axis=-2), np.transpose(pairs)
-    return x.take(i, axis=-2) - ends.take(j, axis=-2)  # a negative j counts from the end
+    return np.concatenate([x, fixed], axis=-2)
+
+
+def differences(x, fixed, pairs):
+    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
+    ends, (i, j) = nodes(x, fixed), np.transpose(pairs)
+    return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.
 
-    Two things are proof, gravity (3,) in m/s^2 being all that pulls beside the rods. First, J v
-    must be zero. Second, let u be a self-stress: tensions that cancel at every particle, J^T u = 0.
-    Rods that move from d to d + e and keep their lengths have d . e + e . e / 2 = 0. Add that up
-    with u: the first terms are (J^T u) . (what the particles move) = 0, so that
+    gravity (3,) in m/s^2 is all that pulls beside the rods.
+    """
+    pairs, lengths = system["pairs"], system["lengths"]
+    unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
+    rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)
+    slow = FIT * (1.0 + np.abs(rate).max())
+    stretch = np.sum(unit * rate, axis=1)
+    k = int(np.argmax(np.abs(stretch)))
+    if abs(stretch[k]) > slow:
+        found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
+        return f"{found}; must be 0: velocities keep every length"
+    if max(len(pairs), len(system["m"])) > MOST or not has_loop(tuple(pairs)):
+        return None
+    k = torn(system, gravity, unit, rate, slow)
+    if k is None:
+        return None
+    pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
+    return f"{pose}; give the loop some slack, or leave a rod out"
+
+
+def torn(system, gravity, unit, rate, slow):
+    """A rod that no finite tension can hold, by its index; None if nothing proves there is one.
+
+    `unit` (C, 3): the rods as vectors, 1 long; `rate` (C, 3): how fast these change, in m/s, which
+    under `slow` is rest.
+
+    Let u be a self-stress: tensions that cancel at every particle, J^T u = 0. Rods that move from
+    d to d + e and keep their lengths have d . e + e . e / 2 = 0. Add that up with u: the first
+    terms are (J^T u) . (what the particles move) = 0, so that
 
         sum_k u_k |e_k|^2 = 0
 
@@ -46,42 +76,26 @@ def refusal(system, gravity):
     A cable that sags ever so little has no self-stress, and a tension that is large, but finite. It
     is let through until A cannot be told from a singular matrix: at 1e-8 of the span.
     """
-    pairs, lengths, still = system["pairs"], system["lengths"], np.zeros_like(system["anchors"])
-    rate = along(system["v0"], still, pairs)
-    unit = along(system["q0"], system["anchors"], pairs) / lengths[:, None]
-    stretch, slow = np.sum(unit * rate, axis=1), FIT * (1.0 + np.abs(rate).max())
-    k = int(np.argmax(np.abs(stretch)))
-    if abs(stretch[k]) > slow:
-        found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
-        return f"{found}; must be 0: velocities keep every length"
-    if len(pairs) > MOST or not has_loop(tuple(pairs)):
-        return None
-    i, j = np.transpose(pairs)
-    ends, place = np.unique([i, np.maximum(j, -1)], return_inverse=True)  # others fall freely
-    tied = ends[ends >= 0]
-    rows = np.zeros((len(i), len(ends), 3))  # J, each row divided by its length
-    for end, sign in zip(place.reshape(2, -1), (1.0, -1.0), strict=True):
-        rows[np.arange(len(i)), end] = sign * unit
-    rows = rows[:, ends >= 0].reshape(len(i), -1)
-    stresses, curl = self_stresses(rows), np.sum(rate**2, axis=1) / lengths
-    k = worked_on(stresses, curl, 1e-12 * curl.max())
+    lengths, every, (i, j) = system["lengths"], np.arange(len(unit)), np.transpose(system["pairs"])
+    rows = np.zeros((len(unit), len(system["m"]) + 1, 3))  # J of unit vectors; anchors come last
+    rows[every, i] = unit
+    rows[every, np.maximum(j, -1)] = -unit
+    rows = rows[:, :-1].reshape(len(unit), -1)
+    stresses, bend = self_stresses(rows), np.sum(rate**2, axis=1) / lengths
+    k = worked_on(stresses, bend, 1e-12 * bend.max())
     rest = np.flatnonzero(np.abs(rate).max(axis=1) < slow)
-    if k is None and stresses.any() and len(rest):
-        root = np.sqrt(np.repeat(system["m"][tied, 0], 3))
-        scaled, free = rows / root, root * np.tile(gravity, len(tied))  # J M^-1/2, M^-1/2 f
-        size = np.linalg.norm(scaled, axis=1)
-        held = -(curl + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
-        held = np.linalg.lstsq(scaled / size[:, None], held, rcond=LOST)[0]
-        accel = np.zeros_like(system["q0"])
-        accel[tied] = ((free + held) / root).reshape(-1, 3)
-        floor = 1e-12 * (np.abs(gravity).max() + curl.max()) ** 2 / lengths.min()  # of rounding
-        curl = np.sum(along(accel, still, pairs) ** 2, axis=1) / lengths
-        k = worked_on(self_stresses(rows[rest]), curl[rest], floor)
-        k = k if k is None else rest[k]
-    if k is None:
-        return None
-    pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
-    return f"{pose}; give the loop some slack, or leave a rod out"
+    if k is not None or not stresses.any() or not len(rest):
+        return k
+    root = np.sqrt(np.repeat(system["m"], 3))
+    scaled, free = rows / root, root * np.tile(gravity, len(system["m"]))  # J M^-1/2, M^-1/2 f
+    size = np.linalg.norm(scaled, axis=1)
+    held = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
+    held = np.linalg.lstsq(scaled / size[:, None], held, rcond=LOST)[0]
+    accel = ((free + held) / root).reshape(-1, 3)
+    floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 / lengths.min()  # of rounding
+    accel = differences(accel, np.zeros_like(system["anchors"]), system["pairs"])
+    k = worked_on(self_stresses(rows[rest]), np.sum(accel**2, axis=1)[rest] / lengths[rest], floor)
+    return None if k is None else rest[k]
 
 
 def self_stresses(rows):
@@ -91,24 +105,23 @@ def self_stresses(rows):
     return free.T @ free
 
 
-def worked_on(stresses, curl, floor):
-    """The first rod where the part of curl (C,) along self-stresses is not rounding, or None."""
-    part = np.abs(stresses @ curl)
-    part[part <= TAUT * (np.abs(stresses) @ curl) + floor] = 0.0
+def worked_on(stresses, bend, floor):
+    """The first rod where the part of bend (C,) along self-stresses is not rounding, or None."""
+    part = np.abs(stresses @ bend)
+    part[part <= TAUT * (np.abs(stresses) @ bend) + floor] = 0.0
     return int(np.argmax(part > 0.99 * part.max())) if part.any() else None
 
 
 def in_line(constraint_terms, system, run):
-    """A hint for a run that could not go on: whether J (C, 3N) of constraint_terms loses rank where
-    it stopped."""
+    """A hint for a run that stopped where J (C, 3N) of constraint_terms loses rank, or ""."""
     if run.kind not in ("loop", "domain") or len(system["pairs"]) > FEW:
         return ""
     q, v = np.stack([system["q0"], run.q[-1]]), np.stack([system["v0"], run.v[-1]])
     rows = constraint_terms(system, q, v)[0]
     rows = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
-    (_, left), (before, sizes), _ = np.linalg.svd(rows, full_matrices=False)
+    left, (before, sizes), _ = np.linalg.svd(rows, full_matrices=False)
     last = int(np.sum(before > 1e-6)) - 1  # the weakest combination that held at the start
     if sizes[last] >= 0.2 * before[last]:
         return ""
-    around = f"the rods around rods[{np.argmax(np.abs(left[:, last]))}] are nearly in line there"
+    around = f"the rods around rods[{np.argmax(np.abs(left[1, :, last]))}] are nearly in line there"
     return f"; {around}: no finite tension turns them; another --dt may step over that pose"

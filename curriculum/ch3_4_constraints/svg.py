@@ -5,8 +5,8 @@ from itertools import pairwise
 
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
-# Told apart by everybody, in each kind of colour blindness, and readable on white and on black.
-MODES = {"none": "#458fac", "baumgarte": "#4149da", "impulse": "#947c00", "soft": "#b70034"}
+# Told apart by everybody, in each kind of colour blindness, and readable on any ground.
+MODES = {"none": "#458fac", "baumgarte": "#5a4cef", "impulse": "#947c00", "soft": "#bd144e"}
 MODES["project"] = "#ff008d"
 PULL, PUSH, EXCESS = "#cd8166", "#bb72ff", "#ff1f1f"  # of a rod; and what it has too much
 INK, GREY, PALE = "currentColor", "#7d8590", "#7d859055"
@@ -65,29 +65,29 @@ class Drawing:
         return element("svg", "\n".join(["", *self.parts, ""]), role="img", **self.look) + "\n"
 
 
+def position(value, limits, begin, end):
+    """Where a value is between two pixels, logarithmic if the limits are above 0."""
+    low, high, at = (math.log10(x) if limits[0] > 0 else x for x in (*limits, value))
+    return begin + (end - begin) * (at - low) / (high - low)
+
+
 def chart(title, x, y, curves, size=(480, 420), right=100):
     """The text of a chart of `curves` {name: (colour, [(x, y), ...])}, named where they end; x and
-    y: (name, range, {value: words}), logarithmic if the range begins above 0."""
-    sheet, names = Drawing(*size, title), []
-    room = (64, size[0] - right), (size[1] - 58, 48)
-
-    def place(*point):
-        for value, axis, (begin, end) in zip(point, (x, y), room, strict=True):
-            low, high, at = (math.log10(a) if axis[1][0] > 0 else a for a in (*axis[1], value))
-            yield begin + (end - begin) * (at - low) / (high - low)
-
+    y: (name, limits, {value: words}), logarithmic if the limits are above 0."""
+    sheet, left, end, bottom, top = Drawing(*size, title), 64, size[0] - right, size[1] - 58, 48
     for value, words in x[2].items():
-        low, high = ([*place(value, edge)] for edge in y[1])
-        sheet.line([low, high], PALE, 1)
-        sheet.words(low[0], low[1] + LINE + 2, words, GREY, "middle")
+        at = position(value, x[1], left, end)
+        sheet.line([(at, bottom), (at, top)], PALE, 1)
+        sheet.words(at, bottom + LINE + 2, words, GREY, "middle")
     for value, words in y[2].items():
-        left, end = ([*place(edge, value)] for edge in x[1])
-        sheet.line([left, end], PALE, 1)
-        sheet.words(left[0] - 8, left[1] + 5, words, GREY, "end")
-    sheet.words(room[0][0], size[1] - 12, x[0])
+        at = position(value, y[1], bottom, top)
+        sheet.line([(left, at), (end, at)], PALE, 1)
+        sheet.words(left - 8, at + 5, words, GREY, "end")
+    sheet.words(left, size[1] - 12, x[0])
     sheet.words(16, 28, y[0])
+    names = []
     for name, (color, values) in curves.items():
-        points = [tuple(place(*value)) for value in values]
+        points = [(position(a, x[1], left, end), position(b, y[1], bottom, top)) for a, b in values]
         sheet.line(points, color, 2.5)
         names.append([*points[-1], name, color])
     names.sort(key=lambda name: name[1])
@@ -95,6 +95,6 @@ def chart(title, x, y, curves, size=(480, 420), right=100):
         overlap = LINE - (below[1] - above[1])
         if overlap > 0.0 and abs(above[0] - below[0]) < 100.0:
             above[1], below[1] = above[1] - 0.5 * overlap, below[1] + 0.5 * overlap
-    for *end, name, color in names:
-        sheet.words(end[0] + 6, end[1] + 5, name, color, weight="bold")
+    for at, height, name, color in names:
+        sheet.words(at + 6, height + 5, name, color, weight="bold")
     return sheet.text()

@@ -29,10 +29,9 @@ def per_cent(share):
 def forewarn(steps, paces):
     """Say how long a run takes, if that is long, of a step in us of each mode."""
     seconds = 1e-6 * steps * sum(paces)
+    words = f"{steps} steps of {len(paces)} modes: {about(seconds)}, by what one took"
     if seconds > PATIENCE:
-        print(
-            f"{steps} steps of {len(paces)} modes: {about(seconds)}, by what one took", flush=True
-        )
+        print(words, flush=True)
 
 
 def comparison(rows, runs, hints, at, truth, tol):
