@@ -1,148 +1,103 @@
-"""A program as numpy calls: one call an operation, done to whole arrays, into few buffers.
+"""A program as numpy calls: a function of whole arrays, a line an operation.
 
-A buffer is used again as soon as nobody needs what is in it. So a dozen hold what a step needs,
-they stay in the processor's cache, and nothing is allocated: that, and not arithmetic, is what
-costs numpy its time.
+What nobody needs any more is let go of at once. So a dozen arrays are alive at a time, however long
+the program is, and the processor's cache holds them if they have PIECE entries each.
 """
 
 from curriculum.common.trace import FUNCTIONS, Call
 
 import numpy as np
 
-CACHE = 1 << 16  # numbers in all buffers together
+PIECE = 1 << 13
 UFUNCS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "**": "power"}
 UFUNCS |= {"abs": "absolute"} | {name: name for name in FUNCTIONS}
-USED = [*UFUNCS.values(), "negative", "positive", "copyto", "logical_not", "inf", "nan"]
-NAMES = {name: getattr(np, name) for name in USED}
+NAMES = {name: getattr(np, name) for name in [*UFUNCS.values(), "all", "where", "inf", "nan"]}
 
 
 class Writer:
-    """Lines of numpy calls; `place`: in which buffer, argument or constant a name is found.
+    """Lines of numpy calls. `routines`: the programs that they call; `constants`: {number: name}.
 
-    `targets`: {name: where its value is wanted} of operations.
+    A constant is an array of its own, which numpy takes sooner than a float.
     """
 
-    def __init__(self, inputs, targets):
-        self.lines, self.constants, self.free, self.buffers = [], {}, [], []
-        self.place, self.targets = {name: name for name in inputs}, targets
-
-    def buffer(self):
-        if not self.free:
-            self.buffers.append(f"b{len(self.buffers)}")
-            self.free.append(self.buffers[-1])
-        return self.free.pop()
+    def __init__(self):
+        self.routines, self.constants = [], {}
 
     def text(self, x):
+        """An operand, which is a name or a float."""
         if isinstance(x, str):
-            return self.place[x]
+            return x
         return self.constants.setdefault(x, f"k{len(self.constants)}")
 
-    def put(self, symbol, target):
-        """Write a symbol's value, already computed, to `target`."""
-        if symbol.minus or self.text(symbol.x) != target:
-            sign = "negative" if symbol.minus else "positive"
-            self.lines.append(f"{sign}({self.text(symbol.x)}, {target})")
+    def listed(self, symbols):
+        """Symbols, as a tuple is written."""
+        return "".join(f"{'-' * s.minus}{self.text(s.x)}, " for s in symbols)
 
-    def copy(self, symbol):
-        """A buffer with a symbol's value."""
-        target = self.buffer()
-        self.put(symbol, target)
-        return target
-
-    def give_back(self, names):
-        """The buffers of values that nobody needs any more."""
-        places = {self.place.get(x) for x in names}
-        self.free += sorted(places & set(self.buffers) - set(self.free))
+    def function(self, name, program, results):
+        """A function of a program's inputs and knobs that returns some of its results."""
+        tape, given = program.tape, ", ".join([*program.inputs, *program.knobs])
+        lines = self.operations(tape, tape.needed(results), {s.x for s in results})
+        body = "".join(f"    {line}\n" for line in lines)
+        return f"def {name}({given}):\n{body}    return {self.listed(results)}\n"
 
     def operations(self, tape, names, kept):
-        """The operations `names` of a tape; all but `kept` give their buffers back after use."""
-        users = [tape.nodes[name][1:] for name in names]
-        last = {x: k for k, operands in enumerate(users) for x in operands if isinstance(x, str)}
-        for k, name in enumerate(names):
+        """The operations `names` of a tape; all but `kept` are let go of after their last use."""
+        last = {x: name for name in names for x in tape.nodes[name][1:]}
+        for name in names:
             sign, *operands = tape.nodes[name]
-            gone = [x for x in operands if last.get(x) == k and x not in kept]
+            if sign == "of":
+                continue
             if sign == "part":
                 part = tape.parts[name]
-                (self.call if isinstance(part, Call) else self.loop)(part)
-            self.give_back(gone)
-            if sign not in ("part", "of"):
-                self.place[name] = self.targets.get(name) or self.buffer()
-                given = [*map(self.text, operands), self.place[name]]
-                self.lines.append(f"{UFUNCS[sign]}({', '.join(given)})")
+                yield from (self.call if isinstance(part, Call) else self.loop)(part)
+            else:
+                yield f"{name} = {UFUNCS[sign]}({', '.join(map(self.text, operands))})"
+            for x in dict.fromkeys(operands):
+                if x in tape.nodes and x not in kept and last[x] == name:
+                    yield f"del {x}"
 
     def call(self, call):
-        """A routine's lines, written out."""
-        tape, outer, made = call.tape, dict(self.place), {s.x for s in call.made}
-        given = dict(zip(call.program.inputs, call.arguments, strict=True))
-        copies = {name: self.copy(symbol) for name, symbol in given.items() if symbol.minus}
-        self.place |= {name: self.text(symbol.x) for name, symbol in given.items()} | copies
-        self.operations(tape, tape.needed(call.made), {*given, *made})
-        found = [self.copy(symbol) for symbol in call.made]
-        self.give_back(made & set(tape.nodes))
-        self.free += copies.values()
-        self.place = outer | dict(zip(call.names, found, strict=True))
+        """The numbers that a routine makes."""
+        if call.program not in self.routines:
+            self.routines.append(call.program)
+        called = f"routine{self.routines.index(call.program)}"
+        yield f"{', '.join(call.names)}, = {called}({self.listed(call.arguments)})"
 
     def loop(self, loop):
         """A loop; members that are done keep their values, those that never are become NaN."""
-        inner, wanted, last = loop.tape, [loop.size, *loop.following], self.buffer()
-        kept = {*loop.names, *loop.taken, *(s.x for s in wanted)}
-        test = inner.needed([loop.size])
-        rest = [name for name in inner.needed(wanted) if name not in set(test)]
-        places = [self.copy(symbol) for symbol in loop.start]
-        self.place |= dict(zip(loop.names, places, strict=True))
-        done = f"done_{loop.names[0]}"
-        self.lines += [f"{last}.fill(inf)", f"{done} = False", f"for _ in range({loop.most}):"]
-        begin = len(self.lines)
-        self.operations(inner, test, kept | {x for name in rest for x in inner.nodes[name][1:]})
-        size = f"{'-' * loop.size.minus}{self.text(loop.size.x)}"
-        self.lines += [
+        tape, names, size = loop.tape, loop.names, self.listed([loop.size])[:-2]
+        last, done = f"last_{names[0]}", f"done_{names[0]}"
+        test = tape.needed([loop.size])
+        rest = [name for name in tape.needed(loop.following) if name not in set(test)]
+        kept = {s.x for s in (loop.size, *loop.following)}
+        later = kept.union(*(tape.nodes[name][1:] for name in rest))
+        turn = [
+            *self.operations(tape, test, later),
             f"{done} = {done} | ({size} <= 1.0) | (({last} <= {size}) & ({size} <= {loop.nearly}))",
-            f"copyto({last}, {size})",
-            f"if {done}.all():",
+            f"if all({done}):",
             "    break",
+            f"{last} = {size}",
+            *self.operations(tape, rest, kept),
+            f"following = {self.listed(loop.following)}",
+            *(f"{x} = where({done}, {x}, following[{k}])" for k, x in enumerate(names)),
         ]
-        self.operations(inner, rest, kept)
-        following = [self.copy(symbol) for symbol in loop.following]  # before any is replaced
-        for place, target in zip(places, following, strict=True):
-            self.lines.append(f"copyto({place}, {target}, where=logical_not({done}))")
-        self.free += [*following, last]
-        self.lines[begin:] = [f"    {line}" for line in self.lines[begin:]]
-        lost = [f"    copyto({place}, nan, where=logical_not({done}))" for place in places]
-        self.lines += ["else:", *lost]
-        self.give_back({s.x for s in wanted} & set(inner.nodes))
+        yield f"{', '.join(names)}, = {self.listed(loop.start)}"
+        yield f"{last}, {done} = inf, False"
+        yield f"for _ in range({loop.most}):"
+        yield from (f"    {line}" for line in turn)
+        yield "else:"
+        yield from (f"    {x} = where({done}, {x}, nan)" for x in names)
 
 
-class ArrayFunction:
-    """A Program's function of arrays: call it with arrays for its inputs, and for its results.
-
-    All have one shape; `knobs` are numbers.
-    """
-
-    def __init__(self, program):
-        out, nodes = program.out, program.tape.nodes
-        given, results = [*program.inputs, *program.knobs], [f"o{k}" for k in range(len(out))]
-        targets = {}
-        for s, result in zip(out, results, strict=True):
-            if nodes.get(s.x, ["of"])[0] not in ("part", "of") and not s.minus:
-                targets.setdefault(s.x, result)
-        writer = Writer(given, targets)
-        writer.operations(program.tape, program.tape.needed(out), {*given, *(s.x for s in out)})
-        for s, result in zip(out, results, strict=True):
-            writer.put(s, result)
-        names = [*given, *results, *writer.buffers]
-        space = NAMES | {name: np.array(x) for x, name in writer.constants.items()}
-        exec(f"def f({', '.join(names)}):\n    " + "\n    ".join(writer.lines or ["pass"]), space)
-        self.function, self.count, self.buffers = space["f"], len(writer.buffers), {}
-
-    def members(self):
-        """How many entries to do at once, so that what is in the buffers stays in the cache."""
-        return max(256, CACHE // max(1, self.count))
-
-    def __call__(self, inputs, results, *knobs):
-        shape = results[0].shape
-        if shape not in self.buffers:
-            self.buffers = {shape: [np.empty(shape) for _ in range(self.count)]}
-        self.function(*inputs, *knobs, *results, *self.buffers[shape])
+def array_function(program):
+    """f(*inputs, *knobs) -> tuple of results, all arrays of one shape; only knobs are numbers."""
+    writer = Writer()
+    source = writer.function("f", program, program.out)
+    for k, routine in enumerate(writer.routines):  # which may call others: the list grows
+        made = [s for s in routine.out if isinstance(s.x, str)]
+        source += writer.function(f"routine{k}", routine, made)
+    exec(source, space := NAMES | {name: np.array(x) for x, name in writer.constants.items()})
+    return space["f"]
 
 
 def each_state(function, q, v):

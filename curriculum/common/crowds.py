@@ -1,9 +1,9 @@
 """Members (R, N, 3) of one system, each of which goes as if it were alone, to the last bit."""
 
-from functools import cache
+from functools import cache, cached_property
 
 from curriculum.common import native
-from curriculum.common.arrays import ArrayFunction
+from curriculum.common.arrays import PIECE, array_function
 from curriculum.common.steps import Plain, Traced
 from curriculum.common.trace import Untraceable
 
@@ -14,10 +14,14 @@ class Together:
     """A traced step of members side by side: in vector registers, or by numpy calls."""
 
     def __init__(self, program):
-        self.program, self.machine, self.function = program, None, None
+        self.program, self.machine = program, None
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.program, native.LANES, best)
+
+    @cached_property
+    def function(self):
+        return array_function(self.program)
 
     def run(self, state, count, knobs, keep=True):
         """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
@@ -29,15 +33,15 @@ class Together:
             rows = np.empty((count, made - entries or entries, members)) if keep else None
             in_threads(self.machine, state, count, knobs, rows)
             return rows
-        self.function = self.function or ArrayFunction(self.program)
-        rows, size = np.empty((count, made, members)), self.function.members()
-        for first in range(0, members, size):  # so many that what they need stays in the cache
-            piece = slice(first, first + size)
-            before = list(state[:, piece])
+        rows = np.empty((count, made, members))
+        for first in range(0, members, PIECE):
+            piece = slice(first, first + PIECE)
+            values = list(state[:, piece])
             with np.errstate(all="ignore"):
                 for row in rows[:, :, piece]:
-                    self.function(before, list(row), *knobs)
-                    before = list(row[:entries])
+                    values = self.function(*values[:entries], *knobs)
+                    for place, value in zip(row, values, strict=True):
+                        place[:] = value
         state[:] = rows[-1, :entries]
         return rows[:, entries:] if made > entries else rows
 
