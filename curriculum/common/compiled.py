@@ -55,13 +55,12 @@ class Compiled:
         if self.way:
             return
         memory = Memory(self.step_fn, force)
-        why = memory.changed()  # it uses what cannot be put back
+        why = next(iter(memory.asks), None)  # it uses what cannot be put back
         try:
             traced = None if why else Traced(self.step_fn, m, force, dt, q, v)
         except Exception as reason:  # the reader's mistake, or more than can be traced?
             why = str(reason) or type(reason).__name__
-        why = memory.changed() or why
-        memory.restore()
+        why = memory.restore() or why
         if why:
             first = (x.reshape(-1, *x.shape[-2:])[0] for x in (q, v))
             Plain(self.step_fn)(*first, m, force, dt)  # a mistake shows here, in its own line

@@ -1,6 +1,6 @@
 """Members (R, N, 3) of one system, each of which goes as if it were alone, to the last bit."""
 
-from functools import cache, cached_property
+from functools import cached_property
 
 from curriculum.common import native
 from curriculum.common.arrays import PIECE, array_function
@@ -64,22 +64,17 @@ class Many:
 
 def in_threads(machine, state, count, knobs, rows=None):
     """Members on all processors: machine code lets go of the interpreter. state becomes the end."""
-    many = -(-state.shape[1] // machine.lanes)
-    cut = -(-many // native.CORES) * machine.lanes
+    from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
+
+    registers = -(-state.shape[1] // machine.lanes)
+    cut = -(-registers // native.CORES) * machine.lanes
 
     def some(first):
         piece = slice(first, first + cut)
         machine(state[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
 
-    list(pool().map(some, range(0, state.shape[1], cut)))
-
-
-@cache
-def pool():
-    """Threads, a processor each."""
-    from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
-
-    return ThreadPoolExecutor(native.CORES)
+    with ThreadPoolExecutor(native.CORES) as pool:
+        list(pool.map(some, range(0, state.shape[1], cut)))
 
 
 class Crowd:

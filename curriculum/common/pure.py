@@ -134,20 +134,13 @@ class Memory:
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
 
-    def differing(self):
-        """(words, x, put, old) of what is not as it was."""
+    def restore(self):
+        """Put back, in place, what has changed; the first of it, or of `asks`, or None."""
+        told = []
         for words, x, take, put, old in self.parts.values():
             now = take(x)
             new = [k for k in old | now if not same(old.get(k, self), now.get(k, self))]
             if new:
-                yield words.format(new[0]), x, put, old
-
-    def changed(self):
-        """What a trace did not leave as it was, or cannot stand for, in words; None if nothing."""
-        found = (f"it changes {words}" for words, *_ in self.differing())
-        return next(chain(found, self.asks), None)
-
-    def restore(self):
-        """Put back, in place, all that has changed."""
-        for _, x, put, old in self.differing():
-            put(x, old)
+                told.append(f"it changes {words.format(new[0])}")
+                put(x, old)
+        return next(chain(told, self.asks), None)
