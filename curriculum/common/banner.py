@@ -1,27 +1,23 @@
-"""The first line that a chapter prints, how long is left, and the ledger of default runs.
+"""The first line that a chapter prints, how long is left, and how long a default run took.
 
 python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run, and notes it
 """
 
-import datetime
 import platform
 import re
 import sys
 import time
-from functools import partial
 from pathlib import Path
-
-from curriculum.common.files import write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
 LONG, SURE = 2.0, 0.2  # s: what takes longer is shown, once so much of it is done that one can tell
 PARTS = []  # of what is under way: name, how many are done, how many there are, when it all began
 
 
-def banner(chapter, title, device, default=False, ledger=LEDGER):
+def banner(chapter, title, device, default=False):
     """At most 80 columns; for a default run, how long one took where it was measured."""
     line = f"{chapter} {title} | device {device}"
-    for row in ledger.read_text(encoding="utf-8").splitlines() if default else ():
+    for row in LEDGER.read_text(encoding="utf-8").splitlines() if default else ():
         if row.startswith(f"{chapter},"):
             line += " | a default run took {} s, {}, {}".format(*row.split(",")[1:])
     return line[:80]
@@ -77,15 +73,15 @@ def processor():
 
 def main():
     """Measure: the median wall-clock of five processes, to the ledger."""
-    import subprocess  # here: no chapter needs these
+    import datetime  # here: no chapter needs these
+    import subprocess
     import timeit
 
     chapter, *command = sys.argv[1:]
-    run = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
-    seconds = sorted(timeit.repeat(run, number=1, repeat=5))[2]
-    row = chapter, f"{seconds:.2f}", datetime.date.today(), processor().replace(",", "")
+    seconds = timeit.repeat(lambda: subprocess.check_output(command), number=1, repeat=5)
+    row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
     text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
-    write_whole(LEDGER, lambda path: path.write_text(text, encoding="utf-8"))
+    LEDGER.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ And the step for an error.
 
 import math
 from functools import partial
+from itertools import takewhile
 from typing import NamedTuple
 
 from curriculum.common.compiled import Compiled
@@ -48,7 +49,7 @@ def true_position(run, seconds, most=math.inf):
     rule, before, way = make_gauss(6), None, once_for_all(most)
     for longest in LADDER:
         steps = math.ceil(seconds / longest)
-        if steps + (before is None) * 2 * steps > most:  # two are needed
+        if steps * (3 if before is None else 1) > most:  # the first needs a second, twice as long
             break
         found = run(rule, seconds / steps, steps, way=way)
         most -= steps
@@ -71,10 +72,10 @@ def true_motion(run, rule, seconds):
     for fine in (4, 8):
         steps = fine * frames
         end = run(rule, FRAME / fine, steps, range(0, steps + 1, fine), way)
-        found.append(end.q[end.kept % fine == 0])
-    both = [distance(a, b) < SEEN for a, b in zip(*found, strict=False)]
-    known = both.index(False) if False in both else len(both)
-    return (FRAME * np.arange(known), found[1][:known]) if known > 1 else None
+        found.append(end.every(fine)[0])
+    agree = takewhile(lambda frame: distance(*frame) < SEEN, zip(*found, strict=False))
+    q = [second for _, second in agree]
+    return (FRAME * np.arange(len(q)), np.array(q)) if len(q) > 1 else None
 
 
 def step_for(tol, seconds, q, runs):
