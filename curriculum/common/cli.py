@@ -8,7 +8,6 @@ import signal
 import sys
 import textwrap
 import warnings
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 
@@ -30,14 +29,17 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args=None, namespace=None):
         """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
-        self.allow_abbrev, args = False, sys.argv[1:] if args is None else list(args)
-        for word in args[: args.index("--") if "--" in args else None]:
-            if word.startswith("--") and word.endswith("=--"):
+        self.allow_abbrev = False
+        args = sys.argv[1:] if args is None else list(args)
+        for word in args:
+            if re.fullmatch("--.+=--", word):
                 self.error(f"argument {word[:-3]}: '--' is no value")
         return super().parse_known_args(args, namespace)
 
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
+        from difflib import get_close_matches  # here: few runs end so
+
         message = r"\n".join(message.splitlines())  # a value may hold a line break
         choice = r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)"
         if wrong := re.search(choice, message):
@@ -86,11 +88,17 @@ def writable(text, names=("",)):
     return Path(text)
 
 
-def chapter_parser(prog, folder, out, examples):
-    """(parser, system, method): with every chapter's flags, and what adds to its groups.
+def add_flag(group, flag, **settings):
+    """Add a flag, "--flag METAVAR" or "--flag", to a group; the help ends with the default."""
+    names = flag.split()
+    if names[-1].isupper():
+        settings["metavar"] = names.pop()
+        settings["help"] += " (%(default)s)" if settings.get("default") is not None else ""
+    group.add_argument(*names, **settings)
 
-    They take "--flag METAVAR" and the settings of argparse's add_argument.
-    """
+
+def chapter_parser(prog, folder, out, examples):
+    """(parser, system, method): with every chapter's flags; and add_flag, for two of its groups."""
     names = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
     studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies.NAME: {names}"
     lines = ["examples:", *(f"  python {prog} {example}" for example in examples)]
@@ -99,20 +107,8 @@ def chapter_parser(prog, folder, out, examples):
     form = partial(argparse.RawDescriptionHelpFormatter, max_help_position=27, width=80)
     settings = {"epilog": "\n".join(lines), "add_help": False, "formatter_class": form}
     parser = Parser(prog=prog, usage=use, **settings)
-
-    def group(title):
-        flags = parser.add_argument_group(title)
-
-        def add(flag, **settings):
-            names = flag.split()
-            if names[-1].isupper():
-                settings["metavar"] = names.pop()
-                settings["help"] += " (%(default)s)" if settings.get("default") is not None else ""
-            flags.add_argument(*names, **settings)
-
-        return add
-
-    system, method, results, ci = map(group, ("which system", "which method", "results", "for CI"))
+    groups = map(parser.add_argument_group, ("which system", "which method", "results", "for CI"))
+    system, method, results, ci = (partial(add_flag, group) for group in groups)
     system("--seed K", type=number(int, 0), default=0, help="a hair apart may end metres apart")
     plain = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
     method("--plain", action="store_true", help=plain)
@@ -129,7 +125,7 @@ def chapter_parser(prog, folder, out, examples):
 
 def mistake(error):
     """The traceback of an exception, without frames of this package, of libraries, of made code."""
-    import traceback  # here: few runs end so
+    import traceback  # here, too
 
     shown = traceback.TracebackException.from_exception(error)
     own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]

@@ -12,6 +12,7 @@ import numpy as np
 
 PLAIN = {int, float, complex, bool, str, bytes, type(None)}
 ASKED = {"time": "the time", "datetime": "the time", "random": "chance", "secrets": "chance"}
+# where partials, methods, wrappers and generators keep what they lead to
 INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
 INSIDE += "__func__", "__self__", "__wrapped__"
 
@@ -77,23 +78,25 @@ class Memory:
 
     Globals, closure cells, defaults and attributes, what these lead to through functions, methods,
     partials, objects and containers; and the global random generators of Python and numpy.
+    `asks`: why a trace cannot stand for them in any case, in words.
     """
 
     def __init__(self, *functions):
         self.parts, self.asks, self.spaces, seen = {}, [], {}, {}
-        self.names = {"__call__", "__getitem__"}
+        self.names = {"__call__", "__getitem__"}  # that anybody uses
         todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
-        names = [getattr(f, "__qualname__", type(f).__name__) for f in functions]
-        todo += zip(functions, (name.split("<locals>.")[-1] for name in names), strict=True)
+        for function in functions:
+            name = getattr(function, "__qualname__", type(function).__name__)
+            todo.append((function, name.split("<locals>.")[-1]))
         while todo:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
-            for space in self.spaces.values():  # of modules and classes what is named
+            for space in self.spaces.values():  # of modules and classes only what somebody names
                 found += [(space[name], name) for name in self.names & space.keys()]
             todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
 
     def note(self, x, name, words=None):
-        """(y, name) of all that x holds; noted, if x is of one of KINDS."""
+        """(y, name) of all that x holds; noted, if x is of one of KINDS. `words` as there."""
         held = dict(enumerate(x)) if isinstance(x, tuple | frozenset) else {}
         if kind := kind_of(type(x)):
             try:
@@ -135,7 +138,7 @@ class Memory:
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
 
     def restore(self):
-        """Put back, in place, what has changed; the first of it, or of `asks`, or None."""
+        """Put back, in place, what has changed; what that was, in words, or the first of `asks`."""
         told = []
         for words, x, take, put, old in self.parts.values():
             now = take(x)

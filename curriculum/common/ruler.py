@@ -1,7 +1,4 @@
-"""The truth to measure against: gauss at two steps, whose difference is its own error.
-
-And the step for an error.
-"""
+"""The truth to measure against, gauss at two steps that agree; and the step for an error."""
 
 import math
 from functools import partial
@@ -30,10 +27,11 @@ class Truth(NamedTuple):
 
 def once_for_all(tries=math.inf):
     """A way for simulate by which a rule is traced and compiled once, for steps of all lengths."""
-    made = []
+    made = []  # once somebody asks
 
     def way(step_fn, steps):
-        made[:] = made or [Compiled(step_fn, steps, check=False, tries=tries)]
+        if not made:
+            made.append(Compiled(step_fn, check=False, tries=tries))
         made[0].start(steps)
         return made[0]
 

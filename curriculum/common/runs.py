@@ -10,10 +10,7 @@ import numpy as np
 
 
 class Run(NamedTuple):
-    """A measured run: series from the start on, and the states that were to be kept.
-
-    The last state always is.
-    """
+    """A measured run: series from the start on, the states that were to be kept, and the last."""
 
     tip: np.ndarray  # (steps + 1, ..., 3) m, the last particle
     violations: np.ndarray  # (steps + 1, ...) m
@@ -82,8 +79,10 @@ class Log:
     """
 
     def __init__(self, steps, keep, far):
-        self.steps, self.keep, self.far = steps, np.array(sorted({*keep, -1})), far
-        self.done, self.stopped, self.kind, self.series, self.kept = -1, None, None, [], []
+        self.steps, self.far = steps, far
+        self.keep = np.array(sorted(set(keep)), dtype=int)
+        self.done, self.stopped, self.kind = -1, None, None  # the start is step 0
+        self.series, self.kept = [], []
 
     def __enter__(self):
         self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words
