@@ -29,9 +29,13 @@ class Writer:
             return x
         return self.constants.setdefault(x, f"k{len(self.constants)}")
 
+    def signed(self, symbol):
+        """A symbol's value."""
+        return f"{'-' * symbol.minus}{self.text(symbol.x)}"
+
     def listed(self, symbols):
-        """Symbols, as a tuple is written."""
-        return "".join(f"{'-' * s.minus}{self.text(s.x)}, " for s in symbols)
+        """A tuple of them."""
+        return "".join(f"{self.signed(s)}, " for s in symbols)
 
     def function(self, name, program, results):
         """A function of a program's inputs and knobs that returns some of its results."""
@@ -65,7 +69,7 @@ class Writer:
 
     def loop(self, loop):
         """A loop; members that are done keep their values, those that never are become NaN."""
-        tape, names, size = loop.tape, loop.names, self.listed([loop.size])[:-2]
+        tape, names, size = loop.tape, loop.names, self.signed(loop.size)
         last, done = f"last_{names[0]}", f"done_{names[0]}"
         test = tape.needed([loop.size])
         rest = [name for name in tape.needed(loop.following) if name not in set(test)]

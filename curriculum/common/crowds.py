@@ -26,7 +26,8 @@ class Together:
     def run(self, state, count, knobs, keep=True):
         """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
 
-        A row is what the program makes beside the state or, if that is nothing, the state.
+        A row is what the program makes beside the state or, if that is nothing, the state. Without
+        `keep` there may be none.
         """
         (entries, members), made = state.shape, len(self.program.out)
         if self.machine:

@@ -1,10 +1,13 @@
-"""Which rods feel each other: orders to eliminate them in, and whether they close a loop."""
+"""Pairs that share an end feel each other: orders to eliminate them in, and whether they loop.
+
+A pair (i, j) ties particle i to particle j or, where j < 0, to an anchor.
+"""
 
 from functools import lru_cache
 
 
 def neighbours(pairs):
-    """For each rod (i, j) of `pairs`, j < 0 an anchor, the set of those that share a particle."""
+    """For each of `pairs`, the set of those (by number) that share a particle with it."""
     at = {}
     for k, pair in enumerate(pairs):
         for i in pair:
@@ -14,9 +17,9 @@ def neighbours(pairs):
 
 @lru_cache(64)
 def elimination_order(pairs):
-    """[(k, rest)]: always the rod with the fewest neighbours left is next.
+    """[(k, rest)]: always the pair with the fewest neighbours left is next.
 
-    `rest`: the rods not yet eliminated that share a particle with rod k, or have come to through
+    `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
     those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
     near, left, order = neighbours(pairs), set(range(len(pairs))), []
@@ -31,7 +34,7 @@ def elimination_order(pairs):
 
 
 def band_order(pairs):
-    """All rods, those that share a particle near one another: level by level from a far end.
+    """All pairs, those that share a particle near one another: level by level from a far end.
 
     E. Cuthill, J. McKee, ACM National Conference (1969) 157.
     """
@@ -52,8 +55,8 @@ def band_order(pairs):
 
 @lru_cache(64)
 def has_loop(pairs):
-    """Whether rods close a loop, maybe through the ground: one may be too many, or J lose rank."""
-    trees = {}
+    """Whether the pairs close a loop, maybe through the ground: all anchors are one."""
+    trees = {}  # {particle: the set of all that it is tied to}
     for i, j in pairs:
         less, more = sorted((trees.setdefault(x, {x}) for x in (i, max(j, -1))), key=len)
         if less is more:
