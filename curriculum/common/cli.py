@@ -16,7 +16,7 @@ from curriculum.common.files import check_writable
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
 EXTRAS |= {"mujoco": "[compare]", "heyoka": "[peers]"}
 FORMS = {int: r"[-+]?\d{1,99}", float: r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"}
-FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # no file of the reader
+FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # not the reader
 
 
 def shorten(text):
