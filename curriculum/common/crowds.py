@@ -26,25 +26,30 @@ class Together:
     def run(self, state, count, knobs, keep=True):
         """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
 
-        A row is what the program makes beside the state or, if that is nothing, the state. Without
-        `keep` there may be none.
+        A row is what the program makes beside the state or, if that is nothing, the state. There
+        are none if they are not to `keep`.
         """
         (entries, members), made = state.shape, len(self.program.out)
+        rows = np.empty((count, made - entries or entries, members)) if keep else None
         if self.machine:
-            rows = np.empty((count, made - entries or entries, members)) if keep else None
             in_threads(self.machine, state, count, knobs, rows)
             return rows
-        rows = np.empty((count, made, members))
         for first in range(0, members, PIECE):
             piece = slice(first, first + PIECE)
             values = list(state[:, piece])
-            with np.errstate(all="ignore"):
-                for row in rows[:, :, piece]:
+            for k in range(count):
+                with np.errstate(all="ignore"):
                     values = self.function(*values[:entries], *knobs)
-                    for place, value in zip(row, values, strict=True):
-                        place[:] = value
-        state[:] = rows[-1, :entries]
-        return rows[:, entries:] if made > entries else rows
+                if keep:
+                    put(rows[k, :, piece], values[entries:] or values)
+            put(state[:, piece], values[:entries])
+        return rows
+
+
+def put(places, values):
+    """Put arrays, or numbers, into the rows of an array."""
+    for place, value in zip(places, values, strict=True):
+        place[:] = value
 
 
 class Many:
