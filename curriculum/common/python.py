@@ -19,10 +19,11 @@ def write(tape, routines, *groups):
 
     `routines`: a list of programs, to which those that are called are added.
     """
+    everything = tape.needed(sum(groups, []))
     used = Counter(s.x for group in groups for s in group)
-    for name in tape.needed(sum(groups, [])):
-        sign, *operands = tape.nodes[name]
-        used.update(operands * 2 if sign == "part" else operands)  # twice: not to be inlined
+    used.update(x for name in everything for x in tape.nodes[name][1:])
+    for name in set(tape.parts).intersection(everything):
+        used.update(tape.nodes[name][1:])  # twice: not to be inlined
     texts, done = {}, set()
 
     def text(x, binds=0):
@@ -34,7 +35,7 @@ def write(tape, routines, *groups):
 
     for group in groups:
         lines = []
-        for name in tape.needed(group):
+        for name in everything if group is groups[-1] else tape.needed(group):
             if name in done:
                 continue
             done.add(name)
