@@ -14,7 +14,7 @@ from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.ch3_4_constraints.studies.shown import swinging
-from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PALE, PULL, Drawing
+from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PULL, Drawing
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.files import write_whole
 
