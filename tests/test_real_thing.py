@@ -1,5 +1,7 @@
 """Other engines' models of our systems, the rules that race, and what the tables make of a race."""
 
+import math
+
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import real_thing, speed_vs_error
@@ -13,16 +15,30 @@ import pytest
 def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
     """All fields with a name here, some per cent off the rods; at 0.05 s both take two steps."""
     pytest.importorskip("mujoco")
-    rows = real_thing.names(np.random.default_rng(rods), [rods] * 5, dt)
-    assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
+    rng = np.random.default_rng(rods)
+    for _ in range(5):
+        rows = real_thing.names(peers.random_chain(rng, rods), dt)
+        assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
 
 
 @pytest.mark.parametrize("name", c.SYSTEMS)
 def test_mujocos_joint_angles_give_the_same_motion(name):
     pytest.importorskip("mujoco")
     task = peers.Task(c.build_system(name), 4, 0.25, None)
-    theirs, ours = peers.run_hinges(task, 1000)[1], peers.run_ours(task, 5, "none", "gauss")[1]
+    theirs, ours = peers.run_hinges(task, 1000)[1], peers.run_ours(task, 5, "gauss", "none")[1]
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+
+
+def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_low_one():
+    """Outputs are those of the closed form, which is at the bottom after Gamma(1/4)^2 / sqrt(16 pi)
+    of sqrt(L / g): a quarter of the lemniscate's length."""
+    quarter = math.gamma(0.25) ** 2 / math.sqrt(16.0 * math.pi * 9.81)
+    xy = real_thing.level_pendulum(quarter * np.array([0.0, 1.0, 2.0, 401.0]))
+    np.testing.assert_allclose(xy, [[1, 0], [0, -1], [-1, 0], [0, -1]], rtol=0, atol=1e-11)
+    task = real_thing.a01(2000.0 if peers.NATIVE else 60.0)
+    for mode in ("none", "project"):
+        assert task.error(peers.run_ours(task, 2, "gauss", mode)[1]) < 1e-2 * real_thing.A01["high"]
+    assert task.error(peers.run_ours(task, 2, "rk4", "project")[1]) > real_thing.A01["low"]
 
 
 def test_heyoka_comes_to_the_same_motion_the_finer_it_goes():

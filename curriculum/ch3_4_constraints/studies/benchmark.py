@@ -55,9 +55,9 @@ def beside(repeats):
             return 1e6 * job(task, STEPS, *settings)[0] / STEPS
 
         jobs = {
-            "us": partial(pace, peers.run_ours, mode, rule),
+            "us": partial(pace, peers.run_ours, rule, mode),
             "plain": lambda case=(system, rule, mode): run(*case, DT, PLAIN, way=Plain).pace,
-            "python": partial(pace, peers.run_ours, mode, rule, False),
+            "python": partial(pace, peers.run_ours, rule, mode, False),
         }
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             jobs["MuJoCo"] = partial(pace, peers.run_hinges, THEIRS[rule])

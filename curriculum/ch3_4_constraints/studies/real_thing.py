@@ -1,7 +1,8 @@
 """Read the real thing: what MuJoCo calls our quantities, and what speed is worth at an error.
 
 (a) The same quantity, two names: `soft` is MuJoCo's equality constraint of a tendon.  (b) Time to a
-given error: the double pendulum, 5 s, beside reference.json.
+given error: the double pendulum, 5 s, beside reference.json.  (c) The simple pendulum of IFToMM's
+benchmark, beside its closed form: who meets which of its two precisions?
 Each rule climbs a ladder of settings to the first that reaches the error, and the quickest rule of
 each engine is timed in turns with the others, A B A B. Bars and `ours/it` are of least times, to
 which a busy machine can only add. `ms` counts steps alone, inside the engine's own call where it
@@ -11,6 +12,7 @@ at an error did not reach it by a run of two seconds.
 """
 
 import json
+import math
 import time
 from functools import partial
 from importlib.metadata import version
@@ -24,11 +26,10 @@ from curriculum.ch3_4_constraints.studies._peers import run_ours as ours
 from curriculum.ch3_4_constraints.studies._runs import NATIVE
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
-from curriculum.common.gauss import make_gauss
-from curriculum.common.midpoint import make_midpoint
 
 import numpy as np
 
+A01 = {"high": 1e-3, "low": 1e-1}  # the precisions of (c), and their errors
 DT, REPEATS, CAP = 0.005, 9, 2.0  # s, of (a); timings; s, of a run
 OURS, PYTHON, HINGES, TAYLOR = "ours", "ours, Python", "MuJoCo hinges", "heyoka"
 STEPS, ALL = 0, 1  # the first two that `around` measures
@@ -60,21 +61,15 @@ def ours_named(system, dt):
     }
 
 
-def names(rng, counts, dt=DT):
-    """(a) Our names and MuJoCo's, the last number of each, and the largest gap over random chains
-    of so many rods."""
-    rows = {}
-    for count in counts:
-        system = peers.random_chain(rng, count)
-        found = ours_named(system, dt)
-        theirs = peers.named(system, dt, found)
-        for field, (name, x) in found.items():
-            its = theirs[field].reshape(x.shape)
-            worst = rows.get(field, {"largest gap": 0.0})["largest gap"]
-            row = {"ours": name, "MuJoCo's": field, "ours is": x.flat[-1], "its": its.flat[-1]}
-            gap = np.abs(x - its).max() / np.abs(x).max()
-            rows[field] = row | {"largest gap": max(worst, gap)}
-    return list(rows.values())
+def names(system, dt=DT):
+    """(a) Rows of our and MuJoCo's names for a chain, the last number of each, the largest gap."""
+    rows, found = [], ours_named(system, dt)
+    theirs = peers.named(system, dt, found)
+    for field, (name, x) in found.items():
+        its = theirs[field].reshape(x.shape)
+        row = {"ours": name, "MuJoCo's": field, "ours is": x.flat[-1], "its": its.flat[-1]}
+        rows.append(row | {"largest gap": np.abs(x - its).max() / np.abs(x).max()})
+    return rows
 
 
 # --- (b) time to an error ---
@@ -89,21 +84,12 @@ def double():
     return peers.Task(c.build_system("double"), len(q), truth["times"][0], error)
 
 
-def ladder(task, job, low, high, *settings, text="", **more):
+def ladder(task, job, low, high, *settings):
     """{setting: job}: `job` with ever more steps a sample, each rung about a tenth more."""
     pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
     return {
-        f"{text}dt {task.every / per:.3g}": partial(job, task, per, *settings, **more)
+        " ".join([*settings, f"dt {task.every / per:.3g}"]): partial(job, task, per, *settings)
         for per in np.unique(pers).tolist()
-    }
-
-
-def by_stages(task, tol):
-    """The same for gauss with more and more stages, its iteration as exact as `tol`."""
-    rules = {stages: make_gauss(stages, tol=tol) for stages in range(4, 13)}
-    return {
-        f"gauss {stages}, {tol:g}, dt {task.every / 3:.3g}": partial(ours, task, 3, "none", rule)
-        for stages, rule in rules.items()
     }
 
 
@@ -113,13 +99,10 @@ def ladders(task):
     if find_spec(TAYLOR):
         tols = 10.0 ** -np.arange(1.0, 16.0, 0.25)
         found[TAYLOR] = [{f"tol {tol:.1e}": partial(peers.run_heyoka, task, tol) for tol in tols}]
-    for who, machine in ((PYTHON, False), (OURS, NATIVE)):
+    for who, machine, high in ((PYTHON, False, "midpoint"), (OURS, NATIVE, ("midpoint", "gauss"))):
         mine = partial(ladder, task, partial(ours, machine=machine))
-        found[who] = [mine(5, 600, x, "rk4", text=f"rk4 {x} ") for x in ("none", "project")]
-        for order in (6, 8, 10, 12):
-            rule, text = make_midpoint(order), f"midpoint {order}, "
-            found[who].append(mine(1, 17, "none", rule, text=text))
-    found[OURS] += [by_stages(task, tol) for tol in (1e-5, 1e-7, 1e-10, 1e-13)]
+        found[who] = [mine(5, 600, "rk4", mode) for mode in ("none", "project")]
+        found[who] += [mine(1, 17, rule, "none") for rule in _runs.RULES if rule.startswith(high)]
     return found
 
 
@@ -172,18 +155,70 @@ def race(task, racers, targets, repeats):
     return rows, bars
 
 
+# --- (c) a published benchmark ---
+def level_pendulum(times):
+    """The closed form: (x, y) (T, 2) in m at `times` (T,) s of a pendulum of 1 m let go at (1, 0).
+
+    phi is Jacobi's amplitude am(t sqrt(g / L), k) by arithmetic-geometric means (Abramowitz and
+    Stegun, 16.4); k is the sine of half the angle to the vertical at the start, 45 degrees.
+    """
+    a, b, ratios = 1.0, math.sqrt(0.5), []
+    for _ in range(5):  # each doubles the digits
+        ratios.append((a - b) / (a + b))
+        a, b = 0.5 * (a + b), math.sqrt(a * b)
+    phi = 2.0 ** len(ratios) * a * math.sqrt(_runs.G) * times
+    for ratio in reversed(ratios):
+        phi = 0.5 * (phi + np.arcsin(ratio * np.sin(phi)))
+    half = 0.5 * np.sin(phi) ** 2  # k^2 sn^2, which is 1 - dn^2
+    return np.stack([np.cos(phi), -half], axis=-1) / (1.0 - half)[:, None]
+
+
+def a01(seconds=2000.0):
+    """The Task (c): A01 of M. Gonzalez et al., Multibody Syst. Dyn. 16 (2006) 179.
+
+    Its error is the root mean square of the relative ones of x and y at all outputs, where what is
+    shorter than 1 mm counts as 1 mm.
+    """
+    every = 0.5  # s
+    q = level_pendulum(every * np.arange(1, round(seconds / every) + 1))
+
+    def error(found):
+        return np.sqrt(np.mean(((found[:, 0] - q) / np.maximum(np.abs(q), 1e-3)) ** 2))
+
+    system = _runs.make_system([[1.0, 0, 0]], [[0.0, 0, 0]], [1.0], [(0, -1)])
+    return peers.Task(system, len(q), every, error)
+
+
+def meets(task, repeats):
+    """(c) Rows: who is how far off, after so many ms of steps, and which precision that meets."""
+    modes, rows = ("none", "project"), []
+    jobs = {(f"ours, gauss {mode}", 2): partial(ours, task, 2, "gauss", mode) for mode in modes}
+    if find_spec("mujoco"):
+        jobs |= {(f"{HINGES}, RK4", per): partial(peers.run_hinges, task, per) for per in (50, 100)}
+    found = in_turns({key: partial(around, task, job) for key, job in jobs.items()}, repeats)
+    for (who, per), samples in found.items():
+        steps, _, off = np.transpose(samples)
+        row = {"who": who, "dt": task.every / per, "error": off[0], **spread(1e3 * steps, "ms")}
+        rows.append(row | {"precision": next((x for x in A01 if off[0] <= A01[x]), "-")})
+    return rows
+
+
 def main(argv=None):
     """Measure and print."""
     parser = _runs.study_parser("real_thing", __doc__, timed=True)
     parser.add_argument("--names", action="store_true", help="(a) alone; without it, (b)")
+    parser.add_argument("--a01", action="store_true", help="(c) alone")
     args = parser.parse_args(argv)
     if args.names:
-        rows = names(np.random.default_rng(0), [1, 2, 3, 4] * 25)
-        show(f"(a) soft and MuJoCo {version('mujoco')}, tendons; gaps over 100 random chains", rows)
+        rows = names(peers.random_chain(np.random.default_rng(0), 3))
+        show(f"(a) soft and MuJoCo {version('mujoco')}, tendons of a random chain", rows)
         return
     engines = {name: version(name) for name in ("mujoco", TAYLOR) if find_spec(name)}
     repeats, count = (3, 2) if args.quick else (REPEATS, len(TARGETS))
     _runs.host(repeats=repeats, **engines)
+    if args.a01:
+        show("(c) A01, the simple pendulum let go level, 2000 s", meets(a01(), repeats))
+        return
     if TAYLOR not in engines:
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = double()
