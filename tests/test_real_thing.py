@@ -38,7 +38,7 @@ def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_
     task = real_thing.a01(2000.0 if peers.NATIVE else 60.0)
     for mode in ("none", "project"):
         assert task.error(peers.run_ours(task, 2, "gauss", mode)[1]) < 1e-2 * real_thing.HIGH
-    assert task.error(peers.run_ours(task, 2, "rk4", "project")[1]) > real_thing.LOW
+    assert task.error(peers.run_ours(task, 2, "rk4", "project")[1]) > 100.0 * real_thing.HIGH
 
 
 def test_heyoka_comes_to_the_same_motion_the_finer_it_goes():
