@@ -13,7 +13,6 @@ from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, r
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.runs import distance
-from curriculum.common.trace import repeat
 
 import numpy as np
 
@@ -29,7 +28,7 @@ def table(columns):
         def show_rows():
             rows = [zip(forms, row, strict=True) for row in function()]
             rows = [{name: form.format(x) for (name, form), x in row} for row in rows]
-            show(function.__doc__.replace("\n   ", ""), rows)
+            show(function.__doc__, rows)
 
         SHOWN[function.__name__] = show_rows
         return function
@@ -160,15 +159,7 @@ def nudge():
 
 def nearest(system, q_start, q, v, dt):
     """The obvious way back onto the rods, and a wrong one: the shortest, and v is not told."""
-
-    def newton(q):
-        jac, g, _, _ = c.constraint_terms(system, q, v)
-        mu = c.solve(system, c.mobility(system, jac), g)
-        return q - c.pull(jac, mu) / system["m"], c.dot(g / 1e-12, g / 1e-12)
-
-    end = repeat(newton, q, 20, "no way back onto the rods")
-    jac, _, gdot, _ = c.constraint_terms(system, end, v)
-    return end, v - c.pull(jac, c.solve(system, c.mobility(system, jac), gdot)) / system["m"]
+    return c.project(system, q, q, v, math.inf)
 
 
 @table(" = {} | rods, m = {:.0e} | 1 s = {:.2g} | 5 s = {:.2g} | 10 s = {:.2g} | 20 s = {:.2g}")
