@@ -14,8 +14,7 @@ from functools import partial
 
 import constraints as c
 from curriculum.ch3_4_constraints.publish import METRICS, results_folder
-from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import crowd, energy_scale
+from curriculum.ch3_4_constraints.studies._runs import G, crowd, energy_scale, host, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
@@ -134,7 +133,7 @@ def growth(system, skip, span, dt):
     v is not told of the move), and stay in the x-y plane.
     """
     q, v, rates, rods = system["q0"], system["v0"], [], 0.0
-    unit = math.sqrt(system["lengths"].sum() / _runs.G)
+    unit = math.sqrt(system["lengths"].sum() / G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
 
@@ -168,7 +167,7 @@ def parting(name, seeds, quick):
     upright = ensemble("double", range(20))
     upright["q0"][:] = [[0.0, 1, 0], [0.0, 2, 0]]
     # upright, angles'' = g/L [[2, -1], [-2, 2]] angles
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * _runs.G)
+    top = math.sqrt((2.0 + math.sqrt(2.0)) * G)
     # of single pendulums the periods differ, so neighbours part as t: ln(t)/t, on its way to 0
     shear, rows = math.log((skip + span) / skip) / span, []
     for what, start, known, *settings in (
@@ -188,7 +187,7 @@ def parting(name, seeds, quick):
 
 def main(argv=None):
     """Ask, print, write metrics.json."""
-    parser = _runs.study_parser("chaos", __doc__, timed=True)
+    parser = study_parser("chaos", __doc__, timed=True)
     add, whole = parser.add_argument, partial(number, int)
     systems = [*c.SYSTEMS, "chain"]
     add("--system", choices=systems, default="double", help="whose start is drawn (double)")
@@ -204,7 +203,7 @@ def main(argv=None):
     name, dt, after = args.system, args.dt, f"{args.seconds:g} s"
     steps, seeds = max(1, round(args.seconds / dt)), range(args.first, args.first + args.seeds)
     used = {"system": name, "seeds": len(seeds), "first": args.first, "steps": steps, "dt": dt}
-    _runs.host(**used)
+    host(**used)
     show(*speed(name, dt, 1 if args.quick else REPEATS))  # of this machine: not among the metrics
     found = crowds(name, seeds, dt, steps)
     units = "medians, and worst; energies are shares of m g L"

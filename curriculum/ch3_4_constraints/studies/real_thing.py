@@ -22,8 +22,6 @@ from pathlib import Path
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._peers import run_ours as ours
-from curriculum.ch3_4_constraints.studies._runs import NATIVE
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
 
@@ -99,8 +97,9 @@ def ladders(task):
     if find_spec(TAYLOR):
         tols = 10.0 ** -np.arange(1.0, 16.0, 0.25)
         found[TAYLOR] = [{f"tol {tol:.1e}": partial(peers.run_heyoka, task, tol) for tol in tols}]
-    for who, machine, high in ((PYTHON, False, "midpoint"), (OURS, NATIVE, ("midpoint", "gauss"))):
-        mine = partial(ladder, task, partial(ours, machine=machine))
+    kinds = {PYTHON: (False, "midpoint"), OURS: (_runs.NATIVE, ("midpoint", "gauss"))}
+    for who, (machine, high) in kinds.items():
+        mine = partial(ladder, task, partial(peers.run_ours, machine=machine))
         found[who] = [mine(5, 600, "rk4", mode) for mode in ("none", "project")]
         found[who] += [mine(1, 17, rule, "none") for rule in _runs.RULES if rule.startswith(high)]
     return found
@@ -203,9 +202,9 @@ def main(argv=None):
     repeats, count = (3, 2) if args.quick else (REPEATS, len(TARGETS))
     _runs.host(repeats=repeats, **engines)
     if args.a01:
-        task = a01()
-        modes = {OURS: "none", f"{OURS}, project": "project"}
-        racers = {who: [ladder(task, ours, 2, 3, "gauss", mode)] for who, mode in modes.items()}
+        task, racers = a01(), {}
+        for who, mode in ((OURS, "none"), (f"{OURS}, project", "project")):
+            racers[who] = [ladder(task, peers.run_ours, 2, 3, "gauss", mode)]
         if "mujoco" in engines:
             racers[HINGES] = [ladder(task, peers.run_hinges, 60, 110)]
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]}, repeats)

@@ -8,8 +8,7 @@ is named.
 import math
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.runs import distance
@@ -40,7 +39,7 @@ def bobs(*at, v=None, lengths=None):
     """Bobs of 1 kg in a row on rods (`lengths`: as they hang), at (x, y) with speeds `v` (x, y)."""
     q0, v0 = (np.pad(np.array(x), [(0, 0), (0, 1)]) for x in (at, v or np.zeros((len(at), 2))))
     pairs = [(k, k - 1) for k in range(len(at))]
-    return _runs.make_system(q0, v0, np.ones(len(at)), pairs, lengths)
+    return make_system(q0, v0, np.ones(len(at)), pairs, lengths)
 
 
 def swinging(degrees):
@@ -172,13 +171,6 @@ def way_back():
         yield what, found.violations.max(), *(off[round(t / DT)] for t in (1, 5, 10, 20))
 
 
-def spin(system, q, v):
-    """Angular momentum (..., 3) about the centre of mass, in kg m^2/s."""
-    m = system["m"]
-    q, v = (x - np.sum(m * x, axis=-2, keepdims=True) / np.sum(m) for x in (q, v))
-    return np.sum(m * np.cross(q, v), axis=-2)
-
-
 def below(x):
     """The power of ten that x is below: rounding is told no finer."""
     return f"< 1e{math.floor(math.log10(x)) + 1:03d}" if x else "0"
@@ -188,13 +180,15 @@ def below(x):
 def laws():
     """2 s: three bodies thrown free, and a double pendulum there and back"""
     q0, v0 = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.0, 3, 0], [0, 5, 0], [-2, 3, 0]]
-    free = _runs.make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
+    free = make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
     double = c.build_system("double")
     cases = ("semi_implicit", "impulse", DT), ("rk4", "project", DT), ("gauss", "project", 0.02)
     for rule, mode, dt in [*cases, ("gauss", "none", 0.02)]:
         steps = round(2.0 / dt)
         found = run(free, rule, mode, dt, steps, range(steps))
-        turns = spin(free, found.q, found.v)[:, 2]
+        m = free["m"]  # about the centre of mass:
+        arms, speeds = (x - np.sum(m * x, 1, keepdims=True) / np.sum(m) for x in (found.q, found.v))
+        turns = np.sum(m * np.cross(arms, speeds), axis=1)[:, 2]
         there = run(double, rule, mode, dt, steps)
         back = run(double | {"q0": there.q[-1], "v0": -there.v[-1]}, rule, mode, dt, steps)
         off = distance(back.q[-1], double["q0"])
