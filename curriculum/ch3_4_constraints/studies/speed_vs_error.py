@@ -62,9 +62,9 @@ def solves(system, rule, mode, dt, steps):
     """Linear systems solved a step, counted over the first of them in plain numpy."""
     asked, solve = [], c.solve
 
-    def counted(system, a, b, **how):
+    def counted(system, a, b, *rest, **how):
         asked.append(math.prod(b.shape[:-1]))
-        return solve(system, a, b, **how)
+        return solve(system, a, b, *rest, **how)
 
     with patch.object(c, "solve", counted):
         found = run(system, rule, mode, dt, min(steps, 40), way=Plain)
