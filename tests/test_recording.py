@@ -254,7 +254,18 @@ DRAWN = {name for name in PICTURES if isinstance(PICTURES[name], FunctionType)}
 def test_a_drawing_is_what_its_script_makes(name):
     stored = (FOLDER / name).read_text(encoding="utf-8")
     assert PICTURES[name]() == stored, "make_pictures makes it again"
-    assert ElementTree.fromstring(stored).find(f"{SVG}title").text
+
+
+def test_a_drawing_has_a_title_and_the_colours_of_the_palette():
+    """Those that no script makes, too: a mode, a pull and an excess look the same in all."""
+    palette = {*svg.MODES.values(), svg.PULL, svg.PUSH, svg.EXCESS, svg.INK, svg.GREY, svg.PALE}
+    kept = {path.name for path in FOLDER.glob("*.svg")} - PICTURES.keys()
+    assert kept == {"names.svg", "tangent.svg", "jacobian.svg", "shake.svg"}
+    for name in DRAWN | kept:
+        stored = (FOLDER / name).read_text(encoding="utf-8")
+        assert ElementTree.fromstring(stored).find(f"{SVG}title").text and svg.STYLE in stored
+        colours = re.findall(r'(?:fill|stroke)="(.*?)"', stored)
+        assert {*colours} <= {*palette, "none", "var(--paper)"}, name
 
 
 def test_the_gallery_shows_each_scene():

@@ -20,7 +20,7 @@ nativeccd autoreset"""  # of MuJoCo: what these systems do not need
 POINT = 1e-14
 
 
-def run_ours(task, per, mode, rule, machine=NATIVE):
+def run_ours(task, per, rule, mode, machine=NATIVE):
     """Our run, `per` steps a sample: (seconds, positions (samples, N, 2)).
 
     What is clocked is one call of the compiled steps for the whole run, in machine code or in

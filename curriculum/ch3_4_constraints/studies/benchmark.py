@@ -13,8 +13,7 @@ from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, host, run, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
@@ -55,9 +54,9 @@ def beside(repeats):
             return 1e6 * job(task, STEPS, *settings)[0] / STEPS
 
         jobs = {
-            "us": partial(pace, peers.run_ours, mode, rule),
+            "us": partial(pace, peers.run_ours, rule, mode),
             "plain": lambda case=(system, rule, mode): run(*case, DT, PLAIN, way=Plain).pace,
-            "python": partial(pace, peers.run_ours, mode, rule, False),
+            "python": partial(pace, peers.run_ours, rule, mode, False),
         }
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             jobs["MuJoCo"] = partial(pace, peers.run_hinges, THEIRS[rule])
@@ -66,7 +65,7 @@ def beside(repeats):
         row |= {f"us/{who}": share(found, "us", who) for who in ("plain", "python", "MuJoCo")}
         rows.append(row)
         for column, limit in limits.items():
-            if row[column] != "-" and _runs.NATIVE:
+            if row[column] != "-" and NATIVE:
                 bars.append((f"{row['case']}, {column}", row[column], limit))
     return "(a) a step, us", rows, bars
 
@@ -86,9 +85,9 @@ def growth(repeats, sizes=LINKS):
 
 def main(argv=None):
     """Measure and print."""
-    quick = _runs.study_parser("benchmark", __doc__, timed=True).parse_args(argv).quick
+    quick = study_parser("benchmark", __doc__, timed=True).parse_args(argv).quick
     repeats = 3 if quick else REPEATS
-    _runs.host(repeats=repeats)
+    host(repeats=repeats)
     if not find_spec("mujoco"):
         say("MuJoCo is not installed, its columns stay empty; pip install -e '.[compare]'")
     show(*beside(repeats))

@@ -14,8 +14,7 @@ from functools import partial
 
 import constraints as c
 from curriculum.ch3_4_constraints.publish import METRICS, results_folder
-from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import crowd, energy_scale
+from curriculum.ch3_4_constraints.studies._runs import G, crowd, energy_scale, host, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
@@ -47,9 +46,9 @@ def ensemble(name, seeds):
 
 
 def follow(system, rule, mode, dt, steps):
-    """The Ends of a run that is measured at every step, and the seconds of its steps alone."""
+    """The Ends of a run that is measured at every step."""
     start, scale = c.energy(system, system["q0"], system["v0"]), energy_scale(system)
-    rods, energy, alone = 0.0, 0.0, 0.0
+    rods, energy = 0.0, 0.0
 
     def measure(q, v):
         return np.abs(c.rod_errors(system, q)), c.energy(system, q, v)
@@ -58,9 +57,7 @@ def follow(system, rule, mode, dt, steps):
     size = max(1, ROWS // (len(start) * (1 + len(system["pairs"]))))
     with np.errstate(all="ignore"):  # who flies apart is told of below
         for done in range(0, steps, size):
-            clock = time.perf_counter()
             rows = many.advance(min(size, steps - done))
-            alone += time.perf_counter() - clock
             rods = np.maximum(rods, rows[:, :-1].max(axis=(0, 1)))
             gained = (rows[:, -1] - start) / scale
             energy = np.maximum(energy, np.abs(gained).max(axis=0))
@@ -71,29 +68,28 @@ def follow(system, rule, mode, dt, steps):
     ends = Ends(rods, energy, gained[-1], tip)
     for x in ends:
         x[lost] = math.nan
-    return ends, alone
+    return ends
 
 
 def speed(name, dt, repeats):
     """(a) A row a size of ensemble, timed in turns; what a thousand must reach."""
 
-    def pace(system, steps):
-        """Million steps a second, all members together: everything measured, and steps alone."""
+    def pace(job, count):
         clock = time.perf_counter()
-        _, alone = follow(system, "semi_implicit", "none", dt, steps)
-        whole = time.perf_counter() - clock
-        return [1e-6 * steps * len(system["q0"]) / seconds for seconds in (whole, alone)]
+        job()
+        return 1e-6 * count / (time.perf_counter() - clock)
 
-    starts = {size: ensemble(name, range(size)) for size in SIZES}
-    jobs = {size: partial(pace, starts[size], WORK // max(size, 1000)) for size in SIZES}
-    rows, bars = [], []
-    for size, found in in_turns(jobs, repeats).items():
-        rows.append({"seeds in step": size})
-        for what, samples in zip(LEAST, np.transpose(found), strict=True):
-            rows[-1] |= spread(samples, what)
-            if (name, size) == ("double", 1000):
-                bars.append((f"a thousand, {what}: us a step", 1 / rows[-1][what], 1 / LEAST[what]))
-    return "(a) million steps a second, semi_implicit none", rows, bars
+    jobs = {}
+    for size in SIZES:
+        case, steps = (ensemble(name, range(size)), "semi_implicit", "none", dt), WORK // size
+        jobs[size, "measured"] = partial(pace, partial(follow, *case, steps), steps * size)
+        jobs[size, "alone"] = partial(pace, partial(crowd(*case).advance, steps), steps * size)
+    rows, bars = {size: {"seeds in step": size} for size in SIZES}, []
+    for (size, what), samples in in_turns(jobs, repeats).items():
+        rows[size] |= spread(samples, what)
+        if (name, size) == ("double", 1000):
+            bars.append((f"a thousand, {what}: us a step", 1 / rows[size][what], 1 / LEAST[what]))
+    return "(a) million steps a second, semi_implicit none", list(rows.values()), bars
 
 
 def crowds(name, seeds, dt, steps):
@@ -102,7 +98,7 @@ def crowds(name, seeds, dt, steps):
     for k in range(0, len(seeds), BATCH):
         system = ensemble(name, seeds[k : k + BATCH])
         for key, parts in found.items():
-            parts.append(follow(system, *key, dt, steps)[0])
+            parts.append(follow(system, *key, dt, steps))
         tick(k + len(system["q0"]))
     joined = {key: map(np.concatenate, zip(*parts, strict=True)) for key, parts in found.items()}
     return {key: Ends(*parts) for key, parts in joined.items()}
@@ -137,7 +133,7 @@ def growth(system, skip, span, dt):
     v is not told of the move), and stay in the x-y plane.
     """
     q, v, rates, rods = system["q0"], system["v0"], [], 0.0
-    unit = math.sqrt(system["lengths"].sum() / _runs.G)
+    unit = math.sqrt(system["lengths"].sum() / G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
 
@@ -171,7 +167,7 @@ def parting(name, seeds, quick):
     upright = ensemble("double", range(20))
     upright["q0"][:] = [[0.0, 1, 0], [0.0, 2, 0]]
     # upright, angles'' = g/L [[2, -1], [-2, 2]] angles
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * _runs.G)
+    top = math.sqrt((2.0 + math.sqrt(2.0)) * G)
     # of single pendulums the periods differ, so neighbours part as t: ln(t)/t, on its way to 0
     shear, rows = math.log((skip + span) / skip) / span, []
     for what, start, known, *settings in (
@@ -191,7 +187,7 @@ def parting(name, seeds, quick):
 
 def main(argv=None):
     """Ask, print, write metrics.json."""
-    parser = _runs.study_parser("chaos", __doc__, timed=True)
+    parser = study_parser("chaos", __doc__, timed=True)
     add, whole = parser.add_argument, partial(number, int)
     systems = [*c.SYSTEMS, "chain"]
     add("--system", choices=systems, default="double", help="whose start is drawn (double)")
@@ -207,7 +203,7 @@ def main(argv=None):
     name, dt, after = args.system, args.dt, f"{args.seconds:g} s"
     steps, seeds = max(1, round(args.seconds / dt)), range(args.first, args.first + args.seeds)
     used = {"system": name, "seeds": len(seeds), "first": args.first, "steps": steps, "dt": dt}
-    _runs.host(**used)
+    host(**used)
     show(*speed(name, dt, 1 if args.quick else REPEATS))  # of this machine: not among the metrics
     found = crowds(name, seeds, dt, steps)
     units = "medians, and worst; energies are shares of m g L"

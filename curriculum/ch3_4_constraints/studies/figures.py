@@ -24,7 +24,6 @@ PAGES = "README.md", "studies/README.md", "exercises/README.md", "exercises/solu
 TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
 HEAD = r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?"
 BLOCK = re.compile(HEAD + r"(?P<body>.*?)(```\n)", re.S)
-SLOW = re.compile(r"studies\.(hard_cases|real_thing|benchmark)")  # over a minute
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
@@ -58,7 +57,6 @@ def main(argv=None):
     """Rewrite the blocks."""
     parser = Parser(prog="figures", description=__doc__.partition("\n\n")[0])
     parser.add_argument("--only", default="", metavar="WORD", help="commands that contain this")
-    parser.add_argument("--quick", action="store_true", help="not those that take over a minute")
     args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
@@ -67,9 +65,6 @@ def main(argv=None):
         parser.error(f"argument --only: no command in a text contains {args.only!r}")
     for path, match in asked:
         command, body = match["command"], match["body"]
-        if args.quick and SLOW.search(command):
-            print(f"left out  {command}")
-            continue
         output = printed(command)
         failed |= output is None
         if output in (None, body):

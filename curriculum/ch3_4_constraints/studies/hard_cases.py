@@ -31,10 +31,7 @@ EASY = "jansen_leg", "fourbar_coupler"
 NAMES = sorted(path.stem for path in SCENES.glob("*.json") if path.stem not in EASY)
 METHODS = [("semi_implicit", mode) for mode in c.hold_table()]
 METHODS += [("rk4", "baumgarte"), ("rk4", "project"), ("gauss", "project")]
-
-
-def title(rule, mode):
-    return f"{rule} {mode}".removeprefix("semi_implicit ")
+TITLES = {" ".join(method).removeprefix("semi_implicit "): method for method in METHODS}
 
 
 def starts(system, count, seed=0):
@@ -89,14 +86,14 @@ def cell(crowd, rule, mode, seconds, ladder=LADDER):
 
 
 def job(where, args):
-    """A cell of (scene, rule, mode)."""
-    name, *method = where
-    return cell(starts(scene(name), args.starts, args.seed), *method, args.seconds)
+    """A cell of (scene, title of a method)."""
+    name, title = where
+    return cell(starts(scene(name), args.starts, args.seed), *TITLES[title], args.seconds)
 
 
 def main(argv=None):
     """Print the table, all processors at work."""
-    parser, methods = _runs.study_parser("hard_cases", __doc__), {title(*m): m for m in METHODS}
+    parser = _runs.study_parser("hard_cases", __doc__)
     add, whole = parser.add_argument, partial(number, int)
     add("scenes", nargs="*", choices=[*NAMES, []], help="only these; all of them by default")
     add("--starts", type=whole(1, 10**4), default=40, help="of each scene (40)")
@@ -104,9 +101,9 @@ def main(argv=None):
     add("--seconds", type=number(float, 0.1, 1e4), default=10.0, help="to be held (10)")
     add("--methods", default="", metavar="WORD", help="only those that contain this word")
     args = parser.parse_args(argv)
-    asked = [methods[name] for name in methods if args.methods in name]
+    asked = [title for title in TITLES if args.methods in title]
     if not asked:
-        known = ", ".join(methods)
+        known = ", ".join(TITLES)
         parser.error(f"argument --methods: none contains {args.methods!r}; there are {known}")
     rows, refused = {}, []
     for name in sorted(args.scenes or NAMES):
@@ -115,13 +112,13 @@ def main(argv=None):
             rows[name] = {"scene": name, "starts": args.starts, "s": f"{args.seconds:g}"}
         except SceneError as error:
             refused.append(f"{name} is refused: {str(error).split(': ', 1)[1]}")
-    jobs = [(name, *method) for name in rows for method in asked]
+    jobs = [(name, title) for name in rows for title in asked]
     tick = progress("hard cases", len(jobs))
     # Ctrl-C is for this process alone
     with Pool(initializer=signal, initargs=(SIGINT, SIG_IGN)) as pool:
         cells = pool.imap(partial(job, args=args), jobs)
-        for k, ((name, *method), found) in enumerate(zip(jobs, cells, strict=True)):
-            rows[name][title(*method)] = found
+        for k, ((name, title), found) in enumerate(zip(jobs, cells, strict=True)):
+            rows[name][title] = found
             tick(k + 1)
     if rows:
         show("largest step in s at which all starts are held", list(rows.values()))

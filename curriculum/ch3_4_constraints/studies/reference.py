@@ -37,13 +37,10 @@ def dot(a, b):
     return (mp.conj(a) * b).real
 
 
-def points(array):
-    return [mp.mpc(x, y) for x, y, _ in array.tolist()]
-
-
 def linkage(system):
     """Angles at the start, and motion(angles, rates) -> z, dz/dt and the angles' accelerations."""
-    start = points(system["q0"]) + points(system["anchors"])[::-1]  # index -1: the first anchor
+    points = np.concatenate([system["q0"], system["anchors"][::-1]])  # index -1: the first anchor
+    start = [mp.mpc(x, y) for x, y, _ in points.tolist()]
     n, m = len(system["q0"]), [mp.mpf(x) for x in system["m"][:, 0].tolist()]
     rods = [[] for _ in range(n)]
     for (i, j), length in zip(system["pairs"], system["lengths"].tolist(), strict=True):

@@ -8,12 +8,10 @@ is named.
 import math
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.runs import distance
-from curriculum.common.trace import repeat
 
 import numpy as np
 
@@ -29,7 +27,7 @@ def table(columns):
         def show_rows():
             rows = [zip(forms, row, strict=True) for row in function()]
             rows = [{name: form.format(x) for (name, form), x in row} for row in rows]
-            show(function.__doc__.replace("\n   ", ""), rows)
+            show(function.__doc__, rows)
 
         SHOWN[function.__name__] = show_rows
         return function
@@ -41,7 +39,7 @@ def bobs(*at, v=None, lengths=None):
     """Bobs of 1 kg in a row on rods (`lengths`: as they hang), at (x, y) with speeds `v` (x, y)."""
     q0, v0 = (np.pad(np.array(x), [(0, 0), (0, 1)]) for x in (at, v or np.zeros((len(at), 2))))
     pairs = [(k, k - 1) for k in range(len(at))]
-    return _runs.make_system(q0, v0, np.ones(len(at)), pairs, lengths)
+    return make_system(q0, v0, np.ones(len(at)), pairs, lengths)
 
 
 def swinging(degrees):
@@ -94,16 +92,6 @@ def tangent():
         yield DT * steps, g[steps] - g[0], after, before, found.violations[steps]
 
 
-@table("system = {} | solve = {} | 1 s = {:.2f} m | 5 s = {:.2f} m | 20 s = {:.2f} m")
-def jdotv():
-    """rod error after"""
-    for name in ("pendulum", "double"):
-        for what, use_jdotv in (("with Jdot v", 1.0), ("without", 0.0)):
-            hold = c.hold_table()["none"]._replace(use_jdotv=use_jdotv)
-            off = run(c.build_system(name), hold=hold).violations
-            yield name, what, *(off[round(t / DT)] for t in (1, 5, 20))
-
-
 @table("dt, s = {:g} | rod error, m = {:.2e} | energy, of m g L = {:.2e} | times less = {}")
 def order():
     """the pendulum over 20 s, rk4, none"""
@@ -140,59 +128,37 @@ def knob():
         yield w, DT * w, found.violations.max(), drift(system, found), found.stopped or "reached"
 
 
-@table("mode = {} | by hand = {} | is, m^2 = {:.2e} | worst g found, m^2 = {:.2e}")
-def lag():
-    """the pendulum let go level, semi_implicit, dt 0.005, over 2 s"""
-    squared, w, system = 2.0 * G, 20.0, swinging(90.0)  # m^2/s^2 at the bottom; rad/s
-    for mode, words, by_hand in (
-        ("impulse", "dt^2 |v|^2 / 2", 0.5 * DT**2 * squared),
-        ("baumgarte", "dt |v|^2 / w", DT * squared / w),
+@table("mode = {} | while = {} | by hand, mm = {:.3f} | found, mm = {:.3f}")
+def by_hand():
+    """worst error of a rod of 1 m over 2 s, dt 0.005; what swings was let go level"""
+    w, time_constant, impedance = 20.0, 0.02, 0.95  # rad/s, s
+    squared = 2.0 * G  # m^2/s^2, at the bottom
+    stands = (1.0 - impedance) * G * time_constant**2
+    level, one, two = swinging(90.0), bobs((0.0, -1.0)), bobs((0.0, -1.0), (0.0, -2.0))
+    for mode, rule, what, system, metres in (
+        ("impulse", "semi_implicit", "a bob swings", level, 0.5 * DT**2 * squared),
+        ("baumgarte", "semi_implicit", "a bob swings", level, DT * squared / w),
+        ("soft", "rk4", "a bob swings", level, stands + squared * time_constant**2),
+        ("soft", "semi_implicit", "one bob hangs", one, stands),
+        ("soft", "semi_implicit", "two bobs hang", two, 2.0 * stands),
     ):
-        found = run(system, hold=mode, steps=400, keep=range(401))
-        g = c.constraint_terms(system, found.q, found.v)[1]
-        yield mode, words, by_hand, np.abs(g).max()
+        off = run(system, rule, mode, steps=400).violations.max()
+        yield mode, what, 1e3 * metres, 1e3 * off
 
 
-@table(
-    "impulse under = {} | 0 = {:.3f} | 1 = {:.3f} | 2 = {:.3f} | 3 = {:.3f} | 4 = {:.3f}"
-    " | 5 = {:.3f} | 6 = {:.3f} | 7 = {:.3f} | worst of 1995 to 2000 = {:.3f}"
-)
+@table("impulse under = {} | after 0, 1, ... 7 steps = {} | worst of 1995 to 2000 = {:.3f}")
 def nudge():
-    """a bob hangs at rest, its rod 1 mm too long: rod error without its sign, mm, after so many
-    steps"""
+    """a bob hangs at rest, its rod 1 mm too long: rod error without its sign, mm"""
     system = bobs((0.0, -1.001), lengths=[1.0])
     for rule in ("semi_implicit", "euler"):
         hold = c.hold_table(DT)["impulse"]._replace(rule=None)  # be it made for another rule
         off = 1e3 * run(system, rule, hold, steps=2000).violations
-        yield rule, *off[:8], off[1995:].max()
-
-
-@table(" = {} | by hand, mm = {:.3f} | found, mm = {:.3f}")
-def soft():
-    """soft: how much longer a rod is than it should be"""
-    time_constant, impedance = 0.02, 0.95
-    stands = 1e3 * (1.0 - impedance) * G * time_constant**2  # mm
-    swings = stands + 1e3 * 2.0 * G * time_constant**2
-    one, two = bobs((0.0, -1.0)), bobs((0.0, -1.0), (0.0, -2.0))
-    for what, system, rule, by_hand in (
-        ("one bob hangs", one, "semi_implicit", stands),
-        ("two bobs hang, the worse rod", two, "semi_implicit", 2.0 * stands),
-        ("a bob swings, let go level", swinging(90.0), "rk4", swings),
-    ):
-        yield what, by_hand, 1e3 * run(system, rule, "soft", steps=400).violations.max()
+        yield rule, "  ".join(f"{x:.3f}" for x in off[:8]), off[1995:].max()
 
 
 def nearest(system, q_start, q, v, dt):
     """The obvious way back onto the rods, and a wrong one: the shortest, and v is not told."""
-
-    def newton(q):
-        jac, g, _, _ = c.constraint_terms(system, q, v)
-        mu = c.solve(system, c.mobility(system, jac), g)
-        return q - c.pull(jac, mu) / system["m"], c.dot(g / 1e-12, g / 1e-12)
-
-    end = repeat(newton, q, 20, "no way back onto the rods")
-    jac, _, gdot, _ = c.constraint_terms(system, end, v)
-    return end, v - c.pull(jac, c.solve(system, c.mobility(system, jac), gdot)) / system["m"]
+    return c.project(system, q, q, v, math.inf)
 
 
 @table(" = {} | rods, m = {:.0e} | 1 s = {:.2g} | 5 s = {:.2g} | 10 s = {:.2g} | 20 s = {:.2g}")
@@ -205,40 +171,6 @@ def way_back():
         yield what, found.violations.max(), *(off[round(t / DT)] for t in (1, 5, 10, 20))
 
 
-def catenary():
-    """The pull of a cable's end rods: as solved, by hand, and of a rope that bends anywhere.
-
-    By hand, a link lies as its two ends' pulls ask for: with H their level part, the first of 12
-    links rises by 11 / 2 bobs' weights over H. The rope is the curve y = a cosh(x / a).
-    """
-    system = _runs.scene("tight_cable")
-    span, rope = system["anchors"][1, 0], system["lengths"].sum()
-    x, y = np.abs(system["q0"][0, :2])
-    found = c.tensions(system, system["q0"], system["v0"])[[0, -1]].max()
-    u, last = math.sqrt(6.0 * (rope / span - 1.0)), math.inf  # u = span / 2a: sinh(u) / u is known
-    while u < last:  # Newton's method, from above
-        last, off = u, math.sinh(u) - u * rope / span
-        u -= off / (math.cosh(u) - rope / span)
-    bobs = 0.5 * system["m"].sum() * G * math.hypot(x, y) / y
-    curve = G * 0.5 * span / u * math.cosh(u)  # a rope of 1 kg/m
-    pulls = {"end rods, solved": found, "by hand": bobs, "a rope's ends": curve}
-    rows = [{"pull of": what, "N": f"{pull:.2f}"} for what, pull in pulls.items()]
-    show(f"{len(system['m'])} bobs of 1 kg on {rope:g} m between anchors {span:.4f} m apart", rows)
-
-
-def thrown():
-    """Three bodies on three rods that hang on nothing, thrown and turning; the third is heavy."""
-    q0, v0 = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.0, 3, 0], [0, 5, 0], [-2, 3, 0]]
-    return _runs.make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
-
-
-def spin(system, q, v):
-    """Angular momentum (..., 3) about the centre of mass, in kg m^2/s."""
-    m = system["m"]
-    q, v = (x - np.sum(m * x, axis=-2, keepdims=True) / np.sum(m) for x in (q, v))
-    return np.sum(m * np.cross(q, v), axis=-2)
-
-
 def below(x):
     """The power of ten that x is below: rounding is told no finer."""
     return f"< 1e{math.floor(math.log10(x)) + 1:03d}" if x else "0"
@@ -247,27 +179,20 @@ def below(x):
 @table("method = {} | dt, s = {} | spin changes by = {} | off the start, m = {}")
 def laws():
     """2 s: three bodies thrown free, and a double pendulum there and back"""
-    free, double = thrown(), c.build_system("double")
+    q0, v0 = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.0, 3, 0], [0, 5, 0], [-2, 3, 0]]
+    free = make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
+    double = c.build_system("double")
     cases = ("semi_implicit", "impulse", DT), ("rk4", "project", DT), ("gauss", "project", 0.02)
     for rule, mode, dt in [*cases, ("gauss", "none", 0.02)]:
         steps = round(2.0 / dt)
         found = run(free, rule, mode, dt, steps, range(steps))
-        turns = spin(free, found.q, found.v)[:, 2]
+        m = free["m"]  # about the centre of mass:
+        arms, speeds = (x - np.sum(m * x, 1, keepdims=True) / np.sum(m) for x in (found.q, found.v))
+        turns = np.sum(m * np.cross(arms, speeds), axis=1)[:, 2]
         there = run(double, rule, mode, dt, steps)
         back = run(double | {"q0": there.q[-1], "v0": -there.v[-1]}, rule, mode, dt, steps)
         off = distance(back.q[-1], double["q0"])
         yield f"{rule} {mode}", dt, below(np.ptp(turns) / abs(turns[0])), below(off)
-
-
-def parting():
-    """Seeds 0 and 1, and seed 0 once more."""
-    once, again, other = (run(c.build_system("double", k), hold="baumgarte") for k in (0, 0, 1))
-    apart = np.linalg.norm(once.tip - other.tip, axis=-1)
-    row = {f"{t} s": f"{apart[round(t / DT)]:.2f}" for t in (0, 2, 5, 10, 20)}
-    what = "how far apart the tips of seeds 0 and 1 are, m, after"
-    show(f"the double pendulum, baumgarte: {what}", [row])
-    same = all(np.array_equal(a, b) for a, b in zip(once[:3], again[:3], strict=True))
-    print(f"seed 0, twice: the same to the last bit: {same}")
 
 
 @table("rule = {} | rods, m = {:.0e} | 60 s = {} | 600 s = {} | 3600 s = {} | end = {}")
@@ -280,9 +205,6 @@ def hour():
         there = [k for k in (round(t / DT) for t in times) if k < len(gained)]
         texts = [f"{x:+.2f}" for x in gained[there]] + ["-"] * (len(times) - len(there))
         yield f"{rule} {mode}", found.violations.max(), *texts, found.stopped or "reached"
-
-
-SHOWN |= {"catenary": catenary, "parting": parting}
 
 
 def main(argv=None):

@@ -12,8 +12,7 @@ import math
 from unittest.mock import patch
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import RULES, run
+from curriculum.ch3_4_constraints.studies._runs import RULES, run, study_parser
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import run_script
 from curriculum.common.compiled import Compiled
@@ -63,9 +62,9 @@ def solves(system, rule, mode, dt, steps):
     """Linear systems solved a step, counted over the first of them in plain numpy."""
     asked, solve = [], c.solve
 
-    def counted(system, a, b, *rest):
+    def counted(system, a, b, *rest, **how):
         asked.append(math.prod(b.shape[:-1]))
-        return solve(system, a, b, *rest)
+        return solve(system, a, b, *rest, **how)
 
     with patch.object(c, "solve", counted):
         found = run(system, rule, mode, dt, min(steps, 40), way=Plain)
@@ -99,7 +98,7 @@ def ahead(rows, known):
 
 def main(argv=None):
     """Print the frontier."""
-    parser = _runs.study_parser("speed_vs_error", __doc__)
+    parser = study_parser("speed_vs_error", __doc__)
     text = "a system, or a scene's file (double)"
     parser.add_argument("--system", default="double", metavar="NAME", help=text)
     name = parser.parse_args(argv).system
