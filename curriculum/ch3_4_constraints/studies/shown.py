@@ -9,6 +9,7 @@ import math
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
+from curriculum.ch3_4_constraints.studies._runs import scene
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.runs import distance
@@ -169,6 +170,24 @@ def way_back():
         found = run(system, hold=hold._replace(after=after))
         off = np.abs(found.energies - found.energies[0]) / energy_scale(system)
         yield what, found.violations.max(), *(off[round(t / DT)] for t in (1, 5, 10, 20))
+
+
+@table("pull of = {} | N = {:.2f}")
+def catenary():
+    """tight_cable: 11 bobs of 1 kg on 12 m of rods, between anchors 0.1 % nearer"""
+    system = scene("tight_cable")
+    span, rope = system["anchors"][1, 0], system["lengths"].sum()
+    # by hand: half of the weight hangs on an end rod, which points along (x, y)
+    x, y, _ = np.abs(system["q0"][0])
+    bobs = 0.5 * system["m"].sum() * G * math.hypot(x, y) / y
+    # a rope of 1 kg/m is the curve y = a cosh(x / a); u = span / 2a, and sinh(u) / u is known
+    u, last = math.sqrt(6.0 * (rope / span - 1.0)), math.inf
+    while u < last:  # Newton's method, from above
+        last, off = u, math.sinh(u) - u * rope / span
+        u -= off / (math.cosh(u) - rope / span)
+    yield "end rods, solved", c.tensions(system, system["q0"], system["v0"])[[0, -1]].max()
+    yield "end rods, by hand", bobs
+    yield "a rope's ends", G * 0.5 * span / u * math.cosh(u)
 
 
 def below(x):
