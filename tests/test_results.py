@@ -50,6 +50,16 @@ def test_every_flag_reaches_the_result_and_stands_beside_it(flag, mode, results)
     assert found[name] == type(found[name])(value)
 
 
+@pytest.mark.parametrize("scene", ["double", "chain --links 41"])
+def test_plain_is_the_same_run_in_numpy_and_of_the_mode_that_was_asked_for(scene, results):
+    flags = f"--stabilization project --system {scene}"
+    (found, _), (plain, lines) = results(flags, 9), results(f"{flags} --plain", 9)
+    assert lines[1].endswith("in plain numpy: the lines as they stand")
+    assert found["results"].keys() == plain["results"].keys() == {"project"}
+    ours, theirs = (some["results"]["project"]["tip_final"] for some in (plain, found))
+    assert ours == pytest.approx(theirs, abs=1e-10)
+
+
 def test_links_smoke_and_steps_say_how_many(results):
     for links in (3, 6):
         found, _ = results(f"--system chain --links {links}", 1)
