@@ -1,4 +1,4 @@
-"""Equal runs give equal bytes, whatever numpy and its BLAS choose, and without machine code, too."""
+"""Equal runs give equal bytes, whatever numpy and its BLAS choose, and without llvmlite, too."""
 
 import json
 import tempfile
