@@ -82,10 +82,9 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(results, monk
     assert np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
 
 
-@pytest.mark.parametrize("flags", ["--links 40 --system chain", "--system heavy_tip"])
-def test_a_tolerance_that_nobody_could_judge_is_refused(flags, results, capsys):
+def test_a_tolerance_that_nobody_could_judge_is_refused(results, capsys):
     with pytest.raises(SystemExit, match="2"):
-        results(f"--integrator gauss --tol 0.001 {flags}", 400)
+        results("--integrator gauss --tol 0.001 --system chain --links 40", 400)
     line = capsys.readouterr().err
     assert "error: argument --tol: " in line and " 0.001 m" in line and line.count("\n") == 1
 

@@ -129,8 +129,6 @@ def forces():
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
         "when it is traced: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
-        "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
         "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
