@@ -4,6 +4,7 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
+from curriculum.common.gauss import make_gauss
 
 import numpy as np
 import pytest
@@ -41,6 +42,9 @@ LADDERS = [  # the longest step of each, in s, is halved twice; then what the or
     ("rk4", "none", 0.005, 3.9, 4.6),
     ("rk4", "project", 0.0025, 3.9, 4.6),
 ]
+for stages, dt in ((1, 0.01), (2, 0.025), (3, 0.05)):
+    gauss = make_gauss(stages, tol=1e-16)
+    LADDERS.append((gauss, "none", dt, 2 * stages - 0.3, 2 * stages + 0.3))
 
 
 @pytest.mark.parametrize(("rule", "mode", "dt", "low", "high"), LADDERS)
