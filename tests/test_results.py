@@ -116,7 +116,7 @@ def test_a_length_has_two_digits_and_a_unit():
 
 
 def test_every_mark_and_dash_in_the_table_has_its_sentence(results):
-    _, lines = results("--dt 0.05 --baumgarte 40", 1000)
+    _, lines = results("--dt 0.05 --baumgarte 40", c.SMOKE_STEPS)
     for mark in ("baumgarte* ", "* baumgarte div", "- baumgarte: stopped before 2 s"):
         assert len(marked(lines, mark)) == 1
     assert any("dt*omega 2 is past the limit 0.828" in line for line in lines)
@@ -149,7 +149,7 @@ def test_there_is_no_verdict_where_it_would_mean_nothing(results):
         "--baumgarte 0",  # is none itself
         "--integrator gauss --dt 0.05 --system pendulum",  # does not drift
     ):
-        assert not marked(results(flags, 1000)[1], "verdict: "), flags
+        assert not marked(results(flags, c.SMOKE_STEPS)[1], "verdict: "), flags
 
 
 def test_a_long_run_of_many_rods_says_so_before_it_begins(monkeypatch, tmp_path, capsys):
