@@ -43,13 +43,6 @@ def test_gauss_is_true_to_a_trillionth_of_a_metre(name, mode):
     assert error < 1e-12 and found.halved == 0
 
 
-@pytest.mark.parametrize(("stages", "dt"), [(1, 0.01), (2, 0.025), (3, 0.05), (4, 0.0625)])
-def test_order_is_twice_the_stages(stages, dt):
-    rule = make_gauss(stages, tol=1e-16)
-    long, short = (measured("double", rule, h, 1.0, "none")[0] for h in (dt / 2, dt / 4))
-    assert abs(math.log2(long / short) - 2 * stages) < 0.4
-
-
 @pytest.mark.parametrize("stages", [1, 2, 5, 8, 12])
 def test_collocation_integrates_every_polynomial_it_claims_to(stages):
     """t^p to the nodes, once and twice; over a step up to 2 * stages - 1; and its last terms."""

@@ -9,6 +9,8 @@ from itertools import product
 from types import SimpleNamespace
 
 import constraints as c
+from curriculum.ch3_4_constraints.scene_files import misfit
+from curriculum.ch3_4_constraints.scenes.make_scenes import MADE
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, native
 from curriculum.common.compiled import Compiled
@@ -127,8 +129,6 @@ def forces():
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
         "when it is traced: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
-        "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
         "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
@@ -274,33 +274,32 @@ def test_an_arithmetic_error_ends_a_run_alike_in_every_way(rule, monkeypatch):
     assert in_every_way(rule, DOUBLE, "none", 0.02, 40).kind == "diverged"
 
 
-SCENES = "heavy_tip", "fourbar_coupler", "jansen_leg", "windows", "spin", "tonne"
 CASES = [  # name, rule, mode, dt, steps, how it ends
     ("double", "semi_implicit", "baumgarte", 0.1, 40, "diverged"),
     ("pendulum", "gauss", "none", 1e4, 2, "loop"),
     ("triple", "rk4", "project", 0.3, 9, "loop"),
-    ("fourbar_coupler", "semi_implicit", "none", 0.5, 40, "diverged"),
+    ("fourbar_coupler", "semi_implicit", "baumgarte", 0.1, 40, "diverged"),
     ("pendulum", "gauss", "none", 0.5, 12, None),
     ("braced", "semi_implicit", "none", 0.02, 90, None),
-    ("braced", "rk4", "project", 0.005, 3, None),
-    ("fourbar_coupler", "gauss", "none", 0.005, 3, None),
 ]
-SHORT = [*product(["double"], ["semi_implicit"], c.hold_table())]
-SHORT += [*product(["double"], ["rk4"], ["none", "baumgarte", "soft", "project"])]
-SHORT += [*product(["pendulum"], c.INTEGRATORS, ["soft", "project"])]
-SHORT += [*product(SCENES, ["semi_implicit"], ["soft", "project"])]
-CASES += [(*case, 0.005, 3, None) for case in SHORT]
+SCENES = [*c.SYSTEMS, *(MADE.keys() - {"long_chain", "taut_cable"})]  # by arrays; refused
+SHORT = {(name, "semi_implicit", "project") for name in SCENES}
+for rule, (mode, hold) in product(c.INTEGRATORS, c.hold_table().items()):
+    if not misfit(hold, rule):
+        SHORT |= {("double", rule, mode), ("fourbar_coupler", rule, mode)}
+CASES += [(*case, 0.005, 3, None) for case in sorted(SHORT)]
 
 
 @pytest.mark.parametrize(("name", "rule", "mode", "dt", "steps", "kind"), CASES)
 def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt, steps, kind):
-    system, quick = c.build_system(name), name in c.SYSTEMS and rule != "gauss"
-    members, ways = (MEMBERS, WAYS) if quick else (2, WAYS[::2])  # more takes seconds to compile
-    noise = np.random.default_rng(2).normal(size=(members, *system["q0"].shape))
-    noise[0] = 0.0
+    system, chain, short = c.build_system(name), name in c.SYSTEMS, rule in c.STABILITY_LIMIT
     alone = in_every_way(rule, system, mode, dt, steps)
     assert alone.kind == kind and alone.way.startswith("compiled")
-    if dt < 0.1:  # in a crowd, who can go on no more is no Stop but NaN
+    members, ways = (MEMBERS, WAYS) if chain and short else (2, WAYS[::2])  # more takes seconds
+    noise = np.random.default_rng(2).normal(size=(members, *system["q0"].shape))
+    noise[0] = 0.0
+    quick = chain or short and len(system["m"]) < 5
+    if quick and dt < 0.1:  # in a crowd, who can go on no more is no Stop but NaN
         crowd = crowd_of(system, system["v0"] + 0.1 * noise * (system["q0"] != 0.0))
         together = in_every_way(rule, crowd, mode, dt, steps, ways)
         assert together.way.startswith("compiled")

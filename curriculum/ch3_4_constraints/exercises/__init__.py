@@ -5,6 +5,7 @@ import sys
 from importlib import import_module, reload
 from pathlib import Path
 
+import constraints as c
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.common.cli import run_script
 from curriculum.common.files import write_json
@@ -38,13 +39,11 @@ def solved(name, answers):
     """The exercise `name`, anew, with what stands in the module `answers` for its blanks."""
     exercise = reload(import_module(f"{__name__}.{name}"))
     vars(exercise).update({key: x for key, x in vars(answers).items() if key[0] != "_"})
-    if hasattr(exercise, "NOTE"):  # beside the reader's own
-        exercise.NOTE = exercise.NOTE.with_name(f"guess_{name}_solved.json")
     return exercise
 
 
 def run(main):
-    """As a script: main(), then the check, up to the first blank or mistake, and a line about it.
+    """As a script: the guess is noted, main(), then the check, up to the first blank or mistake.
 
     With --solved it is done with the answers. The exit status is 1 after a mistake, or else 0.
     """
@@ -53,9 +52,13 @@ def run(main):
         from curriculum.ch3_4_constraints.exercises.checks import CHECKS
 
         name, exercise = Path(main.__code__.co_filename).stem, sys.modules[main.__module__]
+        note = f"guess_{name}.json"
         if "--solved" in sys.argv:
             exercise = solved(name, import_module(f"{__name__}.solutions.{name}"))
+            note = f"guess_{name}_solved.json"  # beside the reader's own
         try:
+            if hasattr(exercise, "predict"):
+                write_down(c.HERE / "outputs" / note, exercise.predict())
             exercise.main()
             CHECKS[name](exercise)
         except (Blank, Wrong, SceneError) as message:
