@@ -115,7 +115,7 @@ def solve(system, a, b, turned=0.0, rough=False):
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There `a` is blurred, by a rounding error and by `turned` (..., C, C), which is
+    rank in passing. There `a` is blurred, by a little SLACK and by `turned` (..., C, C), which is
     left so if `rough`. Else refinement takes it back (J. Carpentier, R. Budhiraja, N. Mansard, RSS
     2021): what loads eigenvalues of `a` above the blur is met, the rest is left: see `unheld`.
     """
@@ -123,7 +123,7 @@ def solve(system, a, b, turned=0.0, rough=False):
     order = elimination_order(pairs)
     if not has_loop(pairs):
         return eliminated(a, order)(b)
-    blurred = eliminated(a + turned + 1e-12 * (a * np.eye(len(pairs))), order)
+    blurred = eliminated(a + turned + statics.SLACK * (a * np.eye(len(pairs))), order)
     return blurred(b) if rough else refined(blurred, a, b, "no finite tensions")
 
 

@@ -10,9 +10,10 @@ TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelli
 MOST = 1000  # rods or particles: beyond, a start with loops is not looked at
 FEW = 64  # rods: beyond, the place where a run stopped is not looked at
 
-# s: what is over in such a time no step of the chapter can follow. Rods in a loop may lose rank in
-# passing: their linear system is blurred by what J M^-1 J^T gains in an INSTANT, an angle squared.
-INSTANT = 1e-4
+# Rods in a loop may be one too many, or lose rank in passing. So their linear system is blurred: by
+# a share of A's diagonal, well over rounding, and by what A gains in so few seconds that no step of
+# the chapter follows.
+SLACK, INSTANT = 1e-9, 1e-4
 
 
 def near(lengths, q):

@@ -9,7 +9,6 @@ import math
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
-from curriculum.ch3_4_constraints.studies._runs import scene
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
 from curriculum.common.runs import distance
@@ -175,7 +174,7 @@ def way_back():
 @table("pull of = {} | N = {:.2f}")
 def catenary():
     """tight_cable: 11 bobs of 1 kg on 12 m of rods, between anchors 0.1 % nearer"""
-    system = scene("tight_cable")
+    system = c.build_system("tight_cable")
     span, rope = system["anchors"][1, 0], system["lengths"].sum()
     # by hand: half of the weight hangs on an end rod, which points along (x, y)
     x, y, _ = np.abs(system["q0"][0])
