@@ -4,7 +4,7 @@ Gravity pulls the bob down, and the rod will not let it go down. Which force doe
 Nobody wrote it down: it is the solution of a linear system, found anew at every step. This file
 derives that system, hides its solution inside `force(q, v)`, hands it to the integrators of
 chapter 3.3, which never learn of it, and measures what becomes of the rods. The lines you read are
-the lines that run, taken once on symbols and compiled (--show-step). Change one, and see.
+the lines that run: once on symbols, and then compiled (--show-step). Change one, and see.
 """
 
 # --- region: setup ---
@@ -115,11 +115,11 @@ def solve(system, a, b, turned=0.0, rough=False):
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There `a` is blurred, by a little SLACK and by `turned` (..., C, C), which is
-    left so if `rough`. Else refinement takes it back (J. Carpentier, R. Budhiraja, N. Mansard, RSS
+    rank in passing. There `a` is blurred, by a little SLACK and by `turned` (..., C, C), and stays
+    so if `rough`. Else refinement takes it back (J. Carpentier, R. Budhiraja, N. Mansard, RSS
     2021): what loads eigenvalues of `a` above the blur is met, the rest is left: see `unheld`.
     """
-    pairs = tuple(system["pairs"])
+    pairs = tuple(map(tuple, system["pairs"]))
     order = elimination_order(pairs)
     if not has_loop(pairs):
         return eliminated(a, order)(b)
@@ -176,14 +176,14 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
 
 def multipliers(system, q, v, hold=0.0, f=None):
     """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C)."""
-    hold, pairs = as_hold(hold), tuple(system["pairs"])
+    hold, pairs = as_hold(hold), tuple(map(tuple, system["pairs"]))
     f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
     a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(pairs)))
     turned = 0.0
-    if has_loop(pairs):  # rods that turn together come no nearer to losing rank
+    if has_loop(pairs):  # what A gains as rods turn for an INSTANT: nothing, if all turn alike
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     lam = solve(system, a, b, turned)
     return jac, lam, b - dot(a, lam[..., None, :])
@@ -226,10 +226,11 @@ class Force(namedtuple("Force", "system hold")):
 
 
 def make_force(system, hold, plain=False):
-    """A Force; `hold` is a Hold, a mode's name, or w in rad/s. Many rods have one of arrays."""
+    """A Force; `hold` is a Hold, a mode's name, or w in rad/s. Many rods: by arrays, or `plain`."""
+    hold, whole = as_hold(hold), {"anchors": PIVOT[None], **system}
     if large.takes(system) and not plain:
-        return large.LargeForce(system, as_hold(hold), external_force, right_side)
-    return Force(system, as_hold(hold))
+        return large.LargeForce(whole, hold, external_force, right_side)
+    return Force(system, hold)
 
 
 def project(system, q_start, q, v, dt):
@@ -283,9 +284,8 @@ def rk4_step(q, v, m, force, dt):
     return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-# The midpoint rule, extrapolated to order 8; and Gauss-Legendre of order 16, the others' ruler.
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
-INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}
+INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # of order 8 and 16
 
 # Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
 # Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
@@ -322,7 +322,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     system = scene_files.check_run(system, force, dt, steps, step_fn, INTEGRATORS)
     q, v, m = system["q0"], system["v0"], system["m"]
     step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
-    log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))
+    log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))  # m: so far off is flown apart
     log.note(q, v, constraint_violation(system, q), energy(system, q, v))
     with log:
         for _ in log.turns():
@@ -398,7 +398,7 @@ def main(argv=None):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)
+    most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
     rule, dt, steps, truth = attempt(ruler.settle, run, modes, rule, args.dt, steps, args.tol, most)
     tables.forewarn(steps, [run(mode, rule, dt, 1).pace for mode in modes if many])
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()

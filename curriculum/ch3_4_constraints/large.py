@@ -1,6 +1,6 @@
 """Scenes of many rods: the chapter's equation once more, on whole arrays.
 
-Straight-line code takes its time to be made. From CHAIN rods in a row on, or LINKAGE others, arrays
+Straight-line code takes its time to be made. Beyond CHAIN rods in a row, or LINKAGE others, arrays
 are done sooner, and so are few rods that all feel each other. A = J M^-1 J^T of a chain has three
 diagonals: cyclic reduction. Any other linkage's stands near the diagonal once its rods are well
 ordered: elimination by blocks. What a Hold asks for, and when a rod is right, is the chapter's to
@@ -231,7 +231,7 @@ class LargeForce:
         self.external_force, self.right_side = external_force, right_side
         parts = (np.asarray(system[key]).ravel().tolist() for key in ("m", "lengths"))
         self.rods = arranged(tuple(map(tuple, system["pairs"])), *map(tuple, parts))
-        self.anchors = np.asarray(system.get("anchors", np.zeros((1, 3))))
+        self.anchors = np.asarray(system["anchors"])
         self.way, self.after = self.rods.way, self.project if hold.after else None
 
     def errors(self, q):
@@ -274,15 +274,15 @@ class LargeForce:
         along = self.rods.vectors(q_start, self.anchors)
         close = near(self.rods.lengths, q_start)
 
-        def impulse(d, along, b, x):
+        def correction(d, along, b, x):
             lam = self.rods.multipliers(d, along, b, x, 0.0 * d)
             return self.rods.pull(along, lam) / self.system["m"]
 
         def newton(q):
             d, g = self.errors(q)
-            return q - impulse(d, along, g, q), np.max(np.abs(g) / close)
+            return q - correction(d, along, g, q), np.max(np.abs(g) / close)
 
         end = repeat(newton, q, 20, "no way back onto the rods")
         v, (d, _) = v + (end - q) / dt, self.errors(end)
         gdot = dot(d, self.rates(v))
-        return end, v - impulse(d, d, gdot, v)
+        return end, v - correction(d, d, gdot, v)

@@ -10,6 +10,7 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 """
 
 import json
+from argparse import ArgumentTypeError
 from collections import Counter
 from decimal import Decimal, localcontext
 from difflib import get_close_matches
@@ -42,7 +43,7 @@ COLUMNS = {  # a system's keys: shape of a row, of all in words, a row's name in
 }
 
 
-class SceneError(ValueError):
+class SceneError(ArgumentTypeError, ValueError):
     """A scene that cannot be run: its sentence names field and index, and what is allowed."""
 
 

@@ -1,4 +1,4 @@
-"""Whether finite tensions can hold a scene: at its start, and where a run could not go on."""
+"""Rods as vectors, and whether finite tensions can hold them: at a start, and where a run ended."""
 
 from curriculum.common.graph import has_loop
 
@@ -115,7 +115,7 @@ def worked_on(stresses, bend, floor):
 
 def in_line(constraint_terms, system, run):
     """A hint for a run that stopped where J (C, 3N) of constraint_terms loses rank, or ""."""
-    if run.kind not in ("loop", "domain") or len(system["pairs"]) > FEW:
+    if run.kind != "loop" or len(system["pairs"]) > FEW:
         return ""
     q, v = np.stack([system["q0"], run.q[-1]]), np.stack([system["v0"], run.v[-1]])
     rows = constraint_terms(system, q, v)[0]

@@ -51,10 +51,10 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message}\n")
 
     def attempt(self, flag, function, *args):
-        """function(*args), whose ValueError becomes the error of the argument `flag`."""
+        """function(*args), whose ArgumentTypeError becomes the error of the argument `flag`."""
         try:
             return function(*args)
-        except (ValueError, argparse.ArgumentTypeError) as error:
+        except argparse.ArgumentTypeError as error:
             self.error(f"argument {flag}: {error}")
 
 

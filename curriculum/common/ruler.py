@@ -1,6 +1,7 @@
 """The truth to measure against, gauss at two steps that agree; and the step for an error."""
 
 import math
+from argparse import ArgumentTypeError
 from functools import partial
 from itertools import takewhile
 from typing import NamedTuple
@@ -100,14 +101,13 @@ def settle(run, modes, rule, dt, steps, tol, most):
     """The rule, step and number of steps to run with, and the Truth.
 
     With `tol` m, gauss finds rule and step. `most` steps may be spent on the truth.
-    run(mode, rule, dt, steps, ...) -> Run. ValueError if the truth is wanted and not to be had.
+    run(mode, rule, dt, steps, ...) -> Run. ArgumentTypeError if `tol` is under what can be known.
     """
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     truth = true_position(partial(run, "project"), at, most)
     if tol and not truth[1] < tol:
-        raise ValueError(
-            f"where the particles are after {at:.3g} s is not known to {tol:g} m; give --dt"
-        )
+        where = f"where the particles are after {at:.3g} s"
+        raise ArgumentTypeError(f"{where} is not known to {tol:g} m; give --dt")
     if tol:
         rule, dt = step_for(tol, at, truth[0], [partial(run, mode) for mode in modes])
     return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth)

@@ -107,14 +107,12 @@ def operators(rule, zero=False):
 
 def lift(number):
     """A number as a Symbol; one that is a Symbol stays as it is."""
+    number = number.item() if isinstance(number, (np.ndarray, np.generic)) else number
     if type(number) is Symbol:
         return number
-    number = number.item() if isinstance(number, (np.ndarray, np.generic)) else number
     if isinstance(number, complex):
         Tape.current.refused.append("it makes a complex number")
         number = number.real
-    if type(number) is Symbol:
-        return number
     return Symbol(Tape.current, abs(float(number)), bool(number < 0))
 
 

@@ -1,6 +1,6 @@
 """Which method holds it when it gets hard, and at which step?
 
-A single trajectory may be held by luck. So every scene of `scenes/` is started many times over: as
+A single trajectory may be held by luck. So each scene but two easy ones is started many times: as
 it is, by turns with masses and speeds wrong by a rounding error, and with other masses (within
 30 %) and speeds, all consistent with the rods and drawn by a seed. A start is held if no rod is
 ever off by more than 1 % of the shortest, and the energy by no more than 10 % of the larger of its

@@ -1,8 +1,8 @@
 """Read the real thing: what MuJoCo calls our quantities, and what speed is worth at an error.
 
 (a) The same quantity, two names: `soft` is MuJoCo's equality constraint of a tendon.  (b) Time to a
-given error: the double pendulum, 5 s, beside reference.json.  (c) The simple pendulum of IFToMM's
-benchmark, beside its closed form: who meets which of its two precisions?
+given error: the double pendulum, 5 s, beside reference.json.  (c) Time to high
+precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
 Each rule climbs a ladder of settings to the first that reaches the error, and the quickest rule of
 each engine is timed in turns with the others, A B A B. Bars and `ours/it` are of least times, to
 which a busy machine can only add. `ms` counts steps alone, inside the engine's own call where it
@@ -35,7 +35,7 @@ TARGETS = {
     error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 1.2), (PYTHON, TAYLOR, ALL, 0.5))
     for error, share in ((1e-3, 0.06), (1e-6, 0.02), (1e-9, 0.01), (1e-12, 0.004))
 }
-HIGH = 1e-3  # what A01 calls high precision; 0.1 is low
+HIGH = 1e-3  # what A01 calls high precision
 
 
 # --- (a) the same quantity, two names ---
