@@ -54,8 +54,7 @@ class Plain:
             return tuple(np.stack(x) for x in zip(*both, strict=True))
         clock, self.taken = time.perf_counter(), self.taken + 1
         try:
-            with np.errstate(all="ignore"):  # a run that blows up is told of once, and in words
-                return self.one(q, v, m, force, dt)
+            return self.one(q, v, m, force, dt)
         finally:
             self.seconds += time.perf_counter() - clock
 
@@ -191,7 +190,7 @@ class Single:
             except Stop:
                 raise
             except (ArithmeticError, ValueError):
-                with contextlib.suppress(Stop), np.errstate(all="ignore"):
+                with contextlib.suppress(Stop):
                     careful(self.traced.source)(tuple(state), 1, found.append, *knobs)
         whole = found and np.isfinite(found).all()
         return np.array(found[0]) if whole else self.by_plain(state, dt)
@@ -199,5 +198,4 @@ class Single:
     def by_plain(self, state, dt):
         """The plain step of columns (entries,)."""
         q, v = (x[0] for x in self.traced.states(state[None, :, None]))
-        with np.errstate(all="ignore"):
-            return self.traced.columns(*self.plain(q, v, dt))[:, 0]
+        return self.traced.columns(*self.plain(q, v, dt))[:, 0]
