@@ -35,21 +35,21 @@ class Drawing:
         """An element more."""
         self.parts.append(element(name, *inside, **attributes))
 
-    def line(self, points, color=INK, width=1.5, dash="none", fill="none"):
+    def line(self, points, color, width, dash="none", fill="none"):
         """A line through points."""
         style = {"stroke": color, "stroke_width": width, "stroke_dasharray": dash, "fill": fill}
         self.add("polyline", points=" ".join(f"{x:.1f},{y:.1f}" for x, y in points), **style)
 
-    def dot(self, at, radius, color=INK, **style):
+    def dot(self, at, radius, color):
         """A filled circle."""
-        self.add("circle", cx=f"{at[0]:.1f}", cy=f"{at[1]:.1f}", r=radius, fill=color, **style)
+        self.add("circle", cx=f"{at[0]:.1f}", cy=f"{at[1]:.1f}", r=radius, fill=color)
 
     def words(self, x, y, text, color=INK, anchor="start", size=15, weight="normal"):
         """A line of words that starts, has its middle or ends at x, on the base line y."""
         style = {"fill": color, "text_anchor": anchor, "font_size": size, "font_weight": weight}
         self.add("text", text.translate(ESCAPES), x=f"{x:.1f}", y=f"{y:.1f}", **style)
 
-    def arrow(self, start, end, color=INK, width=3.0, head=11.0):
+    def arrow(self, start, end, color, width, head):
         """An arrow, if it is long enough to have a head."""
         if (length := math.dist(start, end)) > head:
             dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))

@@ -68,7 +68,7 @@ class Many:
         return rows, None
 
 
-def in_threads(machine, state, count, knobs, rows=None):
+def in_threads(machine, state, count, knobs, rows):
     """Members on all processors: machine code lets go of the interpreter. state becomes the end."""
     from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
 

@@ -10,6 +10,7 @@ import numpy as np
 
 ROUGH = 0.02  # last terms as a share of all: from there on a polynomial is no picture of the motion
 DIGITS = 50  # in which nodes and weights are computed, so that every machine has the same doubles
+MOST = 60  # rounds
 
 
 def legendre(x, degree):
@@ -63,12 +64,12 @@ def squares(x):
     return np.sum(np.square(x))
 
 
-def make_gauss(stages=8, tol=1e-16, most=60):
+def make_gauss(stages, tol=1e-16):
     """The rule of Gauss-Legendre collocation: order 2 * `stages`, symplectic, time-reversible.
 
     The accelerations of the stages solve a(t_s) = force(q(t_s), v(t_s)) / m. That is iterated as it
     stands (Hairer, Lubich, Wanner, VIII.6) until the end of the step moves by no more than `tol`,
-    relatively, or as little as rounding allows. Raises Stop after `most` rounds, or where the
+    relatively, or as little as rounding allows. Raises Stop after MOST rounds, or where the
     polynomial through the stages has no digits: then a run tries the step in halves.
     """
 
@@ -87,7 +88,7 @@ def make_gauss(stages=8, tol=1e-16, most=60):
             return following, moved / (tol**2 * (start + size) + 1e-300)
 
         constant = np.stack([force(q, v) / m] * stages)
-        a = repeat(iterate, constant, most, "the Gauss stages do not settle", 1e-18 / tol**2)
+        a = repeat(iterate, constant, MOST, "the Gauss stages do not settle", 1e-18 / tol**2)
         speed, place, *terms = entrywise(ends, a)
         if stages > 5:
             still = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 
-def make_midpoint(order=8):
+def make_midpoint(order):
     """The rule of an even `order`; it takes (order / 2)^2 + 1 forces a step. Energy wanders.
 
     The midpoint rule goes the way in 2, 4, ... `order` parts. Its error is a series in the square

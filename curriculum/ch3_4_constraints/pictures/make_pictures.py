@@ -29,7 +29,7 @@ SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
 LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
 
 
-def turned(degrees, length=1.0):
+def turned(degrees, length):
     """(x, y) on a sheet, y down, of an arrow that hangs down and is then turned to the right."""
     return length * np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])
 

@@ -70,7 +70,7 @@ def beside(repeats):
     return "(a) a step, us", rows, bars
 
 
-def growth(repeats, sizes=LINKS):
+def growth(repeats, sizes):
     """(b) Rows and bars of a step of a chain of N links."""
     jobs, rows = {}, []
     for n in sizes:
