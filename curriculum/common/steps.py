@@ -28,16 +28,16 @@ def followed(rule, after):
     return step
 
 
-def in_halves(step, state, dt, level=1):
-    """Two steps of dt/2, step(state, dt/2) -> state, each in halves again where it raises Stop."""
+def tried(step, state, dt, level=0):
+    """step(state, dt) or, if that raises Stop, two of dt/2, each tried so; and whether it did."""
+    try:
+        return step(state, dt), False
+    except Stop as why:
+        if level == HALVINGS or why.kind != "loop":
+            raise
     for _ in range(2):
-        try:
-            state = step(state, 0.5 * dt)
-        except Stop as why:
-            if level == HALVINGS or why.kind != "loop":
-                raise
-            state = in_halves(step, state, 0.5 * dt, level + 1)
-    return state
+        state, _ = tried(step, state, 0.5 * dt, level + 1)
+    return state, True
 
 
 class Plain:
@@ -54,18 +54,11 @@ class Plain:
             return tuple(np.stack(x) for x in zip(*both, strict=True))
         clock, self.taken = time.perf_counter(), self.taken + 1
         try:
-            return self.one(q, v, m, force, dt)
+            state, halved = tried(lambda x, dt: self.step_fn(*x, m, force, dt), (q, v), dt)
         finally:
             self.seconds += time.perf_counter() - clock
-
-    def one(self, q, v, m, force, dt):
-        try:
-            return self.step_fn(q, v, m, force, dt)
-        except Stop as why:
-            if why.kind != "loop":
-                raise
-        self.halved += 1
-        return in_halves(lambda state, dt: self.step_fn(*state, m, force, dt), (q, v), dt)
+        self.halved += halved
+        return state
 
 
 class Traced:
@@ -130,7 +123,7 @@ def again(inputs, knobs, first, lines, results):
 
 
 class Single:
-    """One member, by Python's floats or by `machine` code. `tries`: how many hard steps may be."""
+    """One member, by Python's floats or by `machine` code. `tries`: how many steps may be hard."""
 
     def __init__(self, traced, plain, tries):
         self.traced, self.plain, self.tries = traced, plain, tries
@@ -145,10 +138,11 @@ class Single:
         while done < count:
             taken = self.easy(state, rows[done:], dt)
             if not taken:
-                try:
-                    rows[done], taken = self.hard(state, dt), 1
+                try:  # a step that has trouble: by itself, or in halves
+                    rows[done], halved = tried(self.one, state, dt)
                 except Stop as why:
                     return rows[:done], why
+                taken, self.halved = 1, self.halved + halved
             done += taken
             state = rows[done - 1]
             if not math.isfinite(state.sum()):  # that is for those to say who measure it
@@ -167,16 +161,6 @@ class Single:
         flat = np.fromiter(chain.from_iterable(states), float, len(states) * rows.shape[1])
         rows[: len(states)] = flat.reshape(-1, rows.shape[1])
         return len(states)
-
-    def hard(self, state, dt):
-        """One step that has trouble: by itself, or in halves."""
-        try:
-            return self.one(state, dt)
-        except Stop as why:
-            if why.kind != "loop":
-                raise
-        self.halved += 1
-        return in_halves(self.one, state, dt)
 
     def one(self, state, dt):
         """A step on Python's floats; on numpy's, where they raise an error; or the plain step."""
