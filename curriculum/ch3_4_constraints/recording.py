@@ -9,7 +9,7 @@ from curriculum.ch3_4_constraints.tables import length
 
 import numpy as np
 
-FRAME_RATE, MAX_RECORDED = 60.0, 300_000  # states a simulated second; positions of a mode, at most
+FRAME_RATE, MAX_RECORDED = 60.0, 300_000  # states a simulated second; positions shown, at most
 TIMELINE, BACKGROUND = "sim_time", [16, 16, 20]  # seconds; dark
 WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a tile's title
 SLOPE, MARGIN = 0.52, 1.12  # Rerun's eye sees so much up per metre ahead; room around
@@ -28,7 +28,7 @@ long as it is known: the true motion.
 
 
 def frames(steps, dt, particles):
-    """The steps to keep for the picture and the recording; every run itself keeps two more."""
+    """The steps to keep for the picture and the recording; a run keeps some it is judged by, too."""
     most = max(1, MAX_RECORDED // particles - 2)
     return range(0, steps + 1, max(1, round(1.0 / (FRAME_RATE * dt)), -(-(steps + 1) // most)))
 

@@ -90,8 +90,8 @@ def torn(system, gravity, unit, rate, slow):
     root = np.sqrt(np.repeat(system["m"], 3))
     scaled, free = rows / root, root * np.tile(gravity, len(system["m"]))  # J M^-1/2, M^-1/2 f
     size = np.linalg.norm(scaled, axis=1)
-    held = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
-    held = np.linalg.lstsq(scaled / size[:, None], held, rcond=LOST)[0]
+    wanted = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
+    held = np.linalg.lstsq(scaled / size[:, None], wanted, rcond=LOST)[0]
     accel = ((free + held) / root).reshape(-1, 3)
     floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 / lengths.min()  # of rounding
     accel = differences(accel, np.zeros_like(system["anchors"]), system["pairs"])

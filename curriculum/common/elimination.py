@@ -47,11 +47,11 @@ def refined(rough, a, b, complaint):
 
     def another(state):  # x, and behind it what was left before the last round
         x, before = state[..., :-1], state[..., -1]
-        rest = b - np.sum(a * x[..., None, :], axis=-1)
-        left = weigh(rest)
+        residual = b - np.sum(a * x[..., None, :], axis=-1)
+        left = weigh(residual)
         now = left[..., 0]  # the size is at most 1 if that is enough, or more than before / 4
         size = now * before / (4.0 * now * now + enough * before + 1e-300)
-        return np.concatenate([x + rough(rest), left], axis=-1), size
+        return np.concatenate([x + rough(residual), left], axis=-1), size
 
     start = np.concatenate([rough(b), weigh(b)], axis=-1)
     return repeat(another, start, 100, complaint)[..., :-1]

@@ -91,8 +91,8 @@ def make_gauss(stages, tol=1e-16):
         a = repeat(iterate, constant, MOST, "the Gauss stages do not settle", 1e-18 / tol**2)
         speed, place, *terms = entrywise(ends, a)
         if stages > 5:
-            still = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike
-            wild = sum(map(squares, terms)) / (ROUGH**2 * squares(a) / stages + still + 1e-300)
+            least = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike
+            wild = sum(map(squares, terms)) / (ROUGH**2 * squares(a) / stages + least + 1e-300)
             end = np.stack([speed, place])
             why = "the Gauss stages do not resolve the motion"
             speed, place = repeat(lambda x: (x, wild), end, 1, why)
