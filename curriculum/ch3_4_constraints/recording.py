@@ -28,7 +28,7 @@ long as it is known: the true motion.
 
 
 def frames(steps, dt, particles):
-    """The steps to keep for the picture and the recording; a run keeps some it is judged by, too."""
+    """The steps to keep for the picture and the recording; a run keeps more, to be judged by."""
     most = max(1, MAX_RECORDED // particles - 2)
     return range(0, steps + 1, max(1, round(1.0 / (FRAME_RATE * dt)), -(-(steps + 1) // most)))
 
