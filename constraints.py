@@ -175,7 +175,7 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
 
 
 def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N), Lagrange's multipliers lambda (..., C) in N/m, and b - A lambda (..., C)."""
+    """J (..., C, 3N), Lagrange's multipliers lambda in N/m, b - A lambda, and b (..., C)."""
     hold, pairs = as_hold(hold), tuple(map(tuple, system["pairs"]))
     f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
@@ -186,7 +186,7 @@ def multipliers(system, q, v, hold=0.0, f=None):
     if has_loop(pairs):  # what A gains as rods turn for an INSTANT: nothing, if all turn alike
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     lam = solve(system, a, b, turned)
-    return jac, lam, b - dot(a, lam[..., None, :])
+    return jac, lam, b - dot(a, lam[..., None, :]), b
 
 
 def pull(jac, lam):
@@ -201,7 +201,7 @@ def constraint_force(system, q, v, hold=0.0, f=None):
 
 def tensions(system, q, v, hold=0.0):
     """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    _, lam, _ = multipliers(system, q, v, hold)
+    lam = multipliers(system, q, v, hold)[1]
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
@@ -220,9 +220,9 @@ class Force(namedtuple("Force", "system hold")):
         return tensions(self.system, q, v, self.hold)
 
     def unheld(self, q, v):
-        """The largest acceleration (...) along a rod, in m/s^2, that it leaves unanswered."""
-        _, _, left = multipliers(self.system, q, v, self.hold)
-        return np.max(np.abs(left) / self.system["lengths"], axis=-1)
+        """How much of what b asks for it leaves unanswered (...): see statics.unanswered."""
+        _, _, left, b = multipliers(self.system, q, v, self.hold)
+        return statics.unanswered(left, b, self.system["lengths"])
 
 
 def make_force(system, hold, plain=False):

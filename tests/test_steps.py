@@ -83,6 +83,14 @@ class Controller(SimpleNamespace):
         return -gain * v
 
 
+class Slotted:
+    __slots__ = ("calls",)
+
+    def called(self):
+        self.calls = getattr(self, "calls", 0) + 1
+        return self.calls // 5 % 2
+
+
 CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
 
 
@@ -93,6 +101,7 @@ def forces():
     """
     global CALLS
     CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
+    slotted = Slotted()
     rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
@@ -123,7 +132,8 @@ def forces():
         "the random generator of numpy": noise,
         "asks for the time": lambda q, v: -v if datetime.now() else v,
         "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
-        "takes from ticks, which cannot be put back": lambda q, v: 0.0 * next(ticks) * v,
+        "takes from ticks, which cannot be put back": lambda q, v: -0.01 * next(ticks) * v,
+        "uses slotted, which cannot be put back": lambda q, v: -slotted.called() * v,
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
         "something else when it is traced: turns": lambda q, v: len(halving(q)[1]) * -v,
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,

@@ -11,7 +11,7 @@ from collections import defaultdict
 from functools import lru_cache
 from itertools import product
 
-from curriculum.ch3_4_constraints.statics import INSTANT, SLACK, differences, near
+from curriculum.ch3_4_constraints.statics import INSTANT, differences, near, unanswered
 from curriculum.common.graph import band_order, elimination_order, has_loop
 from curriculum.common.trace import Stop, repeat
 
@@ -21,6 +21,7 @@ CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
 SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
 BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
+SLACK = 1e-9  # of A's diagonal, in a loop: enough for what inverses of blocks lose
 EXACT = 1e-15  # a solve is done when it leaves this of A's diagonal times lambda,
 NEARLY = 1e-3  # and where it can do no more, this of what b is made of must do
 NO_TENSIONS = "no finite tensions hold the rods in this pose"
@@ -263,11 +264,11 @@ class LargeForce:
         return pulls
 
     def unheld(self, q, v):
-        """The largest acceleration (...) along a rod, in m/s^2, that is left unanswered."""
+        """How much of what b asks for is left unanswered (...)."""
         _, d, lam, b = self.answer(q, v)
         given = self.hold.softness * self.rods.own * dot(d, d) * lam
         left = b - given - dot(d, self.rates(self.rods.pull(d, lam) / self.system["m"]))
-        return np.max(np.abs(left) / self.rods.lengths, axis=-1)
+        return unanswered(left, b, self.rods.lengths)
 
     def project(self, q_start, q, v, dt):
         """The chapter's: a step from q_start that ended at q, v, put back to g = 0 and J v = 0."""

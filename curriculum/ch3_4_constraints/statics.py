@@ -13,13 +13,24 @@ FEW = 64  # rods: beyond, the place where a run stopped is not looked at
 # Rods in a loop may be one too many, or lose rank in passing. So their linear system is blurred: by
 # a share of A's diagonal, well over rounding, and by what A gains in so few seconds that no step of
 # the chapter follows.
-SLACK, INSTANT = 1e-9, 1e-4
+SLACK, INSTANT = 1e-12, 1e-4
 
 
 def near(lengths, q):
     """The g (..., C) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
     far = np.mean(np.sum(np.abs(q), axis=-1), axis=-1, keepdims=True)
     return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
+
+
+def unanswered(left, b, lengths):
+    """How much (...) is `left` of b (..., C), the second derivatives of g that are asked for.
+
+    In m/s^2 along a rod; or as a share of b, if that is more: where rods are nearly in line, a
+    little along them is much across.
+    """
+    left = np.abs(left)
+    share = np.max(left, axis=-1) / (np.max(np.abs(b), axis=-1) + 1e-9)
+    return np.maximum(np.max(left / lengths, axis=-1), share)
 
 
 def nodes(x, fixed):

@@ -8,7 +8,7 @@ from curriculum.common.banner import about
 import numpy as np
 
 PATIENCE = 10.0  # s: a run that takes longer says so before it begins
-UNHELD = 1e-3  # m/s^2: so much of an acceleration may stay unanswered without a word
+UNHELD = 1e-3  # so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
 
@@ -51,7 +51,7 @@ def comparison(rows, runs, hints, at, truth, tol):
         if run.note:
             print(f"* {mode} {run.note}{hints[mode]}")
         if (left := rows[mode]["unheld"]) > UNHELD:
-            print(f"* {mode}: no tensions answer {left:.2g} m/s^2 along a rod, at worst")
+            print(f"* {mode}: no tensions answer {left:.2g} (m/s^2 along a rod, or a share)")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"

@@ -54,10 +54,12 @@ class Compiled:
         self.lead, self.way = q.shape[:-2], getattr(force, "way", "")
         if self.way:
             return
-        memory = Memory(self.step_fn, force)
-        why = next(iter(memory.asks), None)  # it uses what cannot be put back
+        memory, why = Memory(self.step_fn, force), None
+        if memory.asks:  # it uses what cannot be put back, so not even a trial
+            self.give_up(memory.asks[0])
+            return
         try:
-            traced = None if why else Traced(self.step_fn, m, force, dt, q, v)
+            traced = Traced(self.step_fn, m, force, dt, q, v)
         except Exception as reason:  # the reader's mistake, or more than can be traced?
             why = str(reason) or type(reason).__name__
         why = memory.restore() or why

@@ -132,6 +132,8 @@ class Memory:
             yield type(x), name
             words = f"the attribute {{}} of {name}"
             yield from self.note(getattr(x, "__dict__", None), name, words)
+            if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
+                self.asks.append(f"it uses {name}, which cannot be put back")
         elif hasattr(x, "__next__"):
             self.asks.append(f"it takes from {name}, which cannot be put back")
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
