@@ -1,6 +1,7 @@
 """What several test files need: mistakes, processes of their own, and a run that is made once."""
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -12,6 +13,15 @@ import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
+
+
+def refusal(capsys, *words):
+    """The one line with which main refuses `words`; no folder can be written: that comes last."""
+    with pytest.raises(SystemExit, match="2"):
+        constraints.main(["--out", "/dev/null/below", *map(str, words)])
+    printed, line = capsys.readouterr()
+    assert printed == "" and re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
+    return line
 
 
 @pytest.fixture(scope="session")

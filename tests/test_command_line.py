@@ -16,22 +16,13 @@ from curriculum.ch3_4_constraints import publish
 from curriculum.common import banner, cli
 
 import pytest
-from conftest import MISTAKES
+from conftest import MISTAKES, refusal
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
 REFUSED = MISTAKES["command_line"]["words"]
 for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"]["values"]):
     REFUSED.append(([f"{flag}={value}"], (f"argument {flag}: ", repr(value))))
-
-
-def refusal(capsys, *words):
-    """The one line with which main refuses `words`; no folder can be written: that comes last."""
-    with pytest.raises(SystemExit, match="2"):
-        c.main(["--out", "/dev/null/below", *map(str, words)])
-    printed, line = capsys.readouterr()
-    assert printed == "" and re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
-    return line
 
 
 @pytest.mark.parametrize(("words", "parts"), REFUSED)

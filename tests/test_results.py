@@ -96,7 +96,6 @@ def test_metrics_are_the_run_rounded_and_the_table_the_metrics_with_units(result
     wanted = here.summary(9.81 * 2.0 * 2.0, Truth(200, *truth))  # masses of 2 kg, rods of 2 m
     row, error = found["results"]["baumgarte"], wanted.pop("error")
     assert row | wanted == row and row["error"] == pytest.approx(error, abs=1e-11)
-    assert row["max_violation"] == round(float(here.violations.max()), 12)
     start = next(k for k, line in enumerate(lines) if line.startswith("mode ")) + 1
     for mode, line in zip(c.hold_table(), lines[start:], strict=False):
         row = found["results"][mode]
@@ -152,8 +151,7 @@ def test_there_is_no_verdict_where_it_would_mean_nothing(results):
         assert not marked(results(flags, c.SMOKE_STEPS)[1], "verdict: "), flags
 
 
-def test_a_long_run_of_many_rods_says_so_before_it_begins(monkeypatch, tmp_path, capsys):
+def test_a_long_run_of_many_rods_says_so_before_it_begins(results, monkeypatch):
     monkeypatch.setattr(tables, "PATIENCE", 0.0)
-    flags = "--system chain --links 50 --steps 9 --no-rerun --no-picture --out"
-    c.main([*flags.split(), str(tmp_path)])
-    assert "\n9 steps of 5 modes: about 1 s, by what one took\n" in capsys.readouterr().out
+    _, lines = results("--system chain --links 50", 9)
+    assert "9 steps of 5 modes: about 1 s, by what one took" in lines

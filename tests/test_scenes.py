@@ -14,7 +14,7 @@ from curriculum.common.graph import has_loop
 
 import numpy as np
 import pytest
-from conftest import MISTAKES
+from conftest import MISTAKES, refusal
 
 GOOD = MISTAKES["scenes"]["good"]
 WRONG = [(at, x, *told) for at, values, *told in MISTAKES["scenes"]["wrong"] for x in values]
@@ -33,17 +33,14 @@ NO_SCENES = [*MISTAKES["scenes"]["names"], ("x" * 5000, "cannot be read: ")]
 
 @pytest.fixture(autouse=True)
 def answer(tmp_path, monkeypatch, capsys):
-    """refused(name): the one line that says why, before anything is written."""
+    """refused(name): the one line that says why."""
     monkeypatch.chdir(tmp_path)  # where a short name is enough
 
     def refused(name):
-        with pytest.raises(SystemExit) as stop:
-            c.main(["--system", name, "--out", "out"])
-        out, err = capsys.readouterr()
-        assert stop.value.code == 2 and out == "" and not os.path.exists("out")
-        assert err.startswith("constraints.py: error: argument --system: ")
-        assert err.count("\n") == 1 and (repr(name) in err or len(name) > 60 and len(err) < 200)
-        return err
+        line = refusal(capsys, "--system", name)
+        assert line.startswith("constraints.py: error: argument --system: ")
+        assert repr(name) in line or len(name) > 60 and len(line) < 200
+        return line
 
     return refused
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import misfit
 from curriculum.ch3_4_constraints.scenes.make_scenes import MADE
-from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.ch3_4_constraints.studies._runs import run, whole_step
 from curriculum.common import compiled, native
 from curriculum.common.compiled import Compiled
 from curriculum.common.pure import Memory
@@ -167,10 +167,9 @@ def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
         return np.sin(n) - k[0] * v + np.cross(q, rate) if endless else q
 
     q, v, m = (DOUBLE[key] for key in ("q0", "v0", "m"))
-    force = c.make_force(DOUBLE, mode)
-    memory = Memory(c.rk4_step, force, force.after, drag)
-    state = c.rk4_step(q, v, m, force, 0.005)
-    drag(*(force.after(q, *state, 0.005) if force.after else state))
+    step, force = whole_step(DOUBLE, c.rk4_step, mode, 0.005)
+    memory = Memory(step, force, drag)
+    drag(*step(q, v, m, force, 0.005))
     assert memory.restore() is None and len(memory.parts) < 80
 
 
