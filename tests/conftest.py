@@ -24,34 +24,24 @@ def refusal(capsys, *words):
     return line
 
 
-@pytest.fixture(scope="session")
-def python():
-    """python(*words, **settings): a process, run from the project's folder, that has ended.
+def python(*words, variables=None, **settings):
+    """A Python, run from the project's folder, that has ended.
 
     `variables` are added to its environment; its output is text, kept apart.
     """
-
-    def of(*words, variables=None, **settings):
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
-        pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
-        return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)
-
-    return of
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
+    pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
+    return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)
 
 
-@pytest.fixture
-def script(python):
-    """script(lines, *words): such a process whose main, as run_script runs it, is these lines."""
-
-    def of(lines, *words, **settings):
-        body = lines.replace("\n", "\n    ")
-        return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
-
-    return of
+def script(lines, *words, **settings):
+    """Such a process whose main, as run_script runs it, is these lines."""
+    body = lines.replace("\n", "\n    ")
+    return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
 
 
 @pytest.fixture(scope="session")
-def smoke(python, tmp_path_factory):
+def smoke(tmp_path_factory):
     """Two folders, one whose name has a space, each with all that --smoke writes."""
     pytest.importorskip("rerun", reason="the viewer and its recordings: pip install -e .")
     folders = [tmp_path_factory.mktemp(name) for name in ("one", "and two")]
