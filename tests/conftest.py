@@ -15,7 +15,7 @@ MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("ut
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
-def refusal(capsys, *words):
+def complaint(capsys, *words):
     """The one line with which main refuses `words`; no folder can be written: that comes last."""
     with pytest.raises(SystemExit, match="2"):
         constraints.main(["--out", "/dev/null/below", *map(str, words)])

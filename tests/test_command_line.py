@@ -16,7 +16,7 @@ from curriculum.ch3_4_constraints import publish
 from curriculum.common import banner, cli
 
 import pytest
-from conftest import MISTAKES, python, refusal, script
+from conftest import MISTAKES, complaint, python, script
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
@@ -27,14 +27,14 @@ for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"
 
 @pytest.mark.parametrize(("words", "parts"), REFUSED)
 def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, parts, capsys):
-    line = refusal(capsys, *words)
+    line = complaint(capsys, *words)
     assert all(part in line for part in parts)
 
 
 def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
     (tmp_path / "constraints.rrd").mkdir()
     for out in (tmp_path, tmp_path / "constraints.rrd" / ("x" * 5000), "/dev/null", ""):
-        line = refusal(capsys, *SHORT, "--out", out)
+        line = complaint(capsys, *SHORT, "--out", out)
         assert f"argument --out: cannot write to {str(out)[:60]!r}"[:-1] in line
     assert c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"]) is None
 
