@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 import constraints as c
 from curriculum.ch3_4_constraints import publish, tables
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.ch3_4_constraints.tables import length, per_cent
 from curriculum.common.ruler import Truth, true_position
 
 import numpy as np
@@ -96,8 +95,8 @@ def test_metrics_are_the_run_rounded_and_the_table_the_metrics_with_units():
     start = next(k for k, line in enumerate(lines) if line.startswith("mode ")) + 1
     for mode, line in zip(c.hold_table(), lines[start:], strict=False):
         row = found["results"][mode]
-        rods = [length(row[key] - 5e-13) for key in ("max_violation", "final_violation")]
-        words = mode, *rods, per_cent(row["energy_rel_max"]), length(row["error"])
+        rods = [tables.length(row[key] - 5e-13) for key in ("max_violation", "final_violation")]
+        words = mode, *rods, tables.per_cent(row["energy_rel_max"]), tables.length(row["error"])
         *told, pace = line.split()
         assert told == " ".join(words).split() and float(pace) > 0.0
     assert found["error_at"] == 1.0 and "at 1 s" in lines[start - 1]
@@ -108,7 +107,7 @@ def test_metrics_are_the_run_rounded_and_the_table_the_metrics_with_units():
 def test_a_length_has_two_digits_and_a_unit():
     words = {0.384014620396: "38 cm", 0.0013: "0.13 cm", 0.996: "1 m", 23.4: "23 m", 0.0: "< 1 pm"}
     words |= {3.4e-5: "34 um", 5.5e-9: "5.5 nm", 9.98e-13: "< 1 pm", 1.26e-12: "1.3 pm"}
-    assert {metres: length(metres) for metres in words} == words
+    assert {metres: tables.length(metres) for metres in words} == words
 
 
 def test_every_mark_and_dash_in_the_table_has_its_sentence():

@@ -13,7 +13,6 @@ from curriculum.ch3_4_constraints.scene_files import misfit
 from curriculum.ch3_4_constraints.scenes.make_scenes import MADE
 from curriculum.ch3_4_constraints.studies._runs import run, whole_step
 from curriculum.common import compiled, native
-from curriculum.common.compiled import Compiled
 from curriculum.common.pure import Memory
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
@@ -22,14 +21,14 @@ import numpy as np
 import pytest
 
 
-class Python(Compiled):
+class Python(compiled.Compiled):
     """A step that stays Python."""
 
     def improve(self, pace):
         pass
 
 
-class Machine(Compiled):
+class Machine(compiled.Compiled):
     """A step that is machine code from the start on."""
 
     def trace(self, *state):
@@ -243,7 +242,7 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
     assert np.max(too_long(runs[0].v, dt)) > 2.0  # halves of halves
     assert np.abs(together.q - np.stack([one.q for one in runs], axis=1)).max() < 1e-12
     assert np.array_equal(together.q[:, 0], alone.q)
-    spent = run(PENDULUM, timid, 0.0, 0.1, 50, way=partial(Compiled, tries=20))
+    spent = run(PENDULUM, timid, 0.0, 0.1, 50, way=partial(compiled.Compiled, tries=20))
     assert spent.kind == "budget" and 0 < len(spent.tip) < 50
 
 
