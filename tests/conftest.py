@@ -43,7 +43,6 @@ def script(lines, *words, **settings):
 @pytest.fixture(scope="session")
 def smoke(tmp_path_factory):
     """Two folders, one whose name has a space, each with all that --smoke writes."""
-    pytest.importorskip("rerun", reason="the viewer and its recordings: pip install -e .")
     folders = [tmp_path_factory.mktemp(name) for name in ("one", "and two")]
     for folder in folders:
         done = python(constraints.__file__, "--smoke", "--out", folder)

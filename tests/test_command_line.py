@@ -172,10 +172,10 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
     monkeypatch.setattr(sys, "platform", "linux")
     browser = publish.look(smoke[1] / publish.RECORDING)
     assert window == browser.replace(" --web-viewer", "") != browser and window[0] != "/"
-    opened, script = tmp_path / "opened", tmp_path / "browser"
-    script.write_text(f"#!/bin/sh\necho $1 > {opened}\n")
-    script.chmod(0o700)
-    monkeypatch.setenv("BROWSER", str(script))
+    opened, opener = tmp_path / "opened", tmp_path / "browser"
+    opener.write_text(f"#!/bin/sh\necho $1 > {opened}\n")
+    opener.chmod(0o700)
+    monkeypatch.setenv("BROWSER", str(opener))
     command = f"exec {browser} --port 0 --web-viewer-port 0"  # the usual ones may be taken
     own = {"start_new_session": True, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, shell=True, **own) as viewer:
