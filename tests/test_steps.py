@@ -138,12 +138,17 @@ def forces():
     }
 
 
-@pytest.mark.parametrize("name", forces())
-def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, monkeypatch):
+FROZEN = [(name, "rk4", "none", 40) for name in forces()]
+PURE = [name for name in forces() if name.startswith("compiled")]
+FROZEN += [(name, "semi_implicit", "project", 200) for name in PURE]
+
+
+@pytest.mark.parametrize(("name", "rule", "mode", "steps"), FROZEN)
+def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, steps, monkeypatch):
     ends = []
     for way in WAYS:
         feel(monkeypatch, forces()[name])
-        ends.append(run(DOUBLE, "rk4", "project", 0.005, 100, way=way))
+        ends.append(run(DOUBLE, rule, mode, 0.005, steps, way=way))
     quick, found, plain = ends
     assert np.array_equal(quick.tip, found.tip) or not name.startswith("compiled")
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)
