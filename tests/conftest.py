@@ -1,6 +1,7 @@
 """What several test files need: mistakes, processes of their own, and a run that is made once."""
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -14,36 +15,34 @@ MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("ut
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
-@pytest.fixture(scope="session")
-def python():
-    """python(*words, **settings): a process, run from the project's folder, that has ended.
+def complaint(capsys, *words):
+    """The one line with which main refuses `words`; no folder can be written: that comes last."""
+    with pytest.raises(SystemExit, match="2"):
+        constraints.main(["--out", "/dev/null/below", *map(str, words)])
+    printed, line = capsys.readouterr()
+    assert printed == "" and re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
+    return line
+
+
+def python(*words, variables=None, **settings):
+    """A Python, run from the project's folder, that has ended.
 
     `variables` are added to its environment; its output is text, kept apart.
     """
-
-    def of(*words, variables=None, **settings):
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
-        pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
-        return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)
-
-    return of
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
+    pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
+    return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)
 
 
-@pytest.fixture
-def script(python):
-    """script(lines, *words): such a process whose main, as run_script runs it, is these lines."""
-
-    def of(lines, *words, **settings):
-        body = lines.replace("\n", "\n    ")
-        return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
-
-    return of
+def script(lines, *words, **settings):
+    """Such a process whose main, as run_script runs it, is these lines."""
+    body = lines.replace("\n", "\n    ")
+    return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
 
 
 @pytest.fixture(scope="session")
-def smoke(python, tmp_path_factory):
+def smoke(tmp_path_factory):
     """Two folders, one whose name has a space, each with all that --smoke writes."""
-    pytest.importorskip("rerun", reason="the viewer and its recordings: pip install -e .")
     folders = [tmp_path_factory.mktemp(name) for name in ("one", "and two")]
     for folder in folders:
         done = python(constraints.__file__, "--smoke", "--out", folder)

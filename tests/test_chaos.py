@@ -11,20 +11,15 @@ from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
 
 import numpy as np
 import pytest
+from test_steps import branching, feel, motor
 
 DT = 0.005
 
 
-def branching(system, q, v=None):
-    """Gravity, and drag on the way down."""
-    f = system["m"] * c.GRAVITY
-    return f - 0.1 * v if v[0, 1] < 0.0 else f
-
-
-@pytest.mark.parametrize(("force", "steps"), [(None, 1000), (branching, 40)])
+@pytest.mark.parametrize(("force", "steps"), [(motor, 1000), (branching, 40)])
 def test_a_member_ends_where_it_ends_alone_bit_for_bit_in_batches(force, steps, monkeypatch):
     """Whether a force can be traced or branches; starts are those that build_system draws."""
-    monkeypatch.setattr(c, "external_force", force or c.external_force)
+    feel(monkeypatch, force)
     monkeypatch.setattr(chaos, "BATCH", 5)
     for key, ends in chaos.crowds("double", range(3, 12), DT, steps).items():
         for k in (0, 8):

@@ -16,7 +16,7 @@ from curriculum.ch3_4_constraints import publish
 from curriculum.common import banner, cli
 
 import pytest
-from conftest import MISTAKES
+from conftest import MISTAKES, complaint, python, script
 
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
@@ -25,25 +25,16 @@ for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"
     REFUSED.append(([f"{flag}={value}"], (f"argument {flag}: ", repr(value))))
 
 
-def refusal(capsys, *words):
-    """The one line with which main refuses `words`; no folder can be written: that comes last."""
-    with pytest.raises(SystemExit, match="2"):
-        c.main(["--out", "/dev/null/below", *map(str, words)])
-    printed, line = capsys.readouterr()
-    assert printed == "" and re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
-    return line
-
-
 @pytest.mark.parametrize(("words", "parts"), REFUSED)
 def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, parts, capsys):
-    line = refusal(capsys, *words)
+    line = complaint(capsys, *words)
     assert all(part in line for part in parts)
 
 
 def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
     (tmp_path / "constraints.rrd").mkdir()
     for out in (tmp_path, tmp_path / "constraints.rrd" / ("x" * 5000), "/dev/null", ""):
-        line = refusal(capsys, *SHORT, "--out", out)
+        line = complaint(capsys, *SHORT, "--out", out)
         assert f"argument --out: cannot write to {str(out)[:60]!r}"[:-1] in line
     assert c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"]) is None
 
@@ -63,7 +54,7 @@ def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch)
     assert studies <= set(re.findall(r"\w+", "".join(shown["--help"][-4:])))
 
 
-def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(python, tmp_path):
+def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(tmp_path):
     code = f"import os, sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
     code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
     done = python("-c", code, *SHORT, cwd=tmp_path)
@@ -73,7 +64,7 @@ def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(pyt
 
 
 # --- what ends a program ---
-def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path):
+def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
     mine = "def wrong(path):\n    import numpy\n    numpy.stack([[1], []])"
     (tmp_path / "mine.py").write_text(mine)
     lines = "sys.path.insert(0, sys.argv[1])\nimport mine\nfiles.write_whole('a', mine.wrong)"
@@ -83,7 +74,7 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(script, tmp_path
     assert done.stderr.splitlines()[-1].startswith("ValueError: ") and done.returncode == 1
 
 
-def test_an_end_to_be_expected_is_one_line(script):
+def test_an_end_to_be_expected_is_one_line():
     for lines, line in MISTAKES["command_line"]["ends"].items():
         done = script(lines)
         assert (done.returncode, done.stderr.strip()) == (1, line)
@@ -91,7 +82,7 @@ def test_an_end_to_be_expected_is_one_line(script):
 
 
 @pytest.mark.parametrize(("package", "extra"), cli.EXTRAS.items())
-def test_a_missing_package_is_one_line_that_names_what_brings_it(package, extra, script):
+def test_a_missing_package_is_one_line_that_names_what_brings_it(package, extra):
     project = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
     known = {"": project["dependencies"], **project["optional-dependencies"]}
     assert any(x.startswith(package) for x in known[extra.strip("[]")])
@@ -100,7 +91,7 @@ def test_a_missing_package_is_one_line_that_names_what_brings_it(package, extra,
 
 
 @posix
-def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(script, python, tmp_path):
+def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
     import resource
 
     # a job in the background is born ignoring the signal
@@ -120,7 +111,7 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(script, pyt
 
 
 @posix
-def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(script, python, tmp_path):
+def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     with open("/dev/full", "w") as full:
         done = script("print(1)", stdout=full)
     assert (done.returncode, done.stderr) == (1, "-c: error: No space left on device\n")
@@ -181,10 +172,10 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
     monkeypatch.setattr(sys, "platform", "linux")
     browser = publish.look(smoke[1] / publish.RECORDING)
     assert window == browser.replace(" --web-viewer", "") != browser and window[0] != "/"
-    opened, script = tmp_path / "opened", tmp_path / "browser"
-    script.write_text(f"#!/bin/sh\necho $1 > {opened}\n")
-    script.chmod(0o700)
-    monkeypatch.setenv("BROWSER", str(script))
+    opened, opener = tmp_path / "opened", tmp_path / "browser"
+    opener.write_text(f"#!/bin/sh\necho $1 > {opened}\n")
+    opener.chmod(0o700)
+    monkeypatch.setenv("BROWSER", str(opener))
     command = f"exec {browser} --port 0 --web-viewer-port 0"  # the usual ones may be taken
     own = {"start_new_session": True, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, shell=True, **own) as viewer:

@@ -12,6 +12,7 @@ from curriculum.ch3_4_constraints import publish
 from curriculum.common import files
 
 import pytest
+from conftest import script
 
 FULL = OSError(28, "No space left on device", "a temporary name")
 HALF = """def write(path):
@@ -62,7 +63,7 @@ def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkey
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
-def test_two_processes_at_once_leave_one_whole_set(script, tmp_path):
+def test_two_processes_at_once_leave_one_whole_set(tmp_path):
     with ThreadPoolExecutor(2) as pool:
         ended = pool.map(lambda name: script(FORTY, tmp_path, name), ("one", "two"))
         assert [process.returncode for process in ended] == [0, 0]
@@ -71,7 +72,7 @@ def test_two_processes_at_once_leave_one_whole_set(script, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGHUP"])
-def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, script, tmp_path):
+def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_path):
     number = int(getattr(signal, name))
     heed = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
     done = script(HALF, tmp_path / "a", number, preexec_fn=heed)

@@ -7,7 +7,6 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, steps
 from curriculum.common.ruler import Truth
-from curriculum.common.steps import Plain
 
 import numpy as np
 import pytest
@@ -57,7 +56,7 @@ def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
     for module in (steps, compiled):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=clock.__next__))
     assert run(DOUBLE, steps=4).pace == 250000.0
-    assert run(DOUBLE, steps=4, way=Plain).pace == 1e6
+    assert run(DOUBLE, steps=4, way=steps.Plain).pace == 1e6
     found = run(DOUBLE, hold=40.0, dt=0.05, steps=16)  # in one block: what blows up is not slow
     assert found.stopped and found.pace == pytest.approx(1e6 / 16)
 

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from conftest import python
 
 # what numpy found here beyond its baseline: naming anything else would only earn a warning
 FEATURES = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ()))
@@ -37,7 +38,7 @@ CASES += ["jansen_leg --steps 20 --integrator rk4", "chain --links 100 --steps 2
 CASES = ["--smoke", *(f"--stabilization project --dt 0.02 --system {case}" for case in CASES)]
 
 
-def test_metrics_are_the_same_bytes_everywhere(python, tmp_path):
+def test_metrics_are_the_same_bytes_everywhere(tmp_path):
     def everything(variables, *missing):
         folders = [tempfile.mkdtemp(dir=tmp_path) for _ in CASES]
         flags = json.dumps(dict(zip(folders, CASES, strict=True)))
@@ -56,7 +57,7 @@ def test_metrics_are_the_same_bytes_everywhere(python, tmp_path):
         assert different == [] and numbers == found
 
 
-def test_smoke_twice_is_the_same_files_and_the_same_recording(python, smoke):
+def test_smoke_twice_is_the_same_files_and_the_same_recording(smoke):
     one, two = smoke
     recording, *others = sorted(path.name for path in one.iterdir())
     assert recording.endswith(".rrd") and "metrics.json" in others

@@ -1,20 +1,24 @@
-"""Scenes run or are refused for a reason, and every mistake in a file or a dict is named."""
+"""Scenes are refused for a reason, and no others: a mistake is named, a start must be held."""
 
 import json
 import os
 import re
 import time
+from itertools import combinations, product
 from pathlib import Path
+from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.scenes.make_scenes import MADE, SCENES, again
-from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.ch3_4_constraints.statics import in_line, refusal
+from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
+from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
 from curriculum.common.graph import has_loop
 
 import numpy as np
 import pytest
-from conftest import MISTAKES
+from conftest import MISTAKES, complaint
 
 GOOD = MISTAKES["scenes"]["good"]
 WRONG = [(at, x, *told) for at, values, *told in MISTAKES["scenes"]["wrong"] for x in values]
@@ -32,31 +36,27 @@ NO_SCENES = [*MISTAKES["scenes"]["names"], ("x" * 5000, "cannot be read: ")]
 
 
 @pytest.fixture(autouse=True)
-def answer(tmp_path, monkeypatch, capsys):
-    """refused(name): the one line that says why, before anything is written."""
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # where a short name is enough
 
-    def refused(name):
-        with pytest.raises(SystemExit) as stop:
-            c.main(["--system", name, "--out", "out"])
-        out, err = capsys.readouterr()
-        assert stop.value.code == 2 and out == "" and not os.path.exists("out")
-        assert err.startswith("constraints.py: error: argument --system: ")
-        assert err.count("\n") == 1 and (repr(name) in err or len(name) > 60 and len(err) < 200)
-        return err
 
-    return refused
+def answer(capsys, name):
+    """The one line that says why there is no scene of this name."""
+    line = complaint(capsys, "--system", name)
+    assert line.startswith("constraints.py: error: argument --system: ")
+    assert repr(name) in line or len(name) > 60 and len(line) < 200
+    return line
 
 
 @pytest.mark.parametrize(("place", "value", "found", "allowed"), WRONG)
-def test_a_mistake_in_a_file_is_named(place, value, found, allowed, answer):
+def test_a_mistake_in_a_file_is_named(place, value, found, allowed, capsys):
     at = document = {"file": json.loads(json.dumps(GOOD))}
     *keys, last = [int(k) if k.isdigit() else k for k in re.findall(r"\w+", f"file.{place}")]
     for key in keys:
         at = at[key]
     at[last] = "@"
     Path("scene.json").write_text(json.dumps(document["file"]).replace('"@"', value))
-    said, right = answer("scene.json").split("; must be ")
+    said, right = answer(capsys, "scene.json").split("; must be ")
     assert (found or f": {place} is {json.dumps(json.loads(value))[:50]}") in said
     assert allowed in right
 
@@ -80,7 +80,7 @@ def test_a_clean_system_is_float64_and_keeps_other_keys():
     assert np.array_equal(clean["q0"], short["q0"]) and clean["lengths"][1] == 0.999
 
 
-def test_a_file_or_a_name_that_is_no_scene(answer):
+def test_a_file_or_a_name_that_is_no_scene(capsys):
     twice = ",".join(f'"{k}":1' for k in [*range(100_000), 99_999]).join("{}")
     for name, content in {"open": "{", "deep": "[" * 100000, "twice": twice, "huge": ""}.items():
         Path(name).write_text(content)
@@ -90,7 +90,7 @@ def test_a_file_or_a_name_that_is_no_scene(answer):
     os.mkfifo("pipe")  # reading it would never end
     begin = time.process_time()
     for name, sentence in NO_SCENES:
-        assert sentence in answer(name)
+        assert sentence in answer(capsys, name)
     assert time.process_time() - begin < 20.0  # not minutes: no list is gone through for each key
 
 
@@ -102,9 +102,9 @@ def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first():
         assert len(c.build_system("braced")["q0"]) == 2
 
 
-def test_shipped_scenes_are_as_made_on_their_rods_and_what_they_are_called(answer, monkeypatch):
+def test_shipped_scenes_are_as_made_on_their_rods_and_what_they_are_called(capsys, monkeypatch):
     assert all((SCENES / f"{name}.json").read_text() == again(name) for name in MADE)
-    assert "are taut: in this pose no finite tension" in answer("taut_cable")
+    assert "are taut: in this pose no finite tension" in answer(capsys, "taut_cable")
     monkeypatch.setattr(c, "GRAVITY", np.zeros(3))  # is known in one place
     systems = {path.stem: c.build_system(path.stem) for path in SCENES.glob("*.json")}
     for system in systems.values():
@@ -117,3 +117,63 @@ def test_shipped_scenes_are_as_made_on_their_rods_and_what_they_are_called(answe
     drawn = [(38, 22.8), (-8.7357, 40.5702), (17.0047, -35.4306), (-39.6678, -5.8717)]
     drawn += [(-19.4476, -39.6874), (30.3109, -82.5894)]
     assert np.abs(100 * (leg["q0"] - leg["anchors"][1])[:, :2] - drawn).max() < 1e-4
+
+
+# --- which starts no finite tension can hold ---
+LINE, LOOP = [(1, 0), (2, 0)], [(0, -1), (1, 0), (1, -2)]
+STARTS = {  # points, rods, anchors, speeds upward; whether finite tensions can hold them
+    "a taut cable": (LINE, LOOP, [(0, 0), (3, 0)], [0, 0], False),
+    "plucked": (LINE, LOOP, [(0, 0), (3, 0)], [1, 0], False),
+    "beside a bob": ([*LINE, (4, 0)], [*LOOP, (2, -3)], [(0, 0), (3, 0), (5, 0)], [0, 0, 1], False),
+    "a four-bar folded flat, at rest": (LINE, LOOP, [(0, 0), (1, 0)], [0, 0], True),
+    "unfolding": (LINE, LOOP, [(0, 0), (1, 0)], [1, 1], True),
+    "torn": (LINE, LOOP, [(0, 0), (1, 0)], [0.5, 1], False),
+    "3 legs for 2": ([(1, 2)], [(0, -1), (0, -2), (0, -3)], [(0, 0), (1, 0.3), (3, 0)], [0], True),
+    "a loose particle": ([*LINE, (9, 9)], LOOP, [(0, 0), (1, 0)], [0, 0, 5], True),
+}  # fmt: skip
+for sag in (1e-2, 1e-4, 1e-6, 1e-9, 0.0):  # tensions of m g / (2 sag), until doubles see none
+    ends = [(0, 0), (2.0 * np.sqrt(1.0 - sag * sag), 0)]
+    weight = [(0.5 * ends[1][0], -sag)], [(0, -1), (0, -2)], ends, [0], sag > 1e-8
+    STARTS[f"a weight on a line that sags by {sag:g}"] = weight
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_a_start_that_tears_is_refused_and_no_other(name):
+    """Without gravity no loop does that is at rest; the loops are of the first two particles."""
+    points, rods, anchors, speeds, ok = STARTS[name]
+    points, anchors = (np.pad(np.array(x, float), ((0, 0), (0, 1))) for x in (points, anchors))
+    upward = np.outer(speeds, [0.0, 1.0, 0.0])
+    system = make_system(points, upward, np.ones(len(points)), rods, anchors=anchors)
+    assert (refusal(system, c.GRAVITY) is None) == ok
+    assert (refusal(system, 0.0 * c.GRAVITY) is None) == (ok or not any(speeds[:2]))
+
+
+@pytest.mark.parametrize("wide", [2, 3])
+def test_a_strip_of_plates_sags_and_a_square_of_them_cannot(wide):
+    """Braced squares hung by outer corners: a joint amid flat plates cannot leave them."""
+    at, sides = list(product(range(3), range(wide))), ((1, 0), (0, 1), (1, 1))
+    steps = {(j, i): tuple(np.subtract(at[j], at[i])) for i, j in combinations(range(len(at)), 2)}
+    rods = [pair for pair, step in steps.items() if step in sides]
+    corners = list(product((0, 2), (0, wide - 1)))
+    rods += [(at.index(corner), -1 - k) for k, corner in enumerate(corners)]
+    q, anchors = ([(x, y, z) for x, z in places] for y, places in ((0.0, at), (1.0, corners)))
+    system = make_system(q, np.zeros((len(q), 3)), np.ones(len(q)), rods, anchors=anchors)
+    assert (refusal(system, c.GRAVITY) is None) == (wide == 2)
+
+
+def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
+    cable = scene("tight_cable")  # 0.1 % longer than its span
+    assert np.sum(cable["lengths"]) / cable["anchors"][1, 0] == pytest.approx(1.001, rel=1e-15)
+    for method in METHODS:
+        assert np.abs(run(scene("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
+        if "soft" not in method:  # whose rods are longer under load
+            assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9
+
+
+def test_a_run_that_ends_where_rods_are_in_line_is_told_so():
+    system = scene("windows")
+    flat = system["q0"] * [1.0, 0.0, 1.0] + [1.0, 0.0, 0.0]  # all bars on the ground
+    for kind in ("loop", "diverged", None):
+        end = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
+        told = "nearly in line there" in in_line(c.constraint_terms, system, end)
+        assert told == (kind == "loop")
