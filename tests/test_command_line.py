@@ -74,6 +74,16 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
     assert done.stderr.splitlines()[-1].startswith("ValueError: ") and done.returncode == 1
 
 
+def test_a_force_of_the_wrong_shape_ends_in_the_readers_line(tmp_path):
+    right, mine = 'return system["m"] * GRAVITY', tmp_path / "constraints.py"
+    mine.write_text(Path(c.__file__).read_text().replace(right, f"{right} + np.zeros((7, 3))"))
+    done = python(mine, *SHORT, cwd=tmp_path, variables={"PYTHONPATH": str(c.HERE)})
+    assert done.returncode == 1 and f"{right} + np.zeros((7, 3))\n" in done.stderr
+    assert re.findall(r'File "(.+?)"', done.stderr)[-1] == str(mine) and not any(
+        tmp_path.rglob("*.json")
+    )
+
+
 def test_an_end_to_be_expected_is_one_line():
     for lines, line in MISTAKES["command_line"]["ends"].items():
         done = script(lines)
