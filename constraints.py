@@ -399,7 +399,8 @@ def main(argv=None):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
     most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
-    rule, dt, steps, truth = attempt(ruler.settle, run, modes, rule, args.dt, steps, args.tol, most)
+    tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
+    rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, most)
     tables.forewarn(steps, [run(mode, rule, dt, 1).pace for mode in modes if many])
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
     keep = [truth.step, *range(0, steps + 1, look := max(1, steps // LOOKS)), *shown]

@@ -97,10 +97,10 @@ def test_the_step_for_an_error_is_the_largest_that_will_do(tol):
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     """As many steps as asked; the truth is that of a step, after 2 s or at the end."""
-    ask, gauss = partial(asked, "double"), c.INTEGRATORS["gauss"]
-    rule, found, count, truth = settle(ask, ["none"], c.rk4_step, dt, steps, None, 5000)
+    runs = [partial(asked, "double", mode) for mode in ("project", "none")]
+    rule, found, count, truth = settle(runs, c.rk4_step, dt, steps, None, 5000)
     assert (rule, found, count, truth.step) == (c.rk4_step, dt, steps, at)
     assert truth.known < 1e-9
-    _, found, count, truth = settle(ask, ["none"], gauss, dt, steps, 1e-6, 5000)
+    _, found, count, truth = settle(runs, c.INTEGRATORS["gauss"], dt, steps, 1e-6, 5000)
     assert found > dt and 0.0 <= count * found - steps * dt < found
     assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)

@@ -2,7 +2,6 @@
 
 import math
 from argparse import ArgumentTypeError
-from functools import partial
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -97,17 +96,17 @@ def step_for(tol, seconds, q, runs):
         steps, before = 2 * steps, error
 
 
-def settle(run, modes, rule, dt, steps, tol, most):
+def settle(runs, rule, dt, steps, tol, most):
     """The rule, step and number of steps to run with, and the Truth.
 
-    With `tol` m, gauss finds rule and step. `most` steps may be spent on the truth.
-    run(mode, rule, dt, steps, ...) -> Run. ArgumentTypeError if `tol` is under what can be known.
+    With `tol` m, gauss finds rule and step. `most` steps may be spent on the truth, by the first of
+    `runs`: (rule, dt, steps, ...) -> Run. ArgumentTypeError if `tol` is under what can be known.
     """
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    truth = true_position(partial(run, "project"), at, most)
+    truth = true_position(runs[0], at, most)
     if tol and not truth[1] < tol:
         where = f"where the particles are after {at:.3g} s"
-        raise ArgumentTypeError(f"{where} is not known to {tol:g} m; give --dt")
+        raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
     if tol:
-        rule, dt = step_for(tol, at, truth[0], [partial(run, mode) for mode in modes])
+        rule, dt = step_for(tol, at, truth[0], runs[1:])
     return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth)
