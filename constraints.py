@@ -62,7 +62,7 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """f (N, 3) in N but the rods', of q and v of one state alone. Add drag: the rods answer to it."""
+    """f (N, 3) in N but the rods', of q and v of one state alone. Add drag, wind: rods answer."""
     return system["m"] * GRAVITY
 
 
