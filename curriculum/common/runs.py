@@ -48,8 +48,8 @@ class Run(NamedTuple):
     def summary(self, scale, truth, left=0.0):
         """What a run of one member came to, rounded: m; its worst energy error as a share of scale.
 
-        `scale` in J. `error`: how far a particle is from the Truth, if that is known. `left`: the
-        largest acceleration in m/s^2 that was not answered.
+        `scale` in J. `error`: how far a particle is from the Truth, if that is known. `left`: how
+        much of what was asked of the force it left unanswered.
         """
         there = self.at(truth.step)
         known = truth.q is not None and there is not None
