@@ -1,6 +1,6 @@
 """Members (R, N, 3) of one system, each of which goes as if it were alone, to the last bit."""
 
-from functools import cached_property
+from functools import cache, cached_property
 
 from curriculum.common import native
 from curriculum.common.arrays import PIECE, array_function
@@ -70,8 +70,6 @@ class Many:
 
 def in_threads(machine, state, count, knobs, rows):
     """Members on all processors: machine code lets go of the interpreter. state becomes the end."""
-    from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
-
     registers = -(-state.shape[1] // machine.lanes)
     cut = -(-registers // native.CORES) * machine.lanes
 
@@ -79,8 +77,15 @@ def in_threads(machine, state, count, knobs, rows):
         piece = slice(first, first + cut)
         machine(state[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
 
-    with ThreadPoolExecutor(native.CORES) as pool:
-        list(pool.map(some, range(0, state.shape[1], cut)))
+    list(pool().map(some, range(0, state.shape[1], cut)))
+
+
+@cache
+def pool():
+    """Threads, a processor each."""
+    from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
+
+    return ThreadPoolExecutor(native.CORES)
 
 
 class Crowd:
