@@ -13,7 +13,6 @@ import json
 from argparse import ArgumentTypeError
 from collections import Counter
 from decimal import Decimal, localcontext
-from difflib import get_close_matches
 from itertools import accumulate
 from numbers import Integral, Real
 from operator import mul
@@ -67,6 +66,8 @@ def load_scene(name, folder, others, gravity):
     path = shipped[name] if name in shipped and not Path(name).exists() else Path(name)
     try:
         if not name or not path.exists():
+            from difflib import get_close_matches  # here: a run has no use for it
+
             near = get_close_matches(name.lower(), [*others, *shipped], 1)
             known = f"scenes are {', '.join([*others, *sorted(shipped)])}"
             known = f"did you mean {near[0]!r}?" if near else known
