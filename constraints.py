@@ -62,7 +62,7 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """f (N, 3) in N but the rods', of q and v of one state alone. Add drag, wind: rods answer."""
+    """f (N, 3) in N, all but the rods', from q and v of one state alone. Add drag, a motor."""
     return system["m"] * GRAVITY
 
 
@@ -226,7 +226,7 @@ class Force(namedtuple("Force", "system hold")):
 
 
 def make_force(system, hold, plain=False):
-    """A Force; `hold` is a Hold, a mode's name, or w in rad/s. Many rods: by arrays, or `plain`."""
+    """A Force; `hold`: a Hold, a mode's name, or w in rad/s. Of arrays if large and not `plain`."""
     hold, whole = as_hold(hold), {"anchors": PIVOT[None], **system}
     if large.takes(system) and not plain:
         return large.LargeForce(whole, hold, external_force, right_side)

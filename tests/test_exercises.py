@@ -103,7 +103,9 @@ def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
     impulse = load(FOUR)  # its spring is x'' = -x' - x at dt 1: what z = 1 makes
     assert impulse.step_matrix("semi_implicit", 1.0).tolist() == [[0.0, 0.0], [-1.0, 0.0]]
     assert impulse.step_matrix("euler", 1.0).tolist() == [[1.0, 1.0], [-1.0, 0.0]]
-    assert not load(FOUR, "-z * v", "0.0 * v").decays("euler", 0.1)
+    undamped = load(FOUR, "-z * v", "0.0 * v")
+    edges = [undamped.decays(*x) for x in (("euler", 0.1), ("semi_implicit", 1.9), ("rk4", 2.8))]
+    assert edges == [False, True, True] and not undamped.decays("semi_implicit", 2.1)
     linkage = load(FIVE)
     fast = c.build_system(str(linkage.SCENE))
     fast["v0"] = 3.0 * fast["v0"]

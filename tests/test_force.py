@@ -71,6 +71,25 @@ def test_jacobian_is_the_derivative_of_g():
     assert_close((ahead[0] - behind[0]) @ v.ravel() / (2 * eps), jdotv, 1e-8)
 
 
+@pytest.mark.parametrize("system", [moving(row(3), 0.01), moving(tree(5, 2), 0.01)])
+def test_leading_axes_are_separate_runs(system):
+    """Everything takes (..., N, 3): a stack of states gives the stack of what each gives alone."""
+    rng = np.random.default_rng(5)
+    q = system["q0"] + 1e-3 * rng.normal(size=(2, 2, *system["q0"].shape))
+    v = rng.normal(size=q.shape)
+
+    def everything(q, v):
+        yield from (*c.constraint_terms(system, q, v), c.energy(system, q, v))
+        yield from c.project(system, system["q0"] + 0.0 * q, q, v, 0.01)
+        yield c.constraint_violation(system, q)
+        for hold in TABLE.values():
+            yield from (c.constraint_force(system, q, v, hold), c.tensions(system, q, v, hold))
+
+    for i, j in ((0, 1), (1, 0)):
+        for many, single in zip(everything(q, v), everything(q[i, j], v[i, j]), strict=True):
+            assert_close(many[i, j], single, 1e-9)
+
+
 def tight_cable(rods, slack, masses, sway):
     """Rods that hang at rest, or sway out of their plane; then masses by turns, 1 and `masses`."""
     system, bobs = parse_scene(make_scenes.tight_cable(rods, slack)), np.arange(1, rods)

@@ -14,7 +14,7 @@ import pytest
 @pytest.mark.parametrize("rods, dt", [(1, 0.005), (4, 0.005), (25, 0.005), (3, 0.05)])
 def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
     """All fields with a name here, some per cent off the rods; at 0.05 s both take two steps."""
-    pytest.importorskip("mujoco")
+    pytest.importorskip("mujoco", reason="the extra compare brings it")
     rng = np.random.default_rng(rods)
     for _ in range(5):
         rows = real_thing.names(peers.random_chain(rng, rods), dt)
@@ -23,7 +23,7 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
 
 @pytest.mark.parametrize("name", c.SYSTEMS)
 def test_mujocos_joint_angles_give_the_same_motion(name):
-    pytest.importorskip("mujoco")
+    pytest.importorskip("mujoco", reason="the extra compare brings it")
     task = peers.Task(c.build_system(name), 4, 0.25, None)
     theirs, ours = peers.run_hinges(task, 1000)[1], peers.run_ours(task, 5, "gauss", "none")[1]
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
@@ -42,7 +42,7 @@ def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_
 
 
 def test_heyoka_comes_to_the_same_motion_the_finer_it_goes():
-    pytest.importorskip("heyoka")
+    pytest.importorskip("heyoka", reason="the extra peers brings it")
     task = real_thing.double()
     far, near = (task.error(peers.run_heyoka(task, tol)[1]) for tol in (1e-3, 1e-16))
     assert near < 1e-8 * far

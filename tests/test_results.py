@@ -78,9 +78,10 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
     assert np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
 
 
-def test_a_tolerance_that_nobody_could_judge_is_refused(capsys):
+@pytest.mark.parametrize("system", ["chain --links 40", "heavy_tip"])
+def test_a_tolerance_that_nobody_could_judge_is_refused(system, capsys):
     with pytest.raises(SystemExit, match="2"):
-        results("--integrator gauss --tol 0.001 --system chain --links 40", 400)
+        results(f"--integrator gauss --tol 0.001 --system {system}", 400)
     line = capsys.readouterr().err
     assert "error: argument --tol: " in line and " 0.001 m" in line and line.count("\n") == 1
 
@@ -92,6 +93,7 @@ def test_metrics_are_the_run_rounded_and_the_table_the_metrics_with_units():
     wanted = here.summary(9.81 * 2.0 * 2.0, Truth(200, *truth))  # masses of 2 kg, rods of 2 m
     row, error = found["results"]["baumgarte"], wanted.pop("error")
     assert row | wanted == row and row["error"] == pytest.approx(error, abs=1e-11)
+    assert row["max_violation"] == round(float(here.violations.max()), 12)
     start = next(k for k, line in enumerate(lines) if line.startswith("mode ")) + 1
     for mode, line in zip(c.hold_table(), lines[start:], strict=False):
         row = found["results"][mode]

@@ -58,11 +58,20 @@ def test_collocation_integrates_every_polynomial_it_claims_to(stages):
     assert np.abs(terms - np.eye(stages)[-2:]).max() < 1e-14
 
 
+@pytest.mark.parametrize(("stages", "dt"), [(1, 0.01), (2, 0.025), (3, 0.05), (4, 0.0625)])
+def test_order_is_twice_the_stages(stages, dt):
+    rule = make_gauss(stages, tol=1e-16)
+    long, short = (measured("double", rule, h, 1.0, "none")[0] for h in (dt / 2, dt / 4))
+    assert abs(math.log2(long / short) - 2 * stages) < 0.4
+
+
 @pytest.mark.parametrize(("name", "mode"), [("double", "project"), ("triple", "none")])
 def test_a_step_too_long_for_its_stages_is_taken_in_halves_if_that_helps(name, mode):
     error, found = measured(name, "gauss", 0.25, mode=mode)
     assert error < 1e-4 and 0 < found.halved < len(found.tip) - 1
     assert found.violations.max() < 1e-4
+    hopeless = asked(name, mode, "gauss", 100.0, 20).stopped
+    assert hopeless.startswith("stopped at step 1: the Gauss stages do not ")
 
 
 def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():

@@ -7,6 +7,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, steps
 from curriculum.common.ruler import Truth
+from curriculum.common.trace import Stop
 
 import numpy as np
 import pytest
@@ -34,6 +35,18 @@ def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
     monkeypatch.setattr(c, "external_force", lambda *_: np.array([[0.0, -1e200, 0.0]]))
     found = run(PENDULUM, "euler", steps=5)
     assert found.stopped == "diverged at step 1" and np.isfinite(found.energies).all()
+
+
+@pytest.mark.parametrize("way", [compiled.Compiled, steps.Plain])
+def test_a_step_that_gives_up_ends_a_run_with_its_words(way):
+    def tired(q, v, m, force, dt):
+        if q[0, 1] < -0.1:
+            raise Stop("it is too far down", "height")
+        return c.rk4_step(q, v, m, force, dt)
+
+    found = c.simulate(tired, PENDULUM, c.make_force(PENDULUM, 0.0), 0.01, 90, way=way)
+    assert found.stopped == f"stopped at step {len(found.tip)}: it is too far down"
+    assert found.kind == "height" and 1 < len(found.tip) < 30 and found.halved == 0
 
 
 @pytest.mark.parametrize(("rule", "count"), [("semi_implicit", 20000), ("gauss", 300)])

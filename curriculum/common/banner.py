@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+from curriculum.common.files import write_whole
+
 LEDGER = Path(__file__).with_name("wallclock.csv")
 LONG, SURE = 2.0, 0.2  # s: what takes longer is shown, once so much of it is done that one can tell
 PARTS = []  # of what is under way: name, how many are done, how many there are, when it all began
@@ -81,7 +83,7 @@ def main():
     seconds = timeit.repeat(lambda: subprocess.check_output(command), number=1, repeat=5)
     row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
     text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
-    LEDGER.write_text(text, encoding="utf-8")
+    write_whole(LEDGER, lambda path: path.write_text(text, encoding="utf-8"))
 
 
 if __name__ == "__main__":

@@ -35,8 +35,8 @@ def eliminated(a, order):
 def refined(rough, a, b, complaint):
     """x (..., n) with a x = b, by rough(b) (..., n), which solves for a matrix near a (..., n, n).
 
-    Rounds solve for what is left of b as long as each at least halves it, weighed by a's diagonal:
-    what ends them is the residual, not a count. Raises Stop(complaint) where they do not end.
+    Rounds solve for what is left of b, weighed by a's diagonal, until that is 1e-15 of b or a round
+    does not halve it: the residual ends them, not a count. Raises Stop(complaint) if nothing does.
     """
     own = np.diagonal(a, axis1=-2, axis2=-1)
 
