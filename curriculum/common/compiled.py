@@ -108,7 +108,7 @@ class Compiled:
         cost += LOADING * ("llvmlite.binding" not in sys.modules)
         left = self.steps * pace
         if native.available() and left > 1.5 * cost:
-            self.to_machine(left > 50.0 * cost)
+            self.to_machine(left > 200.0 * cost)
 
     def to_machine(self, best=True):
         """Machine code from here on; the best takes a few times as long to make."""

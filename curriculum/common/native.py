@@ -237,8 +237,8 @@ def address(array):
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
-    `lanes` members go in step, others one after the other. `best`: LLVM takes its time to find
-    what this processor does in one instruction; else the code is made a few times sooner.
+    `lanes` members go in step, others one after the other. `best`: LLVM optimizes it; else the code
+    is made a few times sooner.
     """
 
     def __init__(self, program, lanes=1, best=True):
@@ -249,7 +249,6 @@ class Native:
         machine = target.create_target_machine(opt=2 * best, jit=True, **host)
         if best:
             options = llvm.create_pipeline_tuning_options(speed_level=1)
-            options.slp_vectorization = True
             builder = llvm.create_pass_builder(machine, options)
             builder.getModulePassManager().run(module, builder)
         self.engine = llvm.create_mcjit_compiler(module, machine)
