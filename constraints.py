@@ -12,14 +12,14 @@ from collections import namedtuple
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints import large, publish, recording, scene_files, statics, tables
+from curriculum.ch3_4_constraints import publish, recording, scene_files, statics, tables
 from curriculum.common import banner, ruler
-from curriculum.common.arrays import each_state
+from curriculum.common.arrays import each_state, in_pieces
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.elimination import eliminated, refined
 from curriculum.common.gauss import make_gauss
-from curriculum.common.graph import elimination_order, has_loop
+from curriculum.common.graph import elimination_order, has_loop, tied
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, followed
@@ -104,10 +104,13 @@ def constraint_terms(system, q, v):
 
 def mobility(system, jac, along=None):
     """A = J M^-1 J^T (..., C, C), each particle's share in turn; `along`: project's other J^T."""
-    along = jac if along is None else along
-    ours, theirs = (np.split(x, len(system["m"]), axis=-1) for x in (jac, along))
-    parts = zip(ours, theirs, system["m"], strict=True)
-    return sum(j @ np.swapaxes(j_t, -1, -2) / m for j, j_t, m in parts)
+    along, pairs = jac if along is None else along, tuple(map(tuple, system["pairs"]))
+    a = np.zeros((*jac.shape[:-1], len(pairs)), jac.dtype)
+    for p, m in enumerate(system["m"]):
+        rods, x = tied(pairs).get(p, []), slice(3 * p, 3 * p + 3)
+        share = jac[..., rods, x] @ np.swapaxes(along[..., rods, x], -1, -2) / m
+        a[(..., *np.ix_(rods, rods))] += share
+    return a
 
 
 def solve(system, a, b, turned=0.0, rough=False):
@@ -205,32 +208,27 @@ def tensions(system, q, v, hold=0.0):
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
+def unheld(system, q, v, hold=0.0):
+    """How much of what b asks for no tensions answer (...): see statics.unanswered."""
+    _, _, left, b = multipliers(system, q, v, hold)
+    return statics.unanswered(left, b, system["lengths"])
+
+
 class Force(namedtuple("Force", "system hold")):
     """The seam of the chapter: force(q, v) -> (N, 3) in N, rods and all, for an integrator."""
 
     def __call__(self, q, v):
-        f = external_force(self.system, q, v)
+        f = each_state(partial(external_force, self.system), q, v)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
     @property
     def after(self):  # (q_start, q, v, dt) -> (q, v), what a finished step is mended by, or None
         return self.hold.after and partial(self.hold.after, self.system)
 
-    def tensions(self, q, v):
-        return tensions(self.system, q, v, self.hold)
 
-    def unheld(self, q, v):
-        """How much of what b asks for it leaves unanswered (...): see statics.unanswered."""
-        _, _, left, b = multipliers(self.system, q, v, self.hold)
-        return statics.unanswered(left, b, self.system["lengths"])
-
-
-def make_force(system, hold, plain=False):
-    """A Force; `hold`: a Hold, a mode's name, or w in rad/s. Of arrays if large and not `plain`."""
-    hold, whole = as_hold(hold), {"anchors": PIVOT[None], **system}
-    if large.takes(system) and not plain:
-        return large.LargeForce(whole, hold, external_force, right_side)
-    return Force(system, hold)
+def make_force(system, hold):
+    """A Force; `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s."""
+    return Force(system, as_hold(hold))
 
 
 def project(system, q_start, q, v, dt):
@@ -340,7 +338,7 @@ def parse(argv):
     modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
     what("--scenes", action="store_true", help="list them")
     what("--system NAME", default="double", help="one that --scenes lists, or a file")
-    what("--links N", type=number(int, 1, 20_000), default=10, help="rods of --system chain")
+    what("--links N", type=number(int, 1, 1001), default=10, help="rods of --system chain")
     what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
     what("--dt S", type=number(), default=0.005, help="s; halve it and see the rule's order")
     how("--integrator RULE", choices=INTEGRATORS, default="semi_implicit", help=rules)
@@ -382,13 +380,11 @@ def main(argv=None):
     args, system, usual, attempt = parse(argv)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
     rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
-    knobs, many = (args.baumgarte, args.time_constant, args.impedance), large.takes(system)
-
-    def force_of(mode, dt):
-        return make_force(system, hold_table(dt, *knobs)[mode], args.plain)
+    knobs = args.baumgarte, args.time_constant, args.impedance
 
     def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled):
-        return simulate(rule, system, force_of(mode, dt), dt, steps, keep, way)
+        force = make_force(system, hold_table(dt, *knobs)[mode])
+        return simulate(rule, system, force, dt, steps, keep, way)
 
     if args.show_step:
         print(run(modes[0], rule, args.dt, 1).source)
@@ -398,21 +394,23 @@ def main(argv=None):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    most = 0 if many or args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
+    most = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, most)
-    tables.forewarn(steps, [run(mode, rule, dt, 1).pace for mode in modes if many])
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
     keep = [truth.step, *range(0, steps + 1, look := max(1, steps // LOOKS)), *shown]
     runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.in_parts(modes)}
     fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
-    forces, rows = {mode: force_of(mode, dt) for mode in modes}, {}
-    for mode, force in forces.items():
-        rows[mode] = runs[mode].summary(fall, truth, np.max(force.unheld(*runs[mode].every(look))))
+    rows, pulls = {}, {}
+    for mode in modes:
+        hold = hold_table(dt, *knobs)[mode]
+        left = in_pieces(partial(unheld, system, hold=hold), *runs[mode].every(look))
+        rows[mode] = runs[mode].summary(fall, truth, np.max(left))
+        pulls[mode] = partial(in_pieces, partial(tensions, system, hold=hold))
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     ghost = most and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
-    print(publish.publish(args, used, system, runs, rows, fall, forces, shown, ghost))
+    print(publish.publish(args, used, system, runs, rows, fall, pulls, shown, ghost))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
+def publish(args, used, system, runs, rows, fall, pulls, shown, ghost):
     """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
     The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
@@ -53,8 +53,8 @@ def publish(args, used, system, runs, rows, fall, forces, shown, ghost):
     if args.picture:
         files[PICTURE] = lambda path: attempt(write_motion, path, shown, ghost)
     if args.rerun:
-        pulls = {mode: forces[mode].tensions(run.q, run.v) for mode, run in runs.items()}
-        files[RECORDING] = lambda path: attempt(record, path, rows, fall, pulls, ghost)
+        newtons = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
+        files[RECORDING] = lambda path: attempt(record, path, rows, fall, newtons, ghost)
     write_together(args.out, files)
     written = [args.out / name for name in files if (args.out / name).exists()]
     text = f"wrote {', '.join(map(str, written))}{''.join(lost)}"

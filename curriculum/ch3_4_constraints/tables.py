@@ -3,11 +3,8 @@
 import math
 import textwrap
 
-from curriculum.common.banner import about
-
 import numpy as np
 
-PATIENCE = 10.0  # s: a run that takes longer says so before it begins
 UNHELD = 1e-3  # so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
@@ -24,14 +21,6 @@ def length(x):
 def per_cent(share):
     """A share in per cent, two digits."""
     return f"{float(f'{100.0 * share:.2g}'):g} %"
-
-
-def forewarn(steps, paces):
-    """Say how long a run takes, if that is long, of a step in us of each mode."""
-    seconds = 1e-6 * steps * sum(paces)
-    words = f"{steps} steps of {len(paces)} modes: {about(seconds)}, by what one took"
-    if seconds > PATIENCE:
-        print(words, flush=True)
 
 
 def comparison(rows, runs, hints, at, truth, tol):

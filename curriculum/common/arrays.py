@@ -9,6 +9,7 @@ from curriculum.common.trace import FUNCTIONS, Call
 import numpy as np
 
 PIECE = 1 << 13
+MATRICES = 1 << 23  # their entries
 UFUNCS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "**": "power"}
 UFUNCS |= {"abs": "absolute"} | {name: name for name in FUNCTIONS}
 NAMES = {name: getattr(np, name) for name in [*UFUNCS.values(), "all", "where", "inf", "nan"]}
@@ -72,7 +73,8 @@ class Writer:
         tape, names, size = loop.tape, loop.names, self.signed(loop.size)
         last, done = f"last_{names[0]}", f"done_{names[0]}"
         test = tape.needed([loop.size])
-        rest = [name for name in tape.needed(loop.following) if name not in set(test)]
+        begun = set(test)
+        rest = [name for name in tape.needed(loop.following) if name not in begun]
         kept = {s.x for s in (loop.size, *loop.following)}
         later = kept.union(*(tape.nodes[name][1:] for name in rest))
         turn = [
@@ -109,3 +111,10 @@ def each_state(function, q, v):
     shape = q.shape[-2:]
     states = zip(q.reshape(-1, *shape), v.reshape(-1, *shape), strict=True)
     return np.reshape([np.broadcast_to(function(*state), shape) for state in states], q.shape)
+
+
+def in_pieces(function, q, v):
+    """function(q, v) of many states (K, N, 3), some at a time: their matrices would fill memory."""
+    some = max(1, MATRICES // q[0].size ** 2)
+    pieces = [slice(k, k + some) for k in range(0, len(q), some)]
+    return np.concatenate([function(q[piece], v[piece]) for piece in pieces])

@@ -15,8 +15,7 @@ import numpy as np
 BLOCK = 1 << 17  # numbers in a block of states
 FIRST = 16  # steps in the first block, after which one knows what a step costs
 PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress can be told
-# s: what llvmlite takes to load, and for each operation; of LARGE it is twice that, and grows
-LOADING, COMPILING, LARGE = 0.06, 30e-6, 8000
+LOADING, COMPILING = 0.06, 25e-6  # s: what llvmlite takes to load, and for each operation
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes
 
 
@@ -24,8 +23,8 @@ class Compiled:
     """step_fn for many steps a call: q, v (..., N, 3), or a block of them -> the next block.
 
     A block is q, v (count, ..., N, 3). `steps`: how many are to come. What was compiled is compared
-    with the plain step (`check`), at the start and at the edges of blocks; where they differ, or
-    the step cannot be traced, the steps are plain. `way` says how they are done; `source` is the
+    with the plain step (`check`), at the start and when the steps have doubled; where they differ,
+    or the step cannot be traced, the steps are plain. `way` says how they are done; `source` is the
     code; `taken` steps took `seconds`, counted anew where the way changes.
     """
 
@@ -38,6 +37,7 @@ class Compiled:
     def start(self, steps):
         """Begin a run of so many steps, of the same system."""
         self.steps, self.taken, self.seconds, self.why = steps, 0, 0.0, None
+        self.done, self.due = 0, 0
 
     @property
     def halved(self):
@@ -50,10 +50,8 @@ class Compiled:
         return self.alone.traced.source if self.runner else f"# {self.way}"
 
     def trace(self, q, v, m, force, dt):
-        """Trace the step; or find out why that cannot be done. A force may know a better `way`."""
-        self.lead, self.way = q.shape[:-2], getattr(force, "way", "")
-        if self.way:
-            return
+        """Trace the step; or find out why that cannot be done."""
+        self.lead = q.shape[:-2]
         memory, why = Memory(self.step_fn, force), None
         if memory.asks:  # it uses what cannot be put back, so not even a trial
             self.give_up(memory.asks[0])
@@ -104,8 +102,7 @@ class Compiled:
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it."""
         size = sum(len(tape.nodes) for tape in self.alone.traced.program.tapes())
-        cost = COMPILING * size * (1.0 + (size / LARGE) ** 2)
-        cost += LOADING * ("llvmlite.binding" not in sys.modules)
+        cost = COMPILING * size + LOADING * ("llvmlite.binding" not in sys.modules)
         left = self.steps * pace
         if native.available() and left > 1.5 * cost:
             self.to_machine(left > 200.0 * cost)
@@ -132,9 +129,12 @@ class Compiled:
         if self.why and not count:
             raise self.why
         rows = rows.reshape(count, len(start), -1)
-        if self.differs(start, rows, dt):
-            self.give_up("it does something else when it is compiled")
-            return self(q, v, m, force, dt)
+        self.done += count
+        if self.done >= self.due:
+            self.due = 2 * self.done
+            if self.differs(start, rows, dt):
+                self.give_up("it does something else when it is compiled")
+                return self(q, v, m, force, dt)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
         self.steps -= count
         if not self.why and not self.machine:

@@ -6,12 +6,19 @@ A pair (i, j) ties particle i to particle j or, where j < 0, to an anchor.
 from functools import lru_cache
 
 
-def neighbours(pairs):
-    """For each of `pairs`, the set of those (by number) that share a particle with it."""
-    at = {}
+@lru_cache(64)
+def tied(pairs):
+    """{particle or anchor: the pairs that end there, by number, in order}."""
+    found = {}
     for k, pair in enumerate(pairs):
         for i in pair:
-            at.setdefault(i, set()).add(k)
+            found.setdefault(i, []).append(k)
+    return found
+
+
+def neighbours(pairs):
+    """For each of `pairs`, the set of those (by number) that share a particle with it."""
+    at = tied(pairs)
     return [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
 
 
@@ -30,26 +37,6 @@ def elimination_order(pairs):
             near[other] |= near[k]
             near[other] -= {k, other}
         order.append((k, sorted(near[k])))
-    return order
-
-
-def band_order(pairs):
-    """All pairs, those that share a particle near one another: level by level from a far end.
-
-    E. Cuthill, J. McKee, ACM National Conference (1969) 157.
-    """
-    near, left, order = neighbours(pairs), set(range(len(pairs))), []
-
-    def walk(start):
-        found, seen = [start], {start}
-        for k in found:
-            found += sorted(near[k] - seen, key=lambda o: (len(near[o]), o))
-            seen |= near[k]
-        return found
-
-    while left:
-        order += walk(walk(min(left))[-1])
-        left -= set(order)
     return order
 
 

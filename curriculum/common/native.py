@@ -143,7 +143,8 @@ class Writer:
         every = f"@llvm.vector.reduce.and.v{self.lanes}i1"
         ready = good if self.lanes == 1 else self.new(f"call i1 {every}({truth} {good})")
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
-        rest = [name for name in tape.needed(loop.following) if name not in set(test)]
+        begun = set(test)
+        rest = [name for name in tape.needed(loop.following) if name not in begun]
         self.operations(tape, rest, inner)
         following = [self.value(inner, s) for s in loop.following]
         for place, old, new in zip(places, values, following, strict=True):

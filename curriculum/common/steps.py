@@ -18,12 +18,11 @@ HALVINGS = 8  # of a step that fails, at most
 
 
 def followed(rule, after):
-    """The step `rule` and then after(q_start, q, v, dt) -> (q, v): a step like any other."""
-    if after is None:
-        return rule
+    """The step `rule`, which may work in place, and then after(q_start, q, v, dt) -> (q, v)."""
 
     def step(q, v, m, force, dt):
-        return after(q, *rule(q, v, m, force, dt), dt)
+        end = rule(q.copy(), v.copy(), m, force, dt)
+        return after(q, *end, dt) if after else end
 
     return step
 

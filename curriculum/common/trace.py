@@ -84,21 +84,21 @@ class Tape:
         return [name for name in self.nodes if name in found]
 
 
-def operators(rule, zero=False):
+def operators(rule, zero=None):
     """A Symbol's operator, what `rule` makes of it and a number, and the reflected one.
 
-    Whole arrays are numpy's. `zero`: a plain 0 makes a plain 0, which costs numpy's long sums of
-    nothing less than a symbol would.
+    Whole arrays are numpy's. `zero`: what it makes of a Symbol and of a plain 0, of which matrices
+    are full, and long sums: that must cost little.
     """
 
     def operator(a, b, swapped=False):
+        if zero and type(b) in (int, float) and b == 0:
+            return zero(a)
         if type(b) is not Symbol:
             if isinstance(b, np.ndarray):
                 if b.ndim:
                     return NotImplemented
                 b = b.item()  # which may be a Symbol
-            if zero and type(b) is not Symbol and b == 0:
-                return 0
             b = lift(b)
         return rule(b, a) if swapped else rule(a, b)
 
@@ -189,9 +189,9 @@ class Symbol:
     def __abs__(self):
         return self.note("abs")
 
-    __add__, __radd__ = operators(add)
+    __add__, __radd__ = operators(add, lambda a: a)
     __sub__, __rsub__ = operators(lambda a, b: a.add(-b))
-    __mul__, __rmul__ = operators(multiply, zero=True)
+    __mul__, __rmul__ = operators(multiply, lambda a: 0)
     __truediv__, __rtruediv__ = operators(divide)
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
     __bool__ = __float__ = __int__ = __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = refuse

@@ -39,14 +39,11 @@ def scene(name):
     return c.build_system(str(SCENES / f"{name}.json"))
 
 
-def case(system, rule, hold, dt, plain=False):
-    """(rule, force) of a rule (or its name) with a Hold, the name of one, or Baumgarte's w.
-
-    `plain`: the chapter's own lines, however many rods there are.
-    """
+def case(system, rule, hold, dt):
+    """(rule, force) of a rule (or its name) with a Hold, the name of one, or Baumgarte's w."""
     hold = c.hold_table(dt)[hold] if isinstance(hold, str) else hold
     rule = (c.INTEGRATORS | RULES)[rule] if isinstance(rule, str) else rule
-    return rule, c.make_force(system, hold, plain)
+    return rule, c.make_force(system, hold)
 
 
 def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=(), way=Compiled):

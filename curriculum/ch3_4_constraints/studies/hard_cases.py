@@ -56,8 +56,7 @@ def held(system, rule, mode, dt, seconds, way=Compiled):
     """Whether a method holds a start; most that it loses it loses soon."""
     v = system["v0"]
     scale = max(energy_scale(system), 0.5 * float(np.sum(system["m"] * v * v)))
-    # the chapter's lines, however many rods; but gauss with many is long to trace, arrays are not
-    rule, force = case(system, rule, mode, dt, plain=rule != "gauss")
+    rule, force = case(system, rule, mode, dt)
     for steps in (round(0.1 * seconds / dt), round(seconds / dt)):
         found = c.simulate(rule, system, force, dt, steps, way=way)
         energy = np.abs(found.energies - found.energies[0]) / scale
