@@ -31,7 +31,7 @@ GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
-SMOKE_STEPS, LOOKS = 800, 100  # enough to tell modes apart; states that `unheld` is asked of
+SMOKE_STEPS, LOOKS = 800, 100  # steps that tell modes apart; states that a run is judged at
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
@@ -62,7 +62,7 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """f (N, 3) in N, all but the rods', from q and v of one state alone. Add drag, a motor."""
+    """The force in newtons, (N, 3), without the rods', at one state q, v. Add drag, a motor."""
     return system["m"] * GRAVITY
 
 
@@ -73,13 +73,13 @@ def external_force(system, q, v=None):
 # That is its constraint. Follow g in time. With d' = v_i - v_j, its two derivatives are
 #     gdot  = d . d'               = J v
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
-# v and a list all particles, 3N numbers; J has a row a rod: d in the columns of particle i, -d in
+# v and a hold all particles, 3N numbers; J has a row a rod: d in the columns of particle i, -d in
 # those of j. A rod acts along itself, oppositely on its ends: J^T lambda, one number lambda a rod,
 # in N/m, below zero if it pulls. Put M a = f + J^T lambda (M: the masses) into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
 def dot(a, b):
-    """a . b (...,) of vectors (..., 3)."""
+    """a . b (...,), sums over the last axis."""
     return np.sum(a * b, axis=-1)
 
 
@@ -103,7 +103,7 @@ def constraint_terms(system, q, v):
 
 
 def mobility(system, jac, along=None):
-    """A = J M^-1 J^T (..., C, C), each particle's share in turn; `along`: project's other J^T."""
+    """A = J M^-1 J^T (..., C, C), the sum of J_p J_p^T / m_p over particles; `along`: other J_p."""
     along, pairs = jac if along is None else along, tuple(map(tuple, system["pairs"]))
     a = np.zeros((*jac.shape[:-1], len(pairs)), jac.dtype)
     for p, m in enumerate(system["m"]):
@@ -133,7 +133,7 @@ def solve(system, a, b, turned=0.0, rough=False):
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
 # error in g, and nothing takes it back. So ask for more, that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
-# e^(st) solves that if (s + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
+# e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
 # on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
 # A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt` and `rule`, if they are for steps of so many
@@ -143,8 +143,8 @@ Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt rule after", 
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    spring = impedance * max(time_constant, 2.0 * dt)  # MuJoCo's 2 steps at least
-    soft = 2.0 / spring, impedance / spring**2, (1.0 - impedance) / impedance
+    p, p_t = impedance, impedance * max(time_constant, 2.0 * dt)  # MuJoCo: two steps at least
+    soft = 2.0 / p_t, p / p_t**2, (1.0 - p) / p
     return {
         # gddot = 0. Fails by slow rot: what has drifted stays, and every step adds to it.
         "none": Hold(1.0, 0.0, 0.0, 0.0),
@@ -154,8 +154,8 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
         # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Made for one rule only.
         "impulse": Hold(0.0, 1.0 / dt, 1.0 / dt**2, 0.0, dt, "semi_implicit"),
-        # A rod that gives, as MuJoCo's tendon, g being |d| (|d| - L): with p, T its impedance and
-        # time constant, gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/T - g/T^2 for a single one.
+        # A rod that gives, as MuJoCo's tendon, g being |d| (|d| - L): with p, t its impedance and
+        # time constant, gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2 for a single one.
         # Fails by design: a rod under load is longer.
         "soft": Hold(0.0, *soft, dt),
         # gddot = 0, and steps end with Newton's way back onto the rods. Fails if it is too long.
@@ -164,7 +164,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 
 def as_hold(hold):
-    """A Hold is itself, or a row of the table by name, or Baumgarte's frequency; 0.0 is naive."""
+    """A Hold is itself, or a row of the table by name, or Baumgarte's w; 0.0 is `none`."""
     named = hold_table()[hold] if isinstance(hold, str) else hold
     return named if isinstance(named, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
@@ -172,7 +172,7 @@ def as_hold(hold):
 def right_side(hold, lengths, pushed, g, gdot, jdotv):
     """b (..., C) of the linear system, where `pushed` is J M^-1 f."""
     if hold.softness:
-        length = np.sqrt(2.0 * g + np.square(lengths))
+        length = np.sqrt(2.0 * g + np.square(lengths))  # |d|
         g = length * (length - lengths)
     return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
 
@@ -192,14 +192,14 @@ def multipliers(system, q, v, hold=0.0, f=None):
     return jac, lam, b - dot(a, lam[..., None, :]), b
 
 
-def pull(jac, lam):
-    """J^T lambda (..., N, 3): what the particles feel when the rods carry lambda."""
+def rod_forces(jac, lam):
+    """J^T lambda (..., N, 3) in N: what the particles feel when the rods carry lambda."""
     return np.sum(jac * lam[..., None], axis=-2).reshape(*jac.shape[:-2], -1, 3)
 
 
 def constraint_force(system, q, v, hold=0.0, f=None):
     """The force of the rods (..., N, 3) in N: `hold` is a Hold, or Baumgarte's w in rad/s."""
-    return pull(*multipliers(system, q, v, hold, f)[:2])
+    return rod_forces(*multipliers(system, q, v, hold, f)[:2])
 
 
 def tensions(system, q, v, hold=0.0):
@@ -244,12 +244,12 @@ def project(system, q_start, q, v, dt):
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
         mu = solve(system, mobility(system, jac, along), g, rough=True)  # the next round refines
-        return q - pull(along, mu) / system["m"], dot(g / close, g / close)
+        return q - rod_forces(along, mu) / system["m"], dot(g / close, g / close)
 
-    end = repeat(newton, q, 20, "no way back onto the rods")
+    end = repeat(newton, q, 20, "no way back onto the rods")  # until the second is at most 1
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    return end, v - pull(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
+    return end, v - rod_forces(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
 
 
 # --- endregion ---
@@ -294,7 +294,7 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "r
 # --- region: simulate ---
 # An honest run says at every step how far the worst rod is off, and how far the energy.
 def energy(system, q, v):
-    """Kinetic and potential energy (...,) in J of states q, v (..., N, 3); U = -sum m g . q."""
+    """Kinetic and potential energy (...,) in J at q, v (..., N, 3); U = -sum m GRAVITY . q."""
     m = system["m"][:, 0]
     return np.sum(0.5 * m * dot(v, v) - m * dot(q, GRAVITY), axis=-1)
 
@@ -323,7 +323,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))  # m: so far off is flown apart
     log.note(q, v, constraint_violation(system, q), energy(system, q, v))
     with log:
-        for _ in log.turns():
+        for _ in log.turns():  # until all steps are done, or the run is lost
             q, v = step_fn(q, v, m, force, dt)  # compiled, many steps: (steps, ..., N, 3)
             measured = constraint_violation(system, q), energy(system, q, v)
             log.note(q, v, *measured)
@@ -334,25 +334,25 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- region: report ---
 def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
-    parser, what, how = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
+    parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
-    what("--scenes", action="store_true", help="list them")
-    what("--system NAME", default="double", help="one that --scenes lists, or a file")
-    what("--links N", type=number(int, 1, 1001), default=10, help="rods of --system chain")
-    what("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
-    what("--dt S", type=number(), default=0.005, help="s; halve it and see the rule's order")
-    how("--integrator RULE", choices=INTEGRATORS, default="semi_implicit", help=rules)
-    how("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
-    how("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
-    how("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
-    how("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
-    how("--tol M", type=number(), help="m at 2 s; gauss then finds its stages and step")
+    scene("--scenes", action="store_true", help="list them")
+    scene("--system NAME", default="double", help="one that --scenes lists, or a file")
+    scene("--links N", type=number(int, 1, 1001), default=10, help="rods of --system chain")
+    scene("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
+    scene("--dt S", type=number(high=1e3), default=0.005, help="s; halve it: the rule's order")
+    method("--integrator RULE", choices=INTEGRATORS, default="semi_implicit", help=rules)
+    method("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
+    method("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
+    method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
+    method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
+    method("--tol M", type=number(high=1), help="m at 2 s; gauss then finds its stages and step")
     args = parser.parse_args(argv)
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
         parser.exit()
-    if args.tol and args.integrator != "gauss":
-        parser.error(f"argument --tol: {args.tol:g} is for --integrator gauss; give --dt")
+    if args.tol and (args.plain or args.integrator != "gauss"):
+        parser.error(f"argument --tol: {args.tol:g} wants --integrator gauss, not plain, or --dt")
     if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
         parser.error(f"argument --stabilization: {mode} {why}")
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
@@ -370,7 +370,7 @@ def report(args, system, rows, runs, dt, steps, truth):
     hints = {mode: statics.in_line(constraint_terms, system, run) for mode, run in runs.items()}
     tables.comparison(rows, runs, hints, f"{truth.step * dt:.3g} s", truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
-        print(f"baumgarte: dt*omega {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
+        print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     if args.system in SYSTEMS and args.baumgarte and steps >= SMOKE_STEPS:
         tables.verdict(rows)
 
@@ -387,30 +387,31 @@ def main(argv=None):
         return simulate(rule, system, force, dt, steps, keep, way)
 
     if args.show_step:
-        print(run(modes[0], rule, args.dt, 1).source)
+        print(f"# {modes[0]}, {args.integrator}\n{run(modes[0], rule, args.dt, 1).source}")
         return
     print(banner.banner("ch3.4", "constraints", args.device, usual))
     for mode in list(modes):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    most = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
+    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
-    rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, most)
+    rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
-    keep = [truth.step, *range(0, steps + 1, look := max(1, steps // LOOKS)), *shown]
+    look = max(1, steps // LOOKS)
+    keep = [truth.step, *range(0, steps + 1, look), *shown]
     runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.in_parts(modes)}
-    fall = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
+    scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows, pulls = {}, {}
     for mode in modes:
         hold = hold_table(dt, *knobs)[mode]
         left = in_pieces(partial(unheld, system, hold=hold), *runs[mode].every(look))
-        rows[mode] = runs[mode].summary(fall, truth, np.max(left))
+        rows[mode] = runs[mode].summary(scale, truth, np.max(left))
         pulls[mode] = partial(in_pieces, partial(tensions, system, hold=hold))
     report(args, system, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    ghost = most and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
-    print(publish.publish(args, used, system, runs, rows, fall, pulls, shown, ghost))
+    ghost = budget and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
+    print(publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost))
 
 
 if __name__ == "__main__":

@@ -116,8 +116,10 @@ def test_every_mark_and_dash_in_the_table_has_its_sentence():
     _, lines = results("--dt 0.05 --baumgarte 40", c.SMOKE_STEPS)
     for mark in ("baumgarte* ", "* baumgarte div", "- baumgarte: stopped before 2 s"):
         assert len(marked(lines, mark)) == 1
-    assert any("dt*omega 2 is past the limit 0.828" in line for line in lines)
-    assert "is not known" in marked(results("--system chain --links 41", 5)[1], "- ")[0]
+    assert any("dt w = 2 is past the limit 0.828" in line for line in lines)
+    assert "is not known" in marked(results("--system ring", 400)[1], "- ")[0]
+    assert "is not looked for" in marked(results("--plain", 5)[1], "- ")[0]
+    assert marked(results("--dt 5", 5)[1], "none* ")[0].split()[1:4] == ["-", "-", "-"]
 
 
 @pytest.mark.parametrize("rule", c.INTEGRATORS)

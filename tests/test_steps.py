@@ -208,11 +208,25 @@ def test_members_of_a_crowd_are_as_if_alone(force, monkeypatch):
         assert np.abs(together.energies[:, k] - alone.energies).max() < 1e-12
 
 
-def test_a_force_on_the_last_particle_is_not_one_on_the_last_stage(monkeypatch):
-    feel(monkeypatch, motor)
-    chain, rule = c.build_system("chain", 0, 41), c.INTEGRATORS["gauss"]
-    plain = c.simulate(rule, chain, c.make_force(chain, 0.0, plain=True), 0.02, 1, way=Plain)
-    assert np.abs(run(chain, rule, 0.0, 0.02, 1).q[-1] - plain.q[-1]).max() < 1e-10
+def test_a_force_of_one_state_is_asked_of_one_at_a_time(monkeypatch):
+    feel(monkeypatch, branching)
+    q = np.stack([DOUBLE["q0"], DOUBLE["q0"] - [0.0, 0.1, 0.0]])
+    force, v = c.make_force(DOUBLE, 0.0), np.ones_like(q)
+    assert np.allclose(force(q, v), [force(*state) for state in zip(q, v, strict=True)])
+
+
+def in_place_step(q, v, m, force, dt):
+    v += dt * (force(q, v) / m)
+    q += dt * v
+    return q, v
+
+
+@pytest.mark.parametrize("force", [motor, branching])
+@pytest.mark.parametrize("mode", ["baumgarte", "project"])
+def test_a_rule_may_work_in_place(mode, force, monkeypatch):
+    feel(monkeypatch, force)
+    runs = [in_every_way(x, DOUBLE, mode, 0.005, 40) for x in ("semi_implicit", in_place_step)]
+    assert np.array_equal(runs[0].q, runs[1].q)
 
 
 MISTAKES = {  # what is raised: a force that a reader might write

@@ -32,10 +32,13 @@ def comparison(rows, runs, hints, at, truth, tol):
     print("               rods off by      energy off  from the truth    a step")
     print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
     for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
-        rods = f"{length(np.max(run.violations)):>9}  {length(run.violations[-1]):>9}"
-        error = "-" if row["error"] is None else length(row["error"])
-        rest = f"{per_cent(row['energy_rel_max']):>10}  {error:>14}  {run.pace:8.3g}"
-        print(f"{mode + '*' * bool(run.note or row['unheld'] > UNHELD):<10}{rods}  {rest}")
+        worst, end = (length(x) for x in (np.max(run.violations), run.violations[-1]))
+        energy, error = per_cent(row["energy_rel_max"]), row["error"]
+        if len(run.tip) == 1:  # not a single step
+            worst = end = energy = "-"
+        name = mode + "*" * bool(run.note or row["unheld"] > UNHELD)
+        error = "-" if error is None else length(error)
+        print(f"{name:<10}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:
             print(f"* {mode} {run.note}{hints[mode]}")
@@ -43,7 +46,8 @@ def comparison(rows, runs, hints, at, truth, tol):
             print(f"* {mode}: no tensions answer {left:.2g} (m/s^2 along a rod, or a share)")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
-        why = "the truth is not known to 1 nm at" if truth.q is None else "stopped before"
+        unknown = "not known to 1 nm" if truth.sought else "not looked for"
+        why = f"the truth is {unknown} at" if truth.q is None else "stopped before"
         print(f"- {', '.join(lost)}: {why} {at}")
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (tol or math.inf)]
     if tol and over:

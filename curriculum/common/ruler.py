@@ -23,6 +23,7 @@ class Truth(NamedTuple):
     step: int
     q: np.ndarray | None = None
     known: float = math.inf
+    sought: bool = True
 
 
 def once_for_all(tries=math.inf):
@@ -109,4 +110,4 @@ def settle(runs, rule, dt, steps, tol, most):
         raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
     if tol:
         rule, dt = step_for(tol, at, truth[0], runs[1:])
-    return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth)
+    return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth, most > 0)
