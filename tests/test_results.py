@@ -147,9 +147,3 @@ def test_there_is_no_verdict_where_it_would_mean_nothing():
         "--integrator gauss --dt 0.05 --system pendulum",  # does not drift
     ):
         assert not marked(results(flags, c.SMOKE_STEPS)[1], "verdict: "), flags
-
-
-def test_a_long_run_of_many_rods_says_so_before_it_begins(monkeypatch):
-    monkeypatch.setattr(tables, "PATIENCE", 0.0)
-    _, lines = results("--system chain --links 50", 9)
-    assert "9 steps of 5 modes: about 1 s, by what one took" in lines

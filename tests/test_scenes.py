@@ -6,12 +6,11 @@ import re
 import time
 from itertools import combinations, product
 from pathlib import Path
-from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.scenes.make_scenes import MADE, SCENES, again
-from curriculum.ch3_4_constraints.statics import in_line, refusal
+from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
 from curriculum.common.graph import has_loop
@@ -68,6 +67,12 @@ def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
         run(c.build_system("double") | level | TYPED[sentence], steps=2)
     with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
         check_system(level)
+
+
+def test_a_mode_that_is_none_is_named_beside_those_that_are():
+    for name, told in {"Impuls": "mean 'impulse'", "x": "modes are none, baumgarte"}.items():
+        with pytest.raises(ValueError, match=f"'{name}' is no mode; .*{told}"):
+            c.make_force(c.build_system("double"), name)
 
 
 def test_a_clean_system_is_float64_and_keeps_other_keys():
@@ -168,12 +173,3 @@ def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
         assert np.abs(run(scene("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
         if "soft" not in method:  # whose rods are longer under load
             assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9
-
-
-def test_a_run_that_ends_where_rods_are_in_line_is_told_so():
-    system = scene("windows")
-    flat = system["q0"] * [1.0, 0.0, 1.0] + [1.0, 0.0, 0.0]  # all bars on the ground
-    for kind in ("loop", "diverged", None):
-        end = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
-        told = "nearly in line there" in in_line(c.constraint_terms, system, end)
-        assert told == (kind == "loop")

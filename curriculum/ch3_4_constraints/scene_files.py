@@ -11,7 +11,6 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 
 import json
 from argparse import ArgumentTypeError
-from collections import Counter
 from decimal import Decimal, localcontext
 from itertools import accumulate
 from numbers import Integral, Real
@@ -66,11 +65,7 @@ def load_scene(name, folder, others, gravity):
     path = shipped[name] if name in shipped and not Path(name).exists() else Path(name)
     try:
         if not name or not path.exists():
-            from difflib import get_close_matches  # here: a run has no use for it
-
-            near = get_close_matches(name.lower(), [*others, *shipped], 1)
-            known = f"scenes are {', '.join([*others, *sorted(shipped)])}"
-            known = f"did you mean {near[0]!r}?" if near else known
+            known = which(name, "scenes", [*others, *sorted(shipped)])
             raise SceneError(f"{shown} is no scene and no file; {known}")
         if not path.is_file() or path.stat().st_size > LARGEST:
             raise SceneError(f"{shown} must be a plain file of at most {LARGEST / 1e6:g} MB")
@@ -90,10 +85,12 @@ def load_scene(name, folder, others, gravity):
 
 def no_key_twice(items):
     """The dict of JSON's `items`; raises SceneError for a key that is there twice."""
-    found = dict(items)
-    if len(found) < len(items):
-        twice = json.dumps(shorten(Counter(key for key, _ in items).most_common(1)[0][0]))
-        raise SceneError(f"the key {twice} stands twice in one object; must stand once")
+    found = {}
+    for key, value in items:
+        if key in found:
+            twice = json.dumps(shorten(key))
+            raise SceneError(f"the key {twice} stands twice in one object; must stand once")
+        found[key] = value
     return found
 
 
@@ -214,6 +211,21 @@ def fits(x, size, kind, low):
         right = isinstance(x, (list, tuple)) and len(x) == size[0]
         return right and all(fits(y, (), kind, low) for y in x)
     return isinstance(x, kind) and type(x) is not bool and low < x < HUGE
+
+
+def which(name, what, known):
+    """What to say of a name that is none of the `known`: the one that was meant, or all of them."""
+    from difflib import get_close_matches  # here: a run has no use for it
+
+    near = get_close_matches(name.lower(), known, 1)
+    return f"did you mean {near[0]!r}?" if near else f"{what} are {', '.join(known)}"
+
+
+def chosen(name, table):
+    """The Hold of this name in a table of modes; raises ValueError if there is none."""
+    if name not in table:
+        raise ValueError(f"{shorten(name)!r} is no mode; {which(name, 'modes', table)}")
+    return table[name]
 
 
 def misfit(hold, rule):

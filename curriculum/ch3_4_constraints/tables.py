@@ -3,11 +3,8 @@
 import math
 import textwrap
 
-from curriculum.common.banner import about
-
 import numpy as np
 
-PATIENCE = 10.0  # s: a run that takes longer says so before it begins
 UNHELD = 1e-3  # so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
@@ -26,19 +23,10 @@ def per_cent(share):
     return f"{float(f'{100.0 * share:.2g}'):g} %"
 
 
-def forewarn(steps, paces):
-    """Say how long a run takes, if that is long, of a step in us of each mode."""
-    seconds = 1e-6 * steps * sum(paces)
-    words = f"{steps} steps of {len(paces)} modes: {about(seconds)}, by what one took"
-    if seconds > PATIENCE:
-        print(words, flush=True)
-
-
-def comparison(rows, runs, hints, at, truth, tol):
+def comparison(rows, runs, at, truth, tol):
     """Print a table of `rows` and Runs by mode, and a sentence for each mark in it.
 
-    `hints`: what else is to be said of a run that ended early; `at`: when the Truth was taken, in
-    words; `tol` m: the error that was asked for, or None.
+    `at`: when the Truth was taken, in words; `tol` m: the error that was asked for, or None.
     """
     print("               rods off by      energy off  from the truth    a step")
     print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
@@ -49,7 +37,7 @@ def comparison(rows, runs, hints, at, truth, tol):
         print(f"{mode + '*' * bool(run.note or row['unheld'] > UNHELD):<10}{rods}  {rest}")
     for mode, run in runs.items():
         if run.note:
-            print(f"* {mode} {run.note}{hints[mode]}")
+            print(f"* {mode} {run.note}")
         if (left := rows[mode]["unheld"]) > UNHELD:
             print(f"* {mode}: no tensions answer {left:.2g} (m/s^2 along a rod, or a share)")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
