@@ -21,7 +21,7 @@ CHAIN, LINKAGE = 40, 64  # rods
 FILL = 1000  # subtractions of entries that an elimination takes
 SWEEP = 80  # unknowns of a chain: so few are walked through sooner than reduced
 BLOCK = 24  # rods of a block, at least: below, calls of numpy cost more than what they do
-SLACK = 1e-9  # of A's diagonal, in a loop: enough for what inverses of blocks lose
+BLUR = 1e-9  # of A's diagonal, in a loop: enough for what inverses of blocks lose
 EXACT = 1e-15  # a solve is done when it leaves this of A's diagonal times lambda
 
 
@@ -137,7 +137,7 @@ class Linkage:
         values[self.diagonal] *= 1.0 + softness
         own, spread = values[self.diagonal], values.copy()
         if self.loop:
-            spread[self.diagonal] *= 1.0 + SLACK
+            spread[self.diagonal] *= 1.0 + BLUR
             spread += self.shares * dot(turn[self.rows], turn[self.columns])
         solve = self.eliminated(spread)
         lam, last = solve(b), np.inf
