@@ -8,7 +8,6 @@ say: it hands these in.
 """
 
 from collections import defaultdict
-from functools import lru_cache
 from itertools import product
 
 from curriculum.ch3_4_constraints.statics import INSTANT, differences, near, unanswered
@@ -37,13 +36,6 @@ def takes(system):
 def in_a_row(pairs, n):
     """Whether rods (i, j), a tuple of tuples, make a chain of all n particles."""
     return pairs == tuple((k, k - 1) for k in range(n))
-
-
-@lru_cache(8)
-def arranged(pairs, masses, lengths):
-    """The Chain or the Linkage of such rods; masses in kg and lengths in m are tuples, too."""
-    kind = Chain if in_a_row(pairs, len(masses)) else Linkage
-    return kind(pairs, np.array(masses), np.array(lengths))
 
 
 def dot(a, b):
@@ -226,8 +218,9 @@ class LargeForce:
     def __init__(self, system, hold, external_force, right_side):
         self.system, self.hold = system, hold
         self.external_force, self.right_side = external_force, right_side
-        parts = (np.asarray(system[key]).ravel().tolist() for key in ("m", "lengths"))
-        self.rods = arranged(tuple(map(tuple, system["pairs"])), *map(tuple, parts))
+        pairs, m = tuple(map(tuple, system["pairs"])), np.ravel(system["m"])
+        kind = Chain if in_a_row(pairs, len(m)) else Linkage
+        self.rods = kind(pairs, m, np.asarray(system["lengths"]))
         self.anchors = np.asarray(system["anchors"])
         self.way, self.after = self.rods.way, self.project if hold.after else None
 
