@@ -73,7 +73,7 @@ def load_scene(name, folder, others, gravity):
     except OSError as error:
         raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
     try:
-        system = parse_scene(json.loads(content, object_pairs_hook=no_key_twice))
+        system = parse_scene(json.loads(content))
         if why := refusal(system, gravity):
             raise SceneError(why)
     except SceneError as error:
@@ -81,17 +81,6 @@ def load_scene(name, folder, others, gravity):
     except (ValueError, RecursionError) as error:  # not Unicode, or no end of brackets
         raise SceneError(f"{shown} is not JSON: {shorten(str(error))}") from None
     return system
-
-
-def no_key_twice(items):
-    """The dict of JSON's `items`; raises SceneError for a key that is there twice."""
-    found = {}
-    for key, value in items:
-        if key in found:
-            twice = json.dumps(shorten(key))
-            raise SceneError(f"the key {twice} stands twice in one object; must stand once")
-        found[key] = value
-    return found
 
 
 def need(test, field, found, allowed):
@@ -121,7 +110,6 @@ def entries(data, field, keys=()):
 def parse_scene(data):
     """The system that a scene's JSON describes, checked; raises SceneError."""
     only(data, "the file", ("about", "anchors", "particles", "rods"))
-    need(isinstance(data.get("about", ""), str), "about", data.get("about"), "text")
     particles = entries(data, "particles", ("position", "velocity", "mass"))
     rods = entries(data, "rods", ("pair", "length"))
     raw = {
