@@ -364,7 +364,7 @@ def parse(argv):
     return args, system, usual, partial(parser.attempt, "--tol")
 
 
-def report(args, system, rows, runs, dt, steps, truth):
+def report(args, rows, runs, dt, steps, truth):
     """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
@@ -407,7 +407,7 @@ def main(argv=None):
     forces, rows = {mode: force_of(mode, dt) for mode in modes}, {}
     for mode, force in forces.items():
         rows[mode] = runs[mode].summary(fall, truth, np.max(force.unheld(*runs[mode].every(look))))
-    report(args, system, rows, runs, dt, steps, truth)
+    report(args, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": rods, "error_at": truth.step * dt}
     ghost = most and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
     print(publish.publish(args, used, system, runs, rows, fall, forces, shown, ghost))

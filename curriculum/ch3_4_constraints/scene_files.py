@@ -66,21 +66,19 @@ def load_scene(name, folder, others, gravity):
     try:
         if not name or not path.exists():
             known = which(name, "scenes", [*others, *sorted(shipped)])
-            raise SceneError(f"{shown} is no scene and no file; {known}")
+            raise SceneError(f"no scene and no file; {known}")
         if not path.is_file() or path.stat().st_size > LARGEST:
-            raise SceneError(f"{shown} must be a plain file of at most {LARGEST / 1e6:g} MB")
-        content = path.read_bytes()
+            raise SceneError(f"must be a plain file of at most {LARGEST / 1e6:g} MB")
+        system = parse_scene(json.loads(path.read_bytes()))
+        if not (why := refusal(system, gravity)):
+            return system
     except OSError as error:
-        raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
-    try:
-        system = parse_scene(json.loads(content))
-        if why := refusal(system, gravity):
-            raise SceneError(why)
+        why = f"cannot be read: {error.strerror}"
     except SceneError as error:
-        raise SceneError(f"{shown}: {error}") from None
+        why = str(error)
     except (ValueError, RecursionError) as error:  # not Unicode, or no end of brackets
-        raise SceneError(f"{shown} is not JSON: {shorten(str(error))}") from None
-    return system
+        why = f"not JSON: {shorten(str(error))}"
+    raise SceneError(f"{shown}: {why}")
 
 
 def need(test, field, found, allowed):
