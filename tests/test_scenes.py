@@ -3,15 +3,13 @@
 import json
 import os
 import re
-import time
 from itertools import combinations, product
 from pathlib import Path
-from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.scenes.make_scenes import MADE, SCENES, again
-from curriculum.ch3_4_constraints.statics import in_line, refusal
+from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
 from curriculum.common.graph import has_loop
@@ -29,7 +27,7 @@ WRONG += [
 STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
 TYPED = MISTAKES["scenes"]["typed"] | {
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
-    "q0 is null; must be a list or an array (N, 3)": {"q0": None},
+    "q0 is null; must be a list or an array (N, 3), each row three": {"q0": None},
     "meet is 489300; must be 400000": c.build_system("chain", links=700) | STAR,
 }
 NO_SCENES = [*MISTAKES["scenes"]["names"], ("x" * 5000, "cannot be read: ")]
@@ -70,6 +68,12 @@ def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
         check_system(level)
 
 
+def test_a_mode_that_is_none_is_named_beside_those_that_are():
+    for name, told in {"Impuls": "mean 'impulse'", "x": "modes are none, baumgarte"}.items():
+        with pytest.raises(ValueError, match=f"'{name}' is no mode; .*{told}"):
+            c.make_force(c.build_system("double"), name)
+
+
 def test_a_clean_system_is_float64_and_keeps_other_keys():
     double = c.build_system("double")
     short = {key: double[key].astype(np.float32) for key in ("q0", "v0", "m")}
@@ -81,17 +85,14 @@ def test_a_clean_system_is_float64_and_keeps_other_keys():
 
 
 def test_a_file_or_a_name_that_is_no_scene(capsys):
-    twice = ",".join(f'"{k}":1' for k in [*range(100_000), 99_999]).join("{}")
-    for name, content in {"open": "{", "deep": "[" * 100000, "twice": twice, "huge": ""}.items():
+    for name, content in {"open": "{", "deep": "[" * 100000, "huge": ""}.items():
         Path(name).write_text(content)
     Path("bytes").write_bytes(b"\xff")
     os.truncate("huge", 10**12)  # a hole
     os.mkdir("folder")
     os.mkfifo("pipe")  # reading it would never end
-    begin = time.process_time()
     for name, sentence in NO_SCENES:
         assert sentence in answer(capsys, name)
-    assert time.process_time() - begin < 20.0  # not minutes: no list is gone through for each key
 
 
 def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first():
@@ -168,12 +169,3 @@ def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
         assert np.abs(run(scene("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
         if "soft" not in method:  # whose rods are longer under load
             assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9
-
-
-def test_a_run_that_ends_where_rods_are_in_line_is_told_so():
-    system = scene("windows")
-    flat = system["q0"] * [1.0, 0.0, 1.0] + [1.0, 0.0, 0.0]  # all bars on the ground
-    for kind in ("loop", "diverged", None):
-        end = SimpleNamespace(kind=kind, q=flat[None], v=system["v0"][None])
-        told = "nearly in line there" in in_line(c.constraint_terms, system, end)
-        assert told == (kind == "loop")

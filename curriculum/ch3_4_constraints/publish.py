@@ -66,7 +66,5 @@ def look(recording):
     nearby = os.path.relpath(sys.executable)
     short = os.sep in nearby and len(nearby) < len(sys.executable)
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
-    command = [nearby if short else sys.executable, "-m", "rerun", "--web-viewer", str(recording)]
-    if window:
-        command.remove("--web-viewer")
-    return shlex.join(command)
+    viewer = ["rerun"] if window else ["rerun", "--web-viewer"]
+    return shlex.join([nearby if short else sys.executable, "-m", *viewer, str(recording)])

@@ -79,19 +79,6 @@ def rgb(color, share=1.0):
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
 
 
-def empty_corner(curves, ranges):
-    """(title of a plot, a corner as "LeftTop") where the fewest points of `curves` {title: [(F,)]}
-    are, with `ranges` {title: (low, high)}: there the legend may stand."""
-    crowd = {}
-    for name, (low, high) in ranges.items():
-        many = len(curves[name][0])
-        for side, fifth in ("Left", slice(many // 5)), ("Right", slice(-many // 5, None)):
-            share = (np.concatenate([curve[fifth] for curve in curves[name]]) - low) / (high - low)
-            crowd[name, side + "Top"] = np.sum(share > 0.4)
-            crowd[name, side + "Bottom"] = np.sum(share < 0.6)
-    return min(crowd, key=crowd.get)
-
-
 def lines(begins, ends, shown, thickness, color=None, **colors):
     """A style, and rows of lines between points (F, C, 3), of those that are `shown` (F, C)."""
     import rerun as rr  # here: a run without a recording never pays for it
@@ -146,11 +133,11 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
         RODS: {m: np.log10(np.maximum(run.violations[run.kept], FLOOR)) for m, run in runs.items()},
         ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / fall for m, run in runs.items()},
     }
-    lively = {plot: [curve[mode] for mode in alive] for plot, curve in curves.items()}
     ranges = {}
-    for plot, some in lively.items():
+    for plot, curve in curves.items():
         part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
-        least, most = np.quantile(np.concatenate(some), part).tolist()
+        lively = np.concatenate([curve[mode] for mode in alive])
+        least, most = np.quantile(lively, part).tolist()
         room = 0.05 * (most - least) + 1e-12
         if plot == RODS:
             most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
@@ -190,7 +177,7 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     settings["recording_id"] = f"{name}-{zlib.crc32(repr((dt, rows)).encode()):08x}"
     recording = rr.RecordingStream(f"constraints: {name}", **settings)
     memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
-    layout = blueprint(runs, dt, low, high, ranges, empty_corner(lively, ranges))
+    layout = blueprint(runs, dt, low, high, ranges)
     recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
     for entity, what in still + [(entity, style) for entity, _, style, _ in moving if style]:
         recording.log(entity, what, static=True)
@@ -203,9 +190,9 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     recording.disconnect()
 
 
-def blueprint(runs, dt, low, high, ranges, legend):
+def blueprint(runs, dt, low, high, ranges):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
-    what to look at; beside them plots, `ranges` {title: y}, with a `legend` as of empty_corner."""
+    what to look at; beside them plots, `ranges` {title: y}."""
     import rerun.blueprint as rrb
 
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
@@ -228,8 +215,9 @@ def blueprint(runs, dt, low, high, ranges, legend):
         left.append(rrb.Spatial3DView(name=name, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
     for plot, (name, ends) in enumerate(ranges.items()):
-        corner = rrb.PlotLegend(getattr(rrb.Corner2D, legend[1]), visible=name == legend[0])
-        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=ends), "plot_legend": corner}
+        # one legend will do: at first energy is right, and leaves room there
+        legend = rrb.PlotLegend(rrb.Corner2D.LeftBottom, visible=name == ENERGY)
+        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=ends), "plot_legend": legend}
         right.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
     both = rrb.Grid(*left, grid_columns=across), rrb.Vertical(*right)

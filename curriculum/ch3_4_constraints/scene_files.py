@@ -10,11 +10,10 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 """
 
 import json
+import math
 from argparse import ArgumentTypeError
-from collections import Counter
 from decimal import Decimal, localcontext
 from itertools import accumulate
-from numbers import Integral, Real
 from operator import mul
 from pathlib import Path
 
@@ -66,35 +65,20 @@ def load_scene(name, folder, others, gravity):
     path = shipped[name] if name in shipped and not Path(name).exists() else Path(name)
     try:
         if not name or not path.exists():
-            from difflib import get_close_matches  # here: a run has no use for it
-
-            near = get_close_matches(name.lower(), [*others, *shipped], 1)
-            known = f"scenes are {', '.join([*others, *sorted(shipped)])}"
-            known = f"did you mean {near[0]!r}?" if near else known
-            raise SceneError(f"{shown} is no scene and no file; {known}")
+            known = which(name, "scenes", [*others, *sorted(shipped)])
+            raise SceneError(f"no scene and no file; {known}")
         if not path.is_file() or path.stat().st_size > LARGEST:
-            raise SceneError(f"{shown} must be a plain file of at most {LARGEST / 1e6:g} MB")
-        content = path.read_bytes()
+            raise SceneError(f"must be a plain file of at most {LARGEST / 1e6:g} MB")
+        system = parse_scene(json.loads(path.read_bytes()))
+        if not (why := refusal(system, gravity)):
+            return system
     except OSError as error:
-        raise SceneError(f"{shown} cannot be read: {error.strerror}") from None
-    try:
-        system = parse_scene(json.loads(content, object_pairs_hook=no_key_twice))
-        if why := refusal(system, gravity):
-            raise SceneError(why)
+        why = f"cannot be read: {error.strerror}"
     except SceneError as error:
-        raise SceneError(f"{shown}: {error}") from None
+        why = str(error)
     except (ValueError, RecursionError) as error:  # not Unicode, or no end of brackets
-        raise SceneError(f"{shown} is not JSON: {shorten(str(error))}") from None
-    return system
-
-
-def no_key_twice(items):
-    """The dict of JSON's `items`; raises SceneError for a key that is there twice."""
-    found = dict(items)
-    if len(found) < len(items):
-        twice = json.dumps(shorten(Counter(key for key, _ in items).most_common(1)[0][0]))
-        raise SceneError(f"the key {twice} stands twice in one object; must stand once")
-    return found
+        why = f"not JSON: {shorten(str(error))}"
+    raise SceneError(f"{shown}: {why}")
 
 
 def need(test, field, found, allowed):
@@ -124,10 +108,9 @@ def entries(data, field, keys=()):
 def parse_scene(data):
     """The system that a scene's JSON describes, checked; raises SceneError."""
     only(data, "the file", ("about", "anchors", "particles", "rods"))
-    need(isinstance(data.get("about", ""), str), "about", data.get("about"), "text")
     particles = entries(data, "particles", ("position", "velocity", "mass"))
     rods = entries(data, "rods", ("pair", "length"))
-    system = {
+    raw = {
         "q0": [particle.get("position") for particle in particles],
         "v0": [particle.get("velocity", [0, 0, 0]) for particle in particles],
         "m": [particle.get("mass", 1) for particle in particles],
@@ -135,7 +118,14 @@ def parse_scene(data):
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
     }
-    return checked(system, True, [k for k, rod in enumerate(rods) if "length" not in rod])
+    for key, (row, _, place, allowed) in COLUMNS.items():
+        kinds, most = ((int,), 2**31) if key == "pairs" else ((int, float), HUGE)
+        for k, x in enumerate(raw[key]):
+            numbers = [x] if key in ("m", "lengths") else x
+            right = isinstance(numbers, (list, tuple)) and len(numbers) == math.prod(row)
+            right = right and all(type(y) in kinds and abs(y) < most for y in numbers)
+            need(right, place.format(k), x, allowed)
+    return checked(raw, True, [k for k, rod in enumerate(rods) if "length" not in rod])
 
 
 def check_system(system):
@@ -188,32 +178,34 @@ def checked(raw, of_file, bare):
 def column(raw, key, of_file, refuse):
     """raw, an array or a list of a system's rows, as an array of numbers in range."""
     row, shape, _, allowed = COLUMNS[key]
-    kind, letters, dtype = (Integral, "iu", int) if key == "pairs" else (Real, "iuf", float)
+    letters, dtype = ("iu", int) if key == "pairs" else ("iuf", float)
     low = 1 / HUGE if key in ("m", "lengths") else -HUGE
-    need(isinstance(raw, (list, tuple, np.ndarray)), key, raw, f"a list or an array {shape}")
     try:
-        array = None if of_file else np.asarray(raw)  # would take true for 1
+        array = np.array(raw, dtype).reshape(-1, *row) if of_file else np.asarray(raw)
     except ValueError:
-        array = None  # rows of several lengths
-    if array is None or array.dtype.kind not in letters:
-        size = () if of_file and key == "m" else row
-        bad = [not fits(x, size, kind, low) for x in raw]
-        refuse(key, np.array(bad, dtype=bool), lambda _: allowed)
-        return np.array(raw, dtype).reshape(-1, *row)
+        array = np.array(None)  # rows of several lengths
     axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-    right = array.shape[axes:] == row and (axes == 1 or (axes > 1 and key in ("q0", "v0")))
-    need(right, f"the shape of {key}", array.shape, shape)
+    right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
+    right = right and array.dtype.kind in letters and array.shape[axes:] == row
+    need(right, key, raw, f"a list or an array {shape}, each row {allowed}")
     bad = ~((array > low) & (array < HUGE))
     refuse(key, bad.any(axis=-1) if row else bad, lambda _: allowed)
     return array.astype(dtype)
 
 
-def fits(x, size, kind, low):
-    """Whether x is a number > low of a kind, or if its size is (n,) a list of n such numbers."""
-    if size:
-        right = isinstance(x, (list, tuple)) and len(x) == size[0]
-        return right and all(fits(y, (), kind, low) for y in x)
-    return isinstance(x, kind) and type(x) is not bool and low < x < HUGE
+def which(name, what, known):
+    """What to say of a name that is none of the `known`: the one that was meant, or all of them."""
+    from difflib import get_close_matches  # here: a run has no use for it
+
+    near = get_close_matches(name.lower(), known, 1)
+    return f"did you mean {near[0]!r}?" if near else f"{what} are {', '.join(known)}"
+
+
+def chosen(name, table):
+    """The Hold of this name in a table of modes; raises ValueError if there is none."""
+    if name not in table:
+        raise ValueError(f"{shorten(name)!r} is no mode; {which(name, 'modes', table)}")
+    return table[name]
 
 
 def misfit(hold, rule):

@@ -1,14 +1,13 @@
-"""Rods as vectors, and whether finite tensions can hold them: at a start, and where a run ended."""
+"""Rods as vectors, and whether finite tensions can hold them at a start."""
 
 from curriculum.common.graph import has_loop
 
 import numpy as np
 
-FIT = 1e-6  # relative: how exactly velocities must keep the lengths; below, a rod is at rest
+STILL = 1e-6  # relative: how exactly velocities must keep the lengths; below, a rod is at rest
 LOST = 1.5e-8  # singular values of J by the largest: A squares them, and then they are rounding
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
-MOST = 1000  # rods or particles: beyond, a start with loops is not looked at
-FEW = 64  # rods: beyond, the place where a run stopped is not looked at
+MANY = 1000  # rods or particles: beyond, a start with loops is not looked at
 
 # Rods in a loop may be one too many, or lose rank in passing. So their linear system is blurred: by
 # a share of A's diagonal, well over rounding, and by what A gains in so few seconds that no step of
@@ -53,13 +52,13 @@ def refusal(system, gravity):
     pairs, lengths = system["pairs"], system["lengths"]
     unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
     rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)
-    slow = FIT * (1.0 + np.abs(rate).max())
+    slow = STILL * (1.0 + np.abs(rate).max())
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if max(len(pairs), len(system["m"])) > MOST or not has_loop(tuple(pairs)):
+    if max(len(pairs), len(system["m"])) > MANY or not has_loop(tuple(pairs)):
         return None
     k = torn(system, gravity, unit, rate, slow)
     if k is None:
@@ -122,18 +121,3 @@ def worked_on(stresses, bend, floor):
     part = np.abs(stresses @ bend)
     part[part <= TAUT * (np.abs(stresses) @ bend) + floor] = 0.0
     return int(np.argmax(part > 0.99 * part.max())) if part.any() else None
-
-
-def in_line(constraint_terms, system, run):
-    """A hint for a run that stopped where J (C, 3N) of constraint_terms loses rank, or ""."""
-    if run.kind != "loop" or len(system["pairs"]) > FEW:
-        return ""
-    q, v = np.stack([system["q0"], run.q[-1]]), np.stack([system["v0"], run.v[-1]])
-    rows = constraint_terms(system, q, v)[0]
-    rows = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
-    left, (before, sizes), _ = np.linalg.svd(rows, full_matrices=False)
-    last = int(np.sum(before > 1e-6)) - 1  # the weakest combination that held at the start
-    if sizes[last] >= 0.2 * before[last]:
-        return ""
-    around = f"the rods around rods[{np.argmax(np.abs(left[1, :, last]))}] are nearly in line there"
-    return f"; {around}: no finite tension turns them; another --dt may step over that pose"

@@ -23,11 +23,10 @@ def per_cent(share):
     return f"{float(f'{100.0 * share:.2g}'):g} %"
 
 
-def comparison(rows, runs, hints, at, truth, tol):
+def comparison(rows, runs, at, truth, tol):
     """Print a table of `rows` and Runs by mode, and a sentence for each mark in it.
 
-    `hints`: what else is to be said of a run that ended early; `at`: when the Truth was taken, in
-    words; `tol` m: the error that was asked for, or None.
+    `at`: when the Truth was taken, in words; `tol` m: the error that was asked for, or None.
     """
     print("               rods off by      energy off  from the truth    a step")
     print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
@@ -41,7 +40,7 @@ def comparison(rows, runs, hints, at, truth, tol):
         print(f"{name:<10}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:
-            print(f"* {mode} {run.note}{hints[mode]}")
+            print(f"* {mode} {run.note}")
         if (left := rows[mode]["unheld"]) > UNHELD:
             print(f"* {mode}: no tensions answer {left:.2g} (m/s^2 along a rod, or a share)")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
