@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import Wrong, checks, solved
+from curriculum.ch3_4_constraints.exercises import Wrong, checks, solved, write_down
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import figures
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -53,6 +53,16 @@ def test_an_unedited_exercise_ends_by_what_it_wants_next(name):
 def test_a_wrong_answer_is_told_of(name, right, wrong, says):
     with pytest.raises(Wrong, match=says):
         CHECKS[name](load(name, right, wrong))
+
+
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path, capsys):
+    """A wrong one counts; one that was changed afterwards does not."""
+    note, wrong = tmp_path / "outputs/note.json", load(ONE, '"factor": 16,', '"factor": 2,')
+    for _ in range(2):
+        write_down(note, wrong.predict())
+        assert capsys.readouterr().out.startswith("you wrote down {'rod': 'grows', 'factor': 2,")
+    with pytest.raises(Wrong, match="before, you wrote down"):
+        write_down(note, load(ONE).predict())
 
 
 def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(tmp_path):

@@ -1,11 +1,14 @@
 """Five scripts with blanks. A blank says what belongs there; checks.py says whether it does."""
 
+import json
 import sys
 from importlib import import_module, reload
 from pathlib import Path
 
+import constraints as c
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.common.cli import run_script
+from curriculum.common.files import write_json
 
 
 class Blank(Exception):
@@ -22,6 +25,16 @@ def blank(what):
     raise Blank(f"{Path(place.f_code.co_filename).name}, line {place.f_lineno}: {what}")
 
 
+def write_down(note, guess):
+    """Print the guess, which the file `note` keeps as it was before the first run."""
+    if not note.exists():
+        write_json(note, guess)
+    noted = json.loads(note.read_text(encoding="utf-8"))
+    if guess != noted:
+        raise Wrong(f"before, you wrote down {noted}; put that back: a wrong guess costs nothing")
+    print(f"you wrote down {guess}\n")
+
+
 def solved(name, answers):
     """The exercise `name`, anew, with what stands in the module `answers` for its blanks."""
     exercise = reload(import_module(f"{__name__}.{name}"))
@@ -30,7 +43,7 @@ def solved(name, answers):
 
 
 def run(main):
-    """As a script: the guess is shown, main(), then the check, up to the first blank or mistake.
+    """As a script: the guess is noted, main(), then the check, up to the first blank or mistake.
 
     With --solved it is done with the answers. The exit status is 1 after a mistake, or else 0.
     """
@@ -39,11 +52,13 @@ def run(main):
         from curriculum.ch3_4_constraints.exercises.checks import CHECKS
 
         name, exercise = Path(main.__code__.co_filename).stem, sys.modules[main.__module__]
+        note = f"guess_{name}.json"
         if "--solved" in sys.argv:
             exercise = solved(name, import_module(f"{__name__}.solutions.{name}"))
+            note = f"guess_{name}_solved.json"  # beside the reader's own
         try:
             if hasattr(exercise, "predict"):
-                print(f"you wrote down {exercise.predict()}\n")
+                write_down(c.HERE / "outputs" / note, exercise.predict())
             exercise.main()
             CHECKS[name](exercise)
         except (Blank, Wrong, SceneError) as message:

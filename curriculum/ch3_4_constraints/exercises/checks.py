@@ -20,6 +20,11 @@ def near(x, y, tolerance):
     return isinstance(x, (int, float, np.number)) and bool(abs(x - y) <= tolerance * abs(y))
 
 
+def explained(sentence):
+    """What nobody can check of a reason: that it is one."""
+    need(len(str(sentence).split()) > 5, f"why: {sentence!r} is no sentence; use your own words")
+
+
 def check_drift(exercise):
     """The findings are what theory says of them, and g is explained."""
     found, pendulum = exercise.found(), c.build_system("pendulum")
@@ -35,6 +40,7 @@ def check_drift(exercise):
     line = exercise.expected_g(np.linalg.norm(ran.v[1:, 0], axis=-1), 0.01)
     said = f"expected_g says {line} m^2 after 1 s in steps of 0.01 s, and the run has {g:.9f}"
     need(near(line, g, 1e-6), said)
+    explained(found["why"])
 
 
 # Typical wrong answers of exercise 2, by its functions, and what is to be said of them.
@@ -80,7 +86,7 @@ def check_solve(exercise):
             at = f"{'in motion' if speed else 'at rest'}, w {w:g} rad/s"
             said = f"{blame}: a chain of {n} {at}: off by {off:.0e} of the largest force"
             need(off <= 1e-12, said)
-    exercise.why()  # which nobody can check: it may be blank
+    explained(exercise.why())
 
 
 def check_chaos(exercise):
@@ -100,6 +106,7 @@ def check_chaos(exercise):
     farther = fine + (fine - wide) / 9.0 * 12.0  # nine digits bought so much, and twelve more?
     said = f"1e-24: not {found['1e-24']} s: each factor of 1000 buys about as many seconds"
     need(near(found["1e-24"], farther, 0.3), said)
+    explained(found["why"])
 
 
 def check_cliff(exercise):
@@ -120,7 +127,7 @@ def check_cliff(exercise):
         cliff, tried = exercise.cliffs(rule)
         said = f"the runs of {rule} break at z = {tried:.3f}, theory says {cliff:.3f}"
         need(near(tried, cliff, 0.01), said)
-    exercise.why()
+    explained(exercise.why())
 
 
 def check_linkage(exercise):
@@ -139,6 +146,7 @@ def check_linkage(exercise):
         share = exercise.worst(system, remedy)
         said = f"{key}: under {remedy} the worst rod error of {scene} is {100.0 * share:.2g} %"
         need((share <= exercise.SHARE) == (key == "holds"), said)
+    explained(claim["why"])
 
 
 CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check_chaos}
