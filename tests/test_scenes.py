@@ -28,7 +28,8 @@ STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
 TYPED = MISTAKES["scenes"]["typed"] | {
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0 is null; must be a list or an array (N, 3), each row three": {"q0": None},
-    "meet is 489300; must be 400000": c.build_system("chain", links=700) | STAR,
+    "meet is 489300; must be 10000 at most": c.build_system("chain", links=700) | STAR,
+    "must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
 }
 NO_SCENES = [*MISTAKES["scenes"]["names"], ("x" * 5000, "cannot be read: ")]
 

@@ -24,9 +24,9 @@ import numpy as np
 
 FIT = 1e-6  # relative: how far a length in a file may be from the distance of the rod's ends
 ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
-LARGEST, MOST = 1e7, 20_000  # bytes of a file; particles, rods or anchors in it
-CROWD = 400_000  # pairs of rods that share a particle: the entries of A
-HUGE = 1e30  # larger numbers, and divisors below 1 / HUGE, overflow once squared and multiplied
+LARGEST, MOST = 1e7, 1000  # bytes of a file; particles, rods or anchors in it
+CROWD = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
+HUGE = 1e12  # beyond, and for divisors below 1 / HUGE, doubles have no digits left for the rods
 UNLIKE = 1e12  # heaviest mass over lightest: beyond, the heavy one's share of A is rounded away
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"

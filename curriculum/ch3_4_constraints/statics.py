@@ -7,7 +7,6 @@ import numpy as np
 STILL = 1e-6  # relative: how exactly velocities must keep the lengths; below, a rod is at rest
 LOST = 1.5e-8  # singular values of J by the largest: A squares them, and then they are rounding
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
-MANY = 1000  # rods or particles: beyond, a start with loops is not looked at
 
 # Rods in a loop may be one too many, or lose rank in passing. So their linear system is blurred: by
 # a share of A's diagonal, well over rounding, and by what A gains in so few seconds that no step of
@@ -58,7 +57,7 @@ def refusal(system, gravity):
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if max(len(pairs), len(system["m"])) > MANY or not has_loop(tuple(pairs)):
+    if not has_loop(tuple(pairs)):
         return None
     k = torn(system, gravity, unit, rate, slow)
     if k is None:
