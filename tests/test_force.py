@@ -3,8 +3,6 @@
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import parse_scene
-from curriculum.ch3_4_constraints.scenes import make_scenes
 from curriculum.ch3_4_constraints.studies._runs import make_system, scene
 from curriculum.ch3_4_constraints.tables import UNHELD
 
@@ -91,10 +89,15 @@ def test_leading_axes_are_separate_runs(system):
 
 
 def tight_cable(rods, slack, masses, sway):
-    """Rods that hang at rest, or sway out of their plane; then masses by turns, 1 and `masses`."""
-    system, bobs = parse_scene(make_scenes.tight_cable(rods, slack)), np.arange(1, rods)
+    """Unit rods that hang at rest between level anchors, longer than their span by `slack`, nearly;
+    or that sway out of their plane. Then masses by turns, 1 and `masses`."""
+    lifts, bobs = np.arange(rods) - 0.5 * (rods - 1), np.arange(1, rods)
+    level = np.sqrt(np.mean(lifts * lifts) / (2.0 * slack))  # a rod's pull, in a bob's weights
+    links = np.stack([np.full(rods, level), lifts, 0.0 * lifts], axis=-1)
+    *q, end = np.cumsum(links / np.hypot(level, lifts)[:, None], axis=0)
     v = np.outer(sway * np.sin(np.pi * bobs / rods), [0.0, 0.0, 1.0])  # so that J v = 0
-    return system | {"v0": v, "m": np.where(bobs % 2, 1.0, masses)[:, None]}
+    pairs = [*row(rods - 1), (rods - 2, -2)]
+    return make_system(q, v, np.where(bobs % 2, 1.0, masses), pairs, None, [0.0 * end, end])
 
 
 def cantilever(bays, both=False):

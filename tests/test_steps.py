@@ -10,8 +10,7 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import misfit
-from curriculum.ch3_4_constraints.scenes.make_scenes import MADE
-from curriculum.ch3_4_constraints.studies._runs import run, whole_step
+from curriculum.ch3_4_constraints.studies._runs import SCENES, run, whole_step
 from curriculum.common import compiled, native
 from curriculum.common.pure import Memory
 from curriculum.common.steps import Plain
@@ -292,8 +291,9 @@ CASES = [  # name, rule, mode, dt, steps, how it ends
     ("pendulum", "gauss", "none", 0.5, 12, None),
     ("braced", "semi_implicit", "none", 0.02, 90, None),
 ]
-SCENES = [*c.SYSTEMS, *(MADE.keys() - {"long_chain", "taut_cable"})]  # by arrays; refused
-SHORT = {(name, "semi_implicit", "project") for name in SCENES}
+SHIPPED = {path.stem for path in SCENES.glob("*.json")} - {"long_chain", "taut_cable"}
+# of which one goes by arrays, and the other is refused
+SHORT = {(name, "semi_implicit", "project") for name in (*c.SYSTEMS, *SHIPPED)}
 for rule, (mode, hold) in product(c.INTEGRATORS, c.hold_table().items()):
     if not misfit(hold, rule):
         SHORT |= {("double", rule, mode), ("fourbar_coupler", rule, mode)}
