@@ -1,10 +1,12 @@
-"""The constraint force: what it must bring about, and what no force can."""
+"""The constraint force, by the chapter's lines and by arrays: what it must bring about, and cannot."""
 
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import make_system, scene
+from curriculum.ch3_4_constraints import large
+from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
 from curriculum.ch3_4_constraints.tables import UNHELD
+from curriculum.common.trace import Stop
 
 import numpy as np
 import pytest
@@ -69,10 +71,9 @@ def test_jacobian_is_the_derivative_of_g():
     assert_close((ahead[0] - behind[0]) @ v.ravel() / (2 * eps), jdotv, 1e-8)
 
 
-@pytest.mark.parametrize("system", [moving(row(3), 0.01), moving(tree(5, 2), 0.01)])
-def test_leading_axes_are_separate_runs(system):
+def test_leading_axes_are_separate_runs():
     """Everything takes (..., N, 3): a stack of states gives the stack of what each gives alone."""
-    rng = np.random.default_rng(5)
+    system, rng = moving(tree(5, 2), 0.01), np.random.default_rng(5)
     q = system["q0"] + 1e-3 * rng.normal(size=(2, 2, *system["q0"].shape))
     v = rng.normal(size=q.shape)
 
@@ -111,16 +112,12 @@ def cantilever(bays, both=False):
 
 NEEDED = [tight_cable(*x) for x in product((12, 66, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
 NEEDED += [scene("tonne") | {"m": scene("tonne")["m"] ** load} for load in (1, 2)]  # a rod too many
-NEEDED += [cantilever(30)]
-
-
 # so tight that A cannot be told from a singular matrix
 LOST = [tight_cable(66, 1e-7, 1.0, 0.0), tight_cable(150, 1e-6, 1.0, 0.0)]
+LOADED = [*product([*NEEDED, cantilever(30)], [True]), *product(LOST, [False])]
 
 
-@pytest.mark.parametrize(
-    ("system", "met"), [*((x, True) for x in NEEDED), *((x, False) for x in LOST)]
-)
+@pytest.mark.parametrize(("system", "met"), LOADED)
 def test_a_tension_that_is_needed_is_found_or_told(system, met):
     """However small the eigenvalue that carries it: against an SVD of J M^-1/2."""
     q, v, w = system["q0"], system["v0"], np.repeat(np.sqrt(1.0 / system["m"][:, 0]), 3)
@@ -148,3 +145,80 @@ def test_what_no_tension_can_hold_is_let_go_and_told():
 def test_whole_numbers_are_solved_as_numbers():
     whole = c.solve(c.build_system("double"), np.array([[2, 1], [1, 2]]), np.array([1, 1]))
     assert whole == pytest.approx([1 / 3, 1 / 3])
+
+
+# --- many rods, by arrays ---
+STAR = [(0, -1), *((k, 0) for k in range(1, 30))]
+PAIRS = {f"chain of {n}": row(n) for n in (large.CHAIN + 1, 162)}
+PAIRS |= {"tree": tree(large.LINKAGE + 1), "loops": tree(large.LINKAGE, 8)}
+PAIRS |= {"wheel": STAR + row(30)[2:]}
+
+
+@pytest.mark.parametrize("pairs", PAIRS.values(), ids=PAIRS)
+def test_large_scenes_equal_the_chapters_lines(pairs):
+    """Forces, tensions and the way back, of one state and of a stack of them."""
+    system = moving(pairs, 0.001)
+    q, v, moved = system["q0"], system["v0"], system["q0"] + 1e-3 * system["v0"]
+    two = np.stack([q, moved]), np.stack([v, 0.5 * v])
+    for hold in TABLE.values():
+        force = c.make_force(system, hold)
+        assert isinstance(force, large.LargeForce)
+        expected = c.external_force(system, *two) + c.constraint_force(system, *two, hold)
+        assert_close(force(*two), expected)
+        assert_close(force(q, v), expected[0])
+    assert_close(force.tensions(*two), c.tensions(system, *two, hold))
+    system = system | {"lengths": system["lengths"] / 0.999}  # the start is on its rods
+    back = c.make_force(system, TABLE["project"]).after(q, moved, v, 1e-3)
+    for ours, theirs in zip(back, c.project(system, q, moved, v, 1e-3), strict=True):
+        assert_close(ours, theirs, 1e-10)
+
+
+def test_rods_too_many_stay_put_and_long_chains_find_their_way_back():
+    """With less slack, what rounding leaves between the rods of a braced truss blows up."""
+    assert run(cantilever(20, both=True), steps=40).violations.max() < 1e-8
+    chain = c.build_system("chain", links=10_000)
+    lost, back = (run(chain, hold=mode, steps=1).violations[-1] for mode in ("none", "project"))
+    assert lost > 1e-8 and back < 1e-11
+
+
+def test_what_no_tension_can_hold_is_said():
+    """A straight line in motion between two anchors, and numbers that are none."""
+    q = np.arange(71.0)[:, None] * [1.0, 0.0, 0.0]
+    v = np.outer(np.arange(69) == 34, [0.0, 1.0, 0.0])
+    line = make_system(q[1:-1], v, np.ones(69), [*row(69), (68, -2)], None, q[[0, -1]])
+    for q in (line["q0"], np.nan * line["q0"]):
+        with np.errstate(all="ignore"), pytest.raises(Stop, match="no finite tensions"):
+            c.make_force(line, 0.0)(q, line["v0"])
+
+
+def test_what_is_large():
+    """Many rods in a row, few that all feel each other, many particles; a loose one just falls."""
+    loose = moving(row(large.CHAIN - 5), loose=100)
+    scenes = moving(STAR), moving(STAR[:10]), moving(row(large.CHAIN + 5)), loose
+    assert [large.takes(some) for some in scenes] == [True, False, True, True]
+    assert_close(c.make_force(loose, 0.0)(loose["q0"], loose["v0"])[-1], loose["m"][-1] * c.GRAVITY)
+
+
+def test_an_edit_of_the_chapter_counts_for_many_rods(monkeypatch):
+    system, original = moving(PAIRS["tree"]), c.right_side
+    q, v = system["q0"], system["v0"]
+    before = c.make_force(system, 0.0)(q, v)
+    monkeypatch.setattr(c, "right_side", lambda *terms: original(*terms[:-1], 0.0 * terms[-1]))
+    monkeypatch.setattr(c, "external_force", lambda *_: [0.0, -9.0, 0.0])  # a list will do
+    after, plain = (c.make_force(system, 0.0, way)(q, v) for way in (False, True))
+    assert_close(after, plain)
+    assert np.abs(after - before).max() > 1.0
+
+
+@pytest.mark.parametrize("mode", ["none", "soft"])
+@pytest.mark.parametrize("name", ["chain of 41", "loops"])
+def test_what_tensions_leave_unanswered_is_measured_alike(name, mode, monkeypatch):
+    """Tensions nine tenths of what they should be leave a tenth, whichever way they are found."""
+    system = moving(PAIRS[name], 0.001)
+    large_one, small = (c.make_force(system, mode, plain) for plain in (False, True))
+    for owner, solver in ((c, "solve"), (type(large_one.rods), "multipliers")):
+        exact = getattr(owner, solver)
+        monkeypatch.setattr(owner, solver, lambda *terms, exact=exact: 0.9 * exact(*terms))
+    left = large_one.unheld(system["q0"], system["v0"])
+    assert left > 0.1
+    assert_close(left, small.unheld(system["q0"], system["v0"]))
