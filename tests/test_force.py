@@ -1,4 +1,4 @@
-"""The constraint force, by the chapter's lines and by arrays: what it must bring about, and cannot."""
+"""The constraint force, of few rods and many: what it must bring about, and what no force can."""
 
 from itertools import product
 

@@ -10,9 +10,8 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import misfit
-from curriculum.ch3_4_constraints.studies._runs import SCENES, run, whole_step
+from curriculum.ch3_4_constraints.studies._runs import SCENES, run
 from curriculum.common import compiled, native
-from curriculum.common.pure import Memory
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
 
@@ -99,7 +98,8 @@ def forces():
     """
     global CALLS
     CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
-    slotted = Slotted()
+    slotted, endless = Slotted(), {"of": Controller, "file": open, "lock": np.lib}
+    endless["self"] = [endless]
     rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
@@ -146,6 +146,8 @@ def forces():
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: in place": lambda q, v: halving(q)[0],
+        # nothing that changes
+        "compiled: pure": lambda q, v, k=(0.1, [0.2]): -k[0] * np.cross(q, v) if endless else q,
     }
 
 
@@ -165,22 +167,6 @@ def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, step
     assert not plain.stopped and np.allclose(found.q[-1], plain.q[-1], rtol=0.0, atol=1e-12)
     assert name.split(":")[0] in found.way
     assert ("slower: it" in found.way) == (not name.startswith("compiled"))
-
-
-@pytest.mark.parametrize("mode", c.hold_table())
-def test_pure_functions_are_not_accused_and_cheap_to_look_at(mode):
-    """Some tens of dicts, arrays and cells, for the chapter's own functions and a drag."""
-    rate, endless = np.ones(3), {"of": Memory, "file": open, "lock": np.lib}
-    endless["self"] = [endless]
-
-    def drag(q, v, k=(0.1, [0.2]), n=math.pi):
-        return np.sin(n) - k[0] * v + np.cross(q, rate) if endless else q
-
-    q, v, m = (DOUBLE[key] for key in ("q0", "v0", "m"))
-    step, force = whole_step(DOUBLE, c.rk4_step, mode, 0.005)
-    memory = Memory(step, force, drag)
-    drag(*step(q, v, m, force, 0.005))
-    assert memory.restore() is None and len(memory.parts) < 80
 
 
 def motor(q, v):
