@@ -10,7 +10,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
-from curriculum.common.ruler import settle, step_for, true_position
+from curriculum.common.ruler import settle, true_position
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -156,21 +156,16 @@ def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
         assert true_position(triple, 20.0, budget) == unknown and taken[-1] == most
 
 
-@pytest.mark.parametrize("tol", [1e-6, 1e-9])
-def test_the_step_for_an_error_is_the_largest_that_will_do(tol):
-    truth, _ = true_position(partial(asked, "double", "project"), 2.0)
-    rule, dt = step_for(tol, 2.0, truth, [partial(asked, "double", "none")])
-    ends = [asked("double", "none", rule, h, round(2.0 / h)).q[-1] for h in (dt, 2.0 * dt)]
-    assert distance(ends[0], truth) <= tol < distance(ends[1], truth)
-
-
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
-    """As many steps as asked; the truth is that of a step, after 2 s or at the end."""
+    """As many steps as asked; the truth is that of a step, after 2 s or at the end. The step for
+    an error is the largest that will do."""
     runs = [partial(asked, "double", mode) for mode in ("project", "none")]
     rule, found, count, truth = settle(runs, c.rk4_step, dt, steps, None, 5000)
     assert (rule, found, count, truth.step) == (c.rk4_step, dt, steps, at)
     assert truth.known < 1e-9
-    _, found, count, truth = settle(runs, c.INTEGRATORS["gauss"], dt, steps, 1e-6, 5000)
+    rule, found, count, truth = settle(runs, c.INTEGRATORS["gauss"], dt, steps, 1e-9, 5000)
     assert found > dt and 0.0 <= count * found - steps * dt < found
     assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)
+    ends = [runs[1](rule, h, round(at * dt / h)).q[-1] for h in (found, 2.0 * found)]
+    assert distance(ends[0], truth.q) <= 1e-9 < distance(ends[1], truth.q)

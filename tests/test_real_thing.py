@@ -21,12 +21,15 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
         assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
 
 
-@pytest.mark.parametrize("name", c.SYSTEMS)
-def test_mujocos_joint_angles_give_the_same_motion(name):
-    pytest.importorskip("mujoco", reason="the extra compare brings it")
-    task = peers.Task(c.build_system(name), 4, 0.25, None)
-    theirs, ours = peers.run_hinges(task, 1000)[1], peers.run_ours(task, 5, "gauss", "none")[1]
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+ANGLES = {"mujoco": (peers.run_hinges, 10, 2000), "heyoka": (peers.run_heyoka, 1e-3, 1e-16)}
+
+
+@pytest.mark.parametrize("package", ANGLES)
+def test_joint_angles_give_the_same_motion_the_finer_they_go(package):
+    pytest.importorskip(package, reason="the extras compare and peers bring them")
+    engine, *settings = ANGLES[package]
+    far, near = (real_thing.double().error(engine(real_thing.double(), x)[1]) for x in settings)
+    assert near < 1e-8 * far
 
 
 def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_low_one():
@@ -39,13 +42,6 @@ def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_
     for mode in ("none", "project"):
         assert task.error(peers.run_ours(task, 2, "gauss", mode)[1]) < 1e-2 * real_thing.HIGH
     assert task.error(peers.run_ours(task, 2, "rk4", "project")[1]) > 100.0 * real_thing.HIGH
-
-
-def test_heyoka_comes_to_the_same_motion_the_finer_it_goes():
-    pytest.importorskip("heyoka", reason="the extra peers brings it")
-    task = real_thing.double()
-    far, near = (task.error(peers.run_heyoka(task, tol)[1]) for tol in (1e-3, 1e-16))
-    assert near < 1e-8 * far
 
 
 def test_the_cost_that_is_counted_is_linear_systems_solved():
