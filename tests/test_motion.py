@@ -136,10 +136,8 @@ def test_a_step_too_long_for_its_stages_is_taken_in_halves_if_that_helps(name, m
 
 
 def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
-    """Chaos decides: after 20 s no two of its steps are so near each other.
-
-    Its budget counts whole steps before they are begun, those of halves as they come.
-    """
+    """Chaos decides: after 20 s no two of its steps are so near each other. Its budget counts whole
+    steps before they are begun, those of halves as they come."""
     taken, unknown = [], (None, math.inf)
 
     def counted(name, rule, dt, steps, way):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections import defaultdict
 from types import FunctionType, SimpleNamespace
+from unittest import mock
 from xml.etree import ElementTree
 
 import constraints as c
@@ -45,16 +46,11 @@ def chunks(reader, **store):
 def made(folder, *flags):
     """What a run was recorded of, and its files read again: `found` {entity: {column: rows}},
     `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
-    what, path = {}, folder / publish.RECORDING
-
-    def noted(*given):
-        what.update(inspect.signature(recording.record).bind(*given).arguments, path=path)
-        recording.record(*given)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(publish, "record", noted)
+    path, record, views = folder / publish.RECORDING, recording.record, {}
+    with mock.patch.object(publish, "record", wraps=record) as noted:
         c.main([*flags, "--out", str(folder)])
-    reader, views = RrdReader(str(path)), {}
+    what = inspect.signature(record).bind(*noted.call_args.args).arguments | {"path": path}
+    reader = RrdReader(str(path))
     (store,), (blueprint,) = reader.recordings(), reader.blueprints()
     pages = chunks(reader, store=blueprint)
     for entity, page in pages.items():

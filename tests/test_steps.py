@@ -40,10 +40,8 @@ MEMBERS = native.LANES + 3  # more than go in step
 
 
 def in_every_way(rule, system, hold, dt, steps, ways=WAYS):
-    """The Run of a system or a crowd, one and the same: to the last bit, and numpy's to rounding.
-
-    With the same sentence and kind of stop, and as many steps in halves.
-    """
+    """The Run of a system or a crowd, one and the same: to the last bit, and numpy's to rounding;
+    with the same sentence and kind of stop, and as many steps in halves."""
     runs = [run(system, rule, hold, dt, steps, range(steps + 1), way) for way in ways]
     first, plain = runs[0], runs[-1]
     for found in runs[:-1]:
@@ -88,10 +86,8 @@ CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
 
 
 def forces():
-    """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze.
-
-    Their names say, up to a colon, what the run says of them.
-    """
+    """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze;
+    their names say, up to a colon, what the run says of them."""
     global CALLS
     CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
     endless = {"of": Controller, "file": open, "lock": np.lib}

@@ -33,18 +33,14 @@ def heron(x):
     return fixed_point(lambda y: 0.5 * (y + x / y), 1.0 + 0.0 * x, 1e-20)
 
 
-def tangle(seed):
+def tangle(seed, x):
     """Any lines at all: sums, products and quotients of what came before, of either sign."""
-
-    def function(x):
-        rng, pool = np.random.default_rng(seed), [*x.flat]
-        for _ in range(60):
-            a, b = (pool[k] for k in rng.integers(max(0, len(pool) - 9), len(pool), 2))
-            new = (a + b, a - b, 0.5 * a * b, a / (1.5 + b * b))[rng.integers(4)]
-            pool.append(-new / (1.0 + new * new) if rng.random() < 0.5 else new * 0.5)
-        return np.array(pool[-6:], dtype=x.dtype).reshape(2, 3)
-
-    return function
+    rng, pool = np.random.default_rng(seed), [*x.flat]
+    for _ in range(60):
+        a, b = (pool[k] for k in rng.integers(max(0, len(pool) - 9), len(pool), 2))
+        new = (a + b, a - b, 0.5 * a * b, a / (1.5 + b * b))[rng.integers(4)]
+        pool.append(-new / (1.0 + new * new) if rng.random() < 0.5 else new * 0.5)
+    return np.array(pool[-6:], dtype=x.dtype).reshape(2, 3)
 
 
 INNER = Routine(lambda a, b: a / (1.0 + b * b) - 0.3 * b)
@@ -73,7 +69,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "routines": lambda x: OUTER(x, x[::-1]) + OUTER(KEPT * x, -x) - OUTER(-x, x + 1.0),
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
-EXAMPLES |= {f"tangle {seed}": tangle(seed) for seed in range(4)}
+EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
 LOOSE = dict.fromkeys(("matrix", "functions", "powers"), 1e-12)  # the last bit is numpy's own
 INLINED = [(name, trace.INLINE) for name in EXAMPLES] + [("routines", 0), ("loops of routines", 0)]
 CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (11, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
@@ -102,10 +98,8 @@ def by_machine(code, crowd, count, *knobs):
 
 @pytest.mark.parametrize(("name", "inline"), INLINED)
 def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypatch):
-    """As Python, as numpy calls, and as machine code for one member or lanes, not all of them full.
-
-    Each member ends its loops where it would alone; machine code has the bits of Python.
-    """
+    """As Python, as numpy calls, and as machine code for one member or for lanes, not all of them
+    full. Each member ends its loops where it would alone; machine code has the bits of Python."""
     monkeypatch.setattr(trace, "INLINE", inline)
     program = program_of(EXAMPLES[name])
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
@@ -190,7 +184,7 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     assert len(program.tape.needed(program.out)) == 2  # of 6: two products
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
-    program = program_of(tangle(0))
+    program = program_of(partial(tangle, 0))
     function, given = array_function(program), np.ones((6, 1 << 16))
     tracemalloc.start()
     function(*given)
