@@ -18,8 +18,7 @@ HARD |= dict.fromkeys(hard_cases.EASY, (100, EXACT, 0.01))
 
 @pytest.mark.parametrize("name", HARD)
 def test_every_start_is_held_keeps_its_energy_and_moves_as_it_must(name):
-    """Windows pass the flat pose, Peaucellier draws a line to the end of its reach, and Roberts'
-    point goes level from pivot to pivot, if it starts as it stands in the file."""
+    """Windows pass the flat pose; Peaucellier's line ends where it must, Roberts' at its pivots."""
     system = scene(name) if name in hard_cases.EASY else hard_cases.starts(scene(name), 3)[2]
     steps, energy, dt = HARD[name]
     cases = ("gauss", steps, 0.02, energy), ("rk4", round(2.0 / dt), dt, ROUGHLY)

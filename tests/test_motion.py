@@ -1,5 +1,4 @@
-"""The motion: the chapter's numbers, orders and limits; and the ruler, by references of high
-precision that share neither its form nor its rule."""
+"""The motion: the chapter's numbers, orders and limits; and the ruler, by foreign references."""
 
 import json
 import math
@@ -156,8 +155,7 @@ def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
 
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
-    """As many steps as asked; the truth is that of a step, after 2 s or at the end. The step for
-    an error is the largest that will do."""
+    """As many steps; a truth after 2 s or at the end; for an error, the largest step that does."""
     runs = [partial(asked, "double", mode) for mode in ("project", "none")]
     rule, found, count, truth = settle(runs, c.rk4_step, dt, steps, None, 5000)
     assert (rule, found, count, truth.step) == (c.rk4_step, dt, steps, at)

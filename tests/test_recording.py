@@ -70,8 +70,7 @@ def colors(entity):
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """The default run; a leg, with two anchors and rods that pull and push; and a double pendulum:
-    the rods of one mode grow, and another blows up."""
+    """The default run; a leg, whose rods pull and push; rods that grow, beside a mode that is lost."""
     flags = {
         "default": [],
         "leg": ["--system", "jansen_leg", "--dt", "0.01", "--steps", "200"],

@@ -1,5 +1,4 @@
-"""What a run leaves behind: every step measured; table, verdict and metrics of every flag; and the
-same bytes wherever it ran, whatever numpy and its BLAS choose, and without llvmlite, too."""
+"""What a run leaves behind: each step measured, table and metrics, the same bytes everywhere."""
 
 import json
 import tempfile
@@ -214,7 +213,7 @@ def test_a_long_run_of_many_rods_says_so_before_it_begins(monkeypatch):
     assert "9 steps of 5 modes: about 1 s, by what one took" in lines
 
 
-# --- the same bytes ---
+# --- the same bytes, whatever numpy and its BLAS choose, and without llvmlite, too ---
 # what numpy found here beyond its baseline: naming anything else would only earn a warning
 FEATURES = " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ()))
 PLAIN = {"NPY_DISABLE_CPU_FEATURES": FEATURES, "OPENBLAS_NUM_THREADS": "1"}

@@ -1,5 +1,4 @@
-"""Texts and exercises: what a command is said to print is what it prints, what is pointed to is
-there, an unedited exercise asks, and a wrong answer is told of."""
+"""Texts and exercises: what is said is so, what is pointed to is there, answers are judged."""
 
 import importlib
 import json

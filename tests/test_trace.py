@@ -87,12 +87,12 @@ def by_python(program, x, count, *knobs):
     return np.reshape(states, (count, 2, 3))
 
 
-def by_machine(code, crowd, count, *knobs):
+def by_machine(code, crowd, count):
     """The states (count, members, 2, 3) that machine code makes of a crowd, each end checked."""
     state, begin = (crowd.reshape(-1, 6).T.copy() for _ in range(2))
     out = np.empty((count, *state.shape))
-    assert code(state, count, out, *knobs) == count and np.array_equal(state, out[-1])
-    assert code(begin, count, None, *knobs) == count and np.array_equal(begin, out[-1])
+    assert code(state, count, out) == count and np.array_equal(state, out[-1])
+    assert code(begin, count, None) == count and np.array_equal(begin, out[-1])
     return out.transpose(0, 2, 1).reshape(count, -1, 2, 3)
 
 
@@ -173,9 +173,6 @@ def test_a_knob_is_an_input_and_what_lasts_is_done_once():
     for knobs in ((0.1, 0.7), (-3.0, 0.2)):
         states = [CROWD[0], *by_python(program, CROWD[0], 3, *knobs)]
         assert all(np.array_equal(function(x, *knobs), after) for x, after in pairwise(states))
-        for lanes in (1, native.LANES) if native.available() else ():
-            found = by_machine(native.Native(program, lanes, 0), CROWD[:lanes], 3, *knobs)
-            assert np.array_equal(found[:, 0], states[1:])
 
 
 def test_what_is_not_needed_is_not_done_nor_kept():
