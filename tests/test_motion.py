@@ -67,9 +67,8 @@ LADDERS = [  # the longest step of each, in s, is halved twice; then what the or
     ("rk4", "none", 0.005, 3.9, 4.6),
     ("rk4", "project", 0.0025, 3.9, 4.6),
 ]
-for stages, dt in ((1, 0.005), (2, 0.0125), (3, 0.025)):  # order: twice the stages
-    rule = make_gauss(stages, tol=1e-16)
-    LADDERS.append((rule, "none", dt, 2 * stages - 0.4, 2 * stages + 0.4))
+GAUSS = (1, 0.005), (2, 0.0125), (3, 0.025)  # stages, of which the order is twice as many
+LADDERS += [(make_gauss(s, tol=1e-16), "none", dt, 2 * s - 0.4, 2 * s + 0.4) for s, dt in GAUSS]
 
 
 @pytest.mark.parametrize(("rule", "mode", "dt", "low", "high"), LADDERS)

@@ -70,7 +70,7 @@ def colors(entity):
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """The default run; a leg, whose rods pull and push; rods that grow, beside a mode that is lost."""
+    """The default run; a leg, whose rods pull and push; and rods that grow beside a lost mode."""
     flags = {
         "default": [],
         "leg": ["--system", "jansen_leg", "--dt", "0.01", "--steps", "200"],
