@@ -25,10 +25,8 @@ def complaint(capsys, *words):
 
 
 def python(*words, variables=None, **settings):
-    """A Python, run from the project's folder, that has ended.
-
-    `variables` are added to its environment; its output is text, kept apart.
-    """
+    """A Python, run from the project's folder, that has ended; its output is text, kept apart;
+    `variables` are added to its environment."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
     pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
     return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)

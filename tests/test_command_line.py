@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import tomllib
 from functools import partial
 from pathlib import Path
@@ -31,11 +30,7 @@ def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, part
     assert all(part in line for part in parts)
 
 
-def test_where_results_cannot_go_is_said_before_the_run(tmp_path, capsys):
-    (tmp_path / "constraints.rrd").mkdir()
-    for out in (tmp_path, tmp_path / "constraints.rrd" / ("x" * 5000), "/dev/null", ""):
-        line = complaint(capsys, *SHORT, "--out", out)
-        assert f"argument --out: cannot write to {str(out)[:60]!r}"[:-1] in line
+def test_a_listing_needs_no_folder_for_results():
     assert c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"]) is None
 
 
@@ -65,23 +60,15 @@ def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(tmp
 
 # --- what ends a program ---
 def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
-    mine = "def wrong(path):\n    import numpy\n    numpy.stack([[1], []])"
-    (tmp_path / "mine.py").write_text(mine)
-    lines = "sys.path.insert(0, sys.argv[1])\nimport mine\nfiles.write_whole('a', mine.wrong)"
-    done = script(lines, tmp_path, cwd=tmp_path, variables={"PYTHONPATH": c.HERE})
-    files = re.findall(r'File "(.+?)", line (\d+)', done.stderr)
-    assert files[-1] == (str(tmp_path / "mine.py"), "3") and len(files) <= 2
-    assert done.stderr.splitlines()[-1].startswith("ValueError: ") and done.returncode == 1
-
-
-def test_a_force_of_the_wrong_shape_ends_in_the_readers_line(tmp_path):
+    """Though it was traced on the way there, and numpy raised the error."""
     right, mine = 'return system["m"] * GRAVITY', tmp_path / "constraints.py"
-    mine.write_text(Path(c.__file__).read_text().replace(right, f"{right} + np.zeros((7, 3))"))
+    mine.write_text(Path(c.__file__).read_text().replace(right, f"{right} + np.stack([[1], []])"))
     done = python(mine, *SHORT, cwd=tmp_path, variables={"PYTHONPATH": str(c.HERE)})
-    assert done.returncode == 1 and f"{right} + np.zeros((7, 3))\n" in done.stderr
-    assert re.findall(r'File "(.+?)"', done.stderr)[-1] == str(mine) and not any(
-        tmp_path.rglob("*.json")
-    )
+    files = re.findall(r'File "(.+?)"', done.stderr)
+    assert done.returncode == 1 and files == [str(mine)] * len(files)
+    assert "np.stack([[1], []])\n" in done.stderr.partition("external_force\n")[2]
+    assert done.stderr.splitlines()[-1].startswith("ValueError: ")
+    assert not any(tmp_path.rglob("*.json"))
 
 
 def test_an_end_to_be_expected_is_one_line():
@@ -183,14 +170,10 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
     browser = publish.look(smoke[1] / publish.RECORDING)
     assert window == browser.replace(" --web-viewer", "") != browser and window[0] != "/"
     opened, opener = tmp_path / "opened", tmp_path / "browser"
-    opener.write_text(f"#!/bin/sh\necho $1 > {opened}\n")
+    opener.write_text(f"#!/bin/sh\necho $1 > {opened}\nkill 0")  # it ends the viewer, too
     opener.chmod(0o700)
     monkeypatch.setenv("BROWSER", str(opener))
     command = f"exec {browser} --port 0 --web-viewer-port 0"  # the usual ones may be taken
-    own = {"start_new_session": True, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, shell=True, **own) as viewer:
-        end = time.monotonic() + 30.0
-        while time.monotonic() < end and viewer.poll() is None and not opened.exists():
-            time.sleep(0.1)
-        os.killpg(viewer.pid, signal.SIGTERM)  # the viewer is a child of that python
+    own = {"start_new_session": True, "stderr": subprocess.DEVNULL, "timeout": 30}
+    subprocess.run(command, shell=True, **own)
     assert opened.read_text().startswith("http://")

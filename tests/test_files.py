@@ -31,22 +31,19 @@ def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
 
-def writes(text, error=None):
-    """A writer of a text that then succeeds or fails."""
-
-    def write(path):
-        path.write_text(text)
-        if error:
-            raise error
-
-    return write
+def write(text, path, error=None):
+    """Write a text, and then succeed or fail."""
+    path.write_text(text)
+    if error:
+        raise error
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL, ZeroDivisionError()])
 def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path):
     (tmp_path / "b").write_text("old")
+    fails = partial(write, "half", error=error)
     with pytest.raises(type(error)) as raised:
-        files.write_together(tmp_path, {"a": writes("new"), "b": writes("half", error)})
+        files.write_together(tmp_path, {"a": partial(write, "new"), "b": fails})
     assert contents(tmp_path) == {"b": "old"}
     assert error is not FULL or raised.value.filename == str(tmp_path / "b")
 
@@ -59,7 +56,7 @@ def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkey
     signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
     monkeypatch.setattr(files.Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        files.write_together(tmp_path, dict.fromkeys("ab", writes("new")))
+        files.write_together(tmp_path, dict.fromkeys("ab", partial(write, "new")))
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
@@ -107,15 +104,15 @@ def test_a_full_disk_costs_the_recording_or_the_run_but_nothing_older(tmp_path, 
             monkeypatch.setattr(publish, name, lambda path, *_, flag=flag: writers[flag](path))
         return publish.publish(args, {"steps": 7}, None, {}, {}, 1.0, {}, (), None)
 
-    said = published(rerun=writes("half", FULL))
+    said = published(rerun=partial(write, "half", error=FULL))
     assert said.endswith("metrics.json, but no constraints.rrd: No space left on device")
     numbers = contents(tmp_path)
     assert list(numbers) == ["metrics.json"] and json.loads(numbers["metrics.json"])["steps"] == 7
     old = dict.fromkeys(("metrics.json", "constraints.rrd", "motion.svg"), "old")
-    files.write_together(tmp_path, dict.fromkeys(old, writes("old")))
+    files.write_together(tmp_path, dict.fromkeys(old, partial(write, "old")))
     for error in (FULL, ZeroDivisionError()):  # a mistake in a writer is no missing file
         with pytest.raises(type(error)):
-            published(picture=writes("new"), rerun=writes("half", error))
+            published(picture=partial(write, "new"), rerun=partial(write, "half", error=error))
         assert contents(tmp_path) == old
-    published(picture=writes("new"))  # nothing old stays beside it
+    published(picture=partial(write, "new"))  # nothing old stays beside it
     assert sorted(contents(tmp_path)) == ["metrics.json", "motion.svg"]

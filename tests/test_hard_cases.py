@@ -13,12 +13,13 @@ HARD = dict.fromkeys(("braced", "cable", "light_tip", "tonne", "upright"), (100,
 HARD |= {"heavy_tip": (100, NEAR, 0.001), "ring": (20, NEAR, 0.01), "spin": (150, ROUGHLY, 0.001)}
 HARD |= {"long_chain": (40, EXACT, 0.02), "windows": (75, EXACT, 0.005)}
 HARD |= {"peaucellier": (100, ROUGHLY, 0.002)}
+HARD |= dict.fromkeys(hard_cases.EASY, (100, EXACT, 0.01))
 
 
 @pytest.mark.parametrize("name", HARD)
 def test_every_start_is_held_keeps_its_energy_and_moves_as_it_must(name):
-    """Windows pass the flat pose, Peaucellier draws a line to the end of its reach."""
-    system = hard_cases.starts(scene(name), 3)[2]
+    """Windows pass the flat pose; Peaucellier's line ends where it must, Roberts' at its pivots."""
+    system = scene(name) if name in hard_cases.EASY else hard_cases.starts(scene(name), 3)[2]
     steps, energy, dt = HARD[name]
     cases = ("gauss", steps, 0.02, energy), ("rk4", round(2.0 / dt), dt, ROUGHLY)
     for rule, steps, dt, energy in cases:
@@ -33,17 +34,12 @@ def test_every_start_is_held_keeps_its_energy_and_moves_as_it_must(name):
             assert np.ptp(found.tip[:, 0]) < 1e-9
             reach = np.sqrt(4.5**2 - 3.375**2)  # arms and rhombus, 3 + 1.5 m, end on x = 3.375 m
             assert -reach < found.tip[:, 1].min() < 0.01 - reach
-
-
-def test_legs_fall_and_roberts_point_goes_level_from_pivot_to_pivot():
-    for name in hard_cases.EASY:
-        found = run(scene(name), "rk4", "project", 0.01, 500, range(500))
-        assert found.violations.max() < 1e-10 and drift(scene(name), found) < 1e-6
-    assert np.ptp(found.q[:, 2, 0]) > 0.399 and np.ptp(found.q[:, 2, 1]) < 0.0005  # of 0.4 m
+        if name == "fourbar_coupler":
+            assert np.ptp(found.tip[:, 0]) > 0.399 and np.ptp(found.tip[:, 1]) < 0.0005  # of 0.4 m
 
 
 def test_starts_are_drawn_by_their_seed_and_fit_the_rods():
-    for name in (*HARD, "jansen_leg"):
+    for name in HARD:
         crowd, again, different = (hard_cases.starts(scene(name), 3, seed) for seed in (0, 0, 1))
         for system in crowd:
             _, _, gdot, _ = c.constraint_terms(system, system["q0"], system["v0"])

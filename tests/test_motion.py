@@ -1,22 +1,42 @@
-"""The motion: the chapter's numbers, closed forms, another formulation, orders and limits."""
+"""The motion: the chapter's numbers, orders and limits; and the ruler, by foreign references."""
 
+import json
+import math
+from functools import partial
 from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
+from curriculum.common.compiled import Compiled
+from curriculum.common.gauss import make_gauss
+from curriculum.common.ruler import settle, true_position
+from curriculum.common.runs import distance
 
 import numpy as np
 import pytest
-from test_ruler import measured
+
+EXACT = make_gauss(8, tol=1e-16)  # as rounding allows: the rule's own error is left
+REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies/reference.json").read_text(encoding="utf-8"))
 
 
-# fmt: off
-@pytest.mark.parametrize(("name", "rule", "mode", "digits", "published"), [
+def measured(name, rule, dt, until=5.0, mode="project"):
+    """The largest distance of a particle from the reference up to `until`, in m; and the Run."""
+    keep = [round(t / dt) for t in REFERENCE["times"] if t <= until]
+    found = run(c.build_system(name), rule, mode, dt, keep[-1], keep)
+    assert not found.stopped
+    truth = np.array(REFERENCE["cases"][name]["positions"])[: len(keep)]
+    return np.linalg.norm(found.q[..., :2] - truth, axis=-1).max(), found
+
+
+PUBLISHED = [
     ("pendulum", "rk4", "none", "{0:.1e} {2:.1e}", "8.8e-06 1.2e-05"),
     ("double", "semi_implicit", "none", "{:.12f} {:.3f} {:.2f}", "0.384014620396 0.384 0.43"),
     ("double", "semi_implicit", "baumgarte", "{:.12f} {:.4f} {:.2f}", "0.023470285993 0.0014 0.32"),
     ("triple", "semi_implicit", "none", "{:.12f}", "0.403663129450"),
-])  # fmt: on
+]
+
+
+@pytest.mark.parametrize(("name", "rule", "mode", "digits", "published"), PUBLISHED)
 def test_the_published_script_finds_the_same_digits(name, rule, mode, digits, published):
     """Of the worst rod error, the last one, and the energy error."""
     system = c.build_system(name)
@@ -47,6 +67,8 @@ LADDERS = [  # the longest step of each, in s, is halved twice; then what the or
     ("rk4", "none", 0.005, 3.9, 4.6),
     ("rk4", "project", 0.0025, 3.9, 4.6),
 ]
+GAUSS = (1, 0.005), (2, 0.0125), (3, 0.025)  # stages, of which the order is twice as many
+LADDERS += [(make_gauss(s, tol=1e-16), "none", dt, 2 * s - 0.4, 2 * s + 0.4) for s, dt in GAUSS]
 
 
 @pytest.mark.parametrize(("rule", "mode", "dt", "low", "high"), LADDERS)
@@ -85,3 +107,60 @@ def test_baumgarte_holds_up_to_the_stability_limit(rule):
     for share in (0.999, 1.001):
         found = run(hanging, rule, share * c.STABILITY_LIMIT[rule] / 0.005, 0.005, 20000)
         assert (found.violations[-1] < 1e-9) == (share < 1.0)
+
+
+# --- the ruler ---
+def asked(name, mode, rule, dt, steps, way=Compiled):
+    """A Run of a chapter scene, as the ruler asks for it."""
+    return run(c.build_system(name), rule, mode, dt, steps, way=way)
+
+
+TRUE = [*product(REFERENCE["cases"], ["project"]), ("double", "none"), ("triple", "none")]
+
+
+@pytest.mark.parametrize(("name", "mode"), TRUE)
+def test_gauss_is_true_to_a_trillionth_of_a_metre(name, mode):
+    error, found = measured(name, EXACT, 0.025, mode=mode)
+    assert error < 1e-12 and found.halved == 0
+
+
+@pytest.mark.parametrize(("name", "mode"), [("double", "project"), ("triple", "none")])
+def test_a_step_too_long_for_its_stages_is_taken_in_halves_if_that_helps(name, mode):
+    error, found = measured(name, "gauss", 0.25, mode=mode)
+    assert error < 1e-4 and 0 < found.halved < len(found.tip) - 1
+    assert found.violations.max() < 1e-4
+    hopeless = asked(name, mode, "gauss", 100.0, 20).stopped
+    assert hopeless.startswith("stopped at step 1: the Gauss stages do not ")
+
+
+def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
+    """Chaos decides: after 20 s no two of its steps are so near each other. Its budget counts whole
+    steps before they are begun, those of halves as they come."""
+    taken, unknown = [], (None, math.inf)
+
+    def counted(name, rule, dt, steps, way):
+        taken.append(steps)
+        return asked(name, "project", rule, dt, steps, way)
+
+    double, triple = partial(counted, "double"), partial(counted, "triple")
+    assert true_position(double, 2.0, 119) == unknown and not taken
+    truth, known = true_position(double, 2.0, 120)
+    reference = np.array(REFERENCE["cases"]["double"]["positions"])[REFERENCE["times"].index(2.0)]
+    assert distance(truth[:, :2], reference) < 1e-12 and known < 1e-11 and taken == [40, 80]
+    assert true_position(triple, 8.0)[1] < 1e-9
+    for budget, most in ((1700, 800), (math.inf, 3200)):
+        assert true_position(triple, 20.0, budget) == unknown and taken[-1] == most
+
+
+@pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
+def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
+    """As many steps; a truth after 2 s or at the end; for an error, the largest step that does."""
+    runs = [partial(asked, "double", mode) for mode in ("project", "none")]
+    rule, found, count, truth = settle(runs, c.rk4_step, dt, steps, None, 5000)
+    assert (rule, found, count, truth.step) == (c.rk4_step, dt, steps, at)
+    assert truth.known < 1e-9
+    rule, found, count, truth = settle(runs, c.INTEGRATORS["gauss"], dt, steps, 1e-9, 5000)
+    assert found > dt and 0.0 <= count * found - steps * dt < found
+    assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)
+    ends = [runs[1](rule, h, round(at * dt / h)).q[-1] for h in (found, 2.0 * found)]
+    assert distance(ends[0], truth.q) <= 1e-9 < distance(ends[1], truth.q)

@@ -1,13 +1,22 @@
-"""The texts: what they say a command prints is what it prints, and what they point to is there."""
+"""Texts and exercises: what is said is so, what is pointed to is there, answers are judged."""
 
 import importlib
+import json
 import re
 import shlex
+import shutil
+import subprocess
+from pathlib import Path
+from types import ModuleType
 
-import constraints
+import constraints as c
+from curriculum.ch3_4_constraints.exercises import Wrong, checks, solved, write_down
+from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import figures
+from curriculum.ch3_4_constraints.studies._runs import run
 
 import pytest
+from conftest import MISTAKES, python
 
 CODE = re.compile(r"^```.*?^```$", re.S | re.M)
 TEXTS = {x.relative_to(figures.ROOT).as_posix(): x.read_text("utf-8") for x in figures.TEXTS}
@@ -15,15 +24,18 @@ BLOCKS = [block for text in TEXTS.values() for block in figures.BLOCK.finditer(t
 SHOWN = "python -m curriculum.ch3_4_constraints.studies.shown"
 QUICK = [b for b in BLOCKS if b["command"].startswith(("python constraints.py", SHOWN))]
 QUICK = [b for b in QUICK if b["command"] != f"{SHOWN} hour"]  # the others: figures.py
+QUICK += [b for b in BLOCKS if b["command"].endswith(" --solved")]
 
 
 @pytest.mark.parametrize("block", QUICK, ids=lambda b: b[2])
 def test_a_figure_in_a_text_is_what_its_command_prints(block, tmp_path, capsys):
     words = shlex.split(block["command"])[1:]
-    if words[0] == "-m":
+    if words[-1] == "--solved":
+        print(python(*words, stderr=subprocess.STDOUT).stdout)
+    elif words[0] == "-m":
         importlib.import_module(words[1]).main(words[2:])
     else:
-        constraints.main([*words[1:], "--no-rerun", "--out", str(tmp_path)])
+        c.main([*words[1:], "--no-rerun", "--out", str(tmp_path)])
     printed, said = capsys.readouterr().out.strip("\n"), block["body"]
     assert figures.machine_free(printed) == figures.machine_free(said)
 
@@ -47,14 +59,9 @@ def test_figures_goes_on_after_a_failure_and_refuses_what_no_text_asks(tmp_path,
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_a_text_has_figures_fits_its_page_and_points_to_what_is_there(name):
+def test_a_text_has_figures_and_points_to_what_is_there(name):
     assert figures.BLOCK.search(TEXTS[name])
-    prose = CODE.sub("", TEXTS[name])
-    page = TEXTS[name] if name == f"{constraints.CHAPTER}/README.md" else prose
-    free = "|", "<!--", "ch3.4 ", "wrote "
-    wide = [x for x in page.splitlines() if len(x) > 100 and not x.startswith(free)]
-    assert not wide or name == "README.md"
-    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", prose):
+    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", CODE.sub("", TEXTS[name])):
         target, _, heading = link.partition("#")
         path = figures.ROOT / name if not target else (figures.ROOT / name).parent / target
         assert path.exists(), link
@@ -64,29 +71,115 @@ def test_a_text_has_figures_fits_its_page_and_points_to_what_is_there(name):
 
 
 def test_the_chapter_names_what_is_in_its_file():
-    text = TEXTS[f"{constraints.CHAPTER}/README.md"]
+    text = TEXTS[f"{c.CHAPTER}/README.md"]
     names = re.findall(r"`(?:([a-z]\w*)\(\)|([A-Z_]{4,}))`", text)
-    assert len(names) > 10 and all(hasattr(constraints, a or b) for a, b in names)
-
-
-GIVEN = {  # decimals that no table prints, and why
-    "3.11": "the oldest Python",
-    "3.10": "the version of MuJoCo that was read",
-    "3.3": "the chapter before",
-    "3.4": "this chapter",
-    "0.6": "worked out on paper, d . d' of (0.6, -0.8) and (1, 0)",
-}
+    assert len(names) > 10 and all(hasattr(c, a or b) for a, b in names)
 
 
 @pytest.mark.parametrize("name", [name for name in TEXTS if "solutions" not in name])
 def test_a_decimal_in_prose_stands_in_a_table_of_its_section(name):
     """To its digits, as it is or in cm, mm or per cent; tests above compare these tables."""
+    given = {"3.11", "3.10", "3.3", "3.4", "0.6"}  # Python, MuJoCo, chapters; a sum done on paper
     decimal, number = r"(?<![\w.])\d+\.\d+", r"\d+\.?\d*(?:e[-+]\d+)?"
     for section in re.split(r"^(?=## )", TEXTS[name], flags=re.M):
         tables = "\n".join(block["body"] for block in QUICK if block["body"] in section)
         printed = [float(x) for x in re.findall(number, tables)]
         prose = re.sub(r"`[^`]*`|^    .*$", "", CODE.sub("", section), flags=re.M)
-        for said in set(re.findall(decimal, prose)) - GIVEN.keys():
+        for said in set(re.findall(decimal, prose)) - given:
             digits = len(said.partition(".")[2])
             as_said = {f"{scale * x:.{digits}f}" for x in printed for scale in (1.0, 100.0, 1000.0)}
             assert said in as_said, f"{said}: {section.splitlines()[0]}"
+
+
+# --- exercises ---
+HERE, FOLDER, CHECKS = Path(checks.__file__).parent, checks.__package__, checks.CHECKS
+ONE, TWO, THREE, FOUR, FIVE = CHECKS
+WRONG = [(name, *row) for name, rows in MISTAKES["exercises"].items() for row in rows]
+LISTED = ["git", "ls-files", "--modified", "--", "ex*.py", "my_linkage.json"]
+EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=HERE, capture_output=True).stdout
+SOLUTIONS = (HERE / "solutions/README.md").read_text(encoding="utf-8")
+
+
+def load(name, right="\n", wrong="\n"):
+    """An exercise solved, with `wrong` for what is right in its solution."""
+    path, answers = HERE / f"solutions/{name}.py", ModuleType(name)
+    source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
+    assert right in source
+    exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
+    return solved(name, answers)
+
+
+@pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
+@pytest.mark.parametrize("name", CHECKS)
+def test_an_unedited_exercise_ends_by_what_it_wants_next(name):
+    done = python("-m", f"{FOLDER}.{name}")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.fullmatch(rf"{name}\.py, line \d+: .{{20,}}", done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
+def test_a_wrong_answer_is_told_of(name, right, wrong, says):
+    with pytest.raises(Wrong, match=says):
+        CHECKS[name](load(name, right, wrong))
+
+
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path, capsys):
+    """A wrong one counts; one that was changed afterwards does not."""
+    note, wrong = tmp_path / "outputs/note.json", load(ONE, '"factor": 16,', '"factor": 2,')
+    for _ in range(2):
+        write_down(note, wrong.predict())
+        assert capsys.readouterr().out.startswith("you wrote down {'rod': 'grows', 'factor': 2,")
+    with pytest.raises(Wrong, match="before, you wrote down"):
+        write_down(note, load(ONE).predict())
+
+
+def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(tmp_path):
+    solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
+    solution.SCENE = tmp_path / "mine.json"
+    for rods, error, says in ((2, Wrong, "close no loop"), (0, SceneError, "rods is")):
+        solution.SCENE.write_text(json.dumps(scene | {"rods": scene["rods"][:rods]}), "utf-8")
+        with pytest.raises(error, match=says):
+            CHECKS[FIVE](solution)
+    broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
+    assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
+
+
+def test_the_numbers_in_the_answers_are_those_of_the_runs(capsys):
+    """Those that no script prints, as they are written there."""
+    pendulum, double = c.build_system("pendulum"), c.build_system("double")
+    shorter = -c.rod_errors(pendulum, run(pendulum, "rk4").q[-1])[0]
+    said = [f"{shorter:.1e} m shorter"]
+    tips = [double | {"m": double["m"] * [[1.0], [ratio]]} for ratio in (10.0, 1.0, 0.1)]
+    said += [f"{run(system).violations[-1]:.3f} m" for system in tips]
+    load(TWO, "rate @ rate", "0.0").main()
+    worst = float(re.search("with weight .* ([^ ]+) m", capsys.readouterr().out)[1])
+    chaos = load(THREE)
+    chaos.DT, chaos.STEPS = 0.5 * chaos.DT, 2 * chaos.STEPS
+    chaos.main()
+    times = re.findall(r" ([\d.]+) s\n", capsys.readouterr().out)
+    lines = "the first two lines stay, {0} and {1} s, and the last becomes {4} s"
+    said += [f"stretched by {worst:g} m", lines.format(*times)]
+    said += [f"{name} --solved" for name in CHECKS]
+    assert [words for words in said if words not in " ".join(SOLUTIONS.split())] == []
+
+
+def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
+    holds = {("semi_implicit", 165.0): True, ("semi_implicit", 166.0): False}
+    holds |= {("rk4", 460.0): True, ("rk4", 480.0): False}
+    holds |= {("euler", w): False for w in (5.0, 20.0, 100.0, 390.0)}
+    double = c.build_system("double")
+    assert {(rule, w): not run(double, rule, w).stopped for rule, w in holds} == holds
+    impulse = load(FOUR)  # its spring is x'' = -x' - x at dt 1: what z = 1 makes
+    assert impulse.step_matrix("semi_implicit", 1.0).tolist() == [[0.0, 0.0], [-1.0, 0.0]]
+    assert impulse.step_matrix("euler", 1.0).tolist() == [[1.0, 1.0], [-1.0, 0.0]]
+    undamped = load(FOUR, "-z * v", "0.0 * v")
+    edges = [undamped.decays(*x) for x in (("euler", 0.1), ("semi_implicit", 1.9), ("rk4", 2.8))]
+    assert edges == [False, True, True] and not undamped.decays("semi_implicit", 2.1)
+    linkage = load(FIVE)
+    fast = c.build_system(str(linkage.SCENE))
+    fast["v0"] = 3.0 * fast["v0"]
+    held = [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE]
+    assert held == ["project"]
+    start = c.build_system(str(HERE / "my_linkage.json"))
+    if not EDITED:
+        assert all(linkage.worst(start, mode) <= linkage.SHARE for mode in c.hold_table())
