@@ -5,15 +5,12 @@ the seconds of its steps alone: models are built, and read, while that clock sta
 """
 
 import time
-from collections import namedtuple
 
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, make_system, whole_step
 from curriculum.common.compiled import Compiled
 
 import numpy as np
 
-# A system from its start to time samples * every (s), and error(positions (samples, N, 2)).
-Task = namedtuple("Task", "system samples every error")
 OFF = """contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp
 nativeccd autoreset"""  # of MuJoCo: what these systems do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show

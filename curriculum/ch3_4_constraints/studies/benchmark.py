@@ -13,7 +13,7 @@ from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, host, run, study_parser
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
@@ -48,7 +48,7 @@ def beside(repeats):
     rows, bars = [], []
     for (name, rule, mode), limits in CASES.items():
         system = c.build_system(name)
-        task = peers.Task(system, 1, DT * STEPS, None)
+        task = Task(system, 1, DT * STEPS, None)
 
         def pace(job, *settings, task=task):
             return 1e6 * job(task, STEPS, *settings)[0] / STEPS

@@ -11,13 +11,11 @@ has one for many; `build` is all around them: tracing, compiling, building a mod
 at an error did not reach it.
 """
 
-import json
 import math
 import time
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
-from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
@@ -71,17 +69,6 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-def double():
-    """The Task (b): the double pendulum of seed 0, 5 s; the farthest that a particle is off."""
-    truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
-    q = np.array(truth["cases"]["double"]["positions"])
-
-    def error(found):
-        return np.max(np.linalg.norm(found - q, axis=-1))
-
-    return peers.Task(c.build_system("double"), len(q), truth["times"][0], error)
-
-
 def ladder(task, job, low, high, *settings):
     """{setting: job}: `job` with ever more steps a sample, each rung about a tenth more."""
     pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
@@ -185,7 +172,7 @@ def a01(seconds=2000.0):
         return np.sqrt(np.mean(((found[:, 0] - q) / np.maximum(np.abs(q), 1e-3)) ** 2))
 
     system = _runs.make_system([[1.0, 0, 0]], [[0.0, 0, 0]], [1.0], [(0, -1)])
-    return peers.Task(system, len(q), every, error)
+    return _runs.Task(system, len(q), every, error)
 
 
 def main(argv=None):
@@ -212,7 +199,7 @@ def main(argv=None):
         return
     if TAYLOR not in engines:
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
-    task = double()
+    task = _runs.double()
     found = race(task, ladders(task), dict(list(TARGETS.items())[:count]), repeats)
     show("(b) the double pendulum, 5 s, time to an error in m", *found)
 
