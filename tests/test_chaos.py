@@ -28,14 +28,14 @@ def test_a_member_ends_where_it_ends_alone_bit_for_bit(force, steps, monkeypatch
             assert all(np.array_equal(x[k], y) for x, y in zip(ends, expected, strict=True))
 
 
-def test_the_tables_say_what_the_ends_are_and_count_who_is_lost():
-    none, baumgarte = np.array([1.0, 5, 7, 9, math.nan]), np.array([2.0, 2, 2, 2, 1])
-    tips = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0], [math.nan] * 3])
+def test_the_tables_say_what_the_ends_are():
+    none, baumgarte = np.array([1.0, 5, 7, 9]), np.array([2.0, 2, 2, 2])
+    tips = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]])
     runs = zip(chaos.RUNS, (none, baumgarte, baumgarte), strict=True)
     found = {key: chaos.Ends(rods, -0.5 * rods, tips) for key, rods in runs}
-    assert [*chaos.ordering(found).values()] == [5, 3, 2, 0.5, 3.0, 4.5]
-    row, other, _ = chaos.fates(found)
-    assert [*row.values()][1:-1] == [1, 6.0, 9.0, -3.0] and other["lost"] == 0
+    assert [*chaos.ordering(found).values()] == [4, 3, 2, 0.5, 3.0, 4.5]
+    row, *_ = chaos.fates(found)
+    assert [*row.values()][1:-1] == [6.0, 9.0, -3.0]
     assert row["tips spread m"] == pytest.approx(math.sqrt(0.5 + 2.0))
     assert chaos.standard_error([1.0, 2.0, 3.0]) == pytest.approx(1.0 / math.sqrt(3.0))
 
@@ -43,25 +43,24 @@ def test_the_tables_say_what_the_ends_are_and_count_who_is_lost():
 def test_a_member_that_flies_apart_is_lost_alone():
     slow, fast = chaos.ensemble("double", range(3)), chaos.ensemble("double", range(3))
     fast["v0"][2, :, 1] = 1e6  # m/s
-    ends = (chaos.follow(x, "semi_implicit", "none", 100) for x in (slow, fast))
-    for once, then in zip(*ends, strict=True):
-        assert np.isnan(then[2]).all() and np.array_equal(once[:2], then[:2])
+    once, then = (chaos.follow(x, "semi_implicit", "none", 100) for x in (slow, fast))
+    assert not then.rods[2] < 100.0  # m: it is far off, or no number
+    assert all(np.array_equal(x[:2], y[:2]) for x, y in zip(once, then, strict=True))
 
 
 def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion_to_time():
     upright = chaos.ensemble("double", range(4))
     upright["q0"][:] = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]
-    rates, rods, lost = chaos.growth(upright, 4.0, 2.0, 0.005)
+    rates = chaos.growth(upright, 4.0, 2.0, 0.005)
     assert rates == pytest.approx(np.full((4, 4), math.sqrt(9.81 * (2.0 + math.sqrt(2.0)))), 1e-6)
-    assert max(rods, lost) < 1e-12
-    rates, _, _ = chaos.growth(chaos.ensemble("pendulum", range(10)), 20.0, 140.0, 0.02)
+    rates = chaos.growth(chaos.ensemble("pendulum", range(10)), 20.0, 140.0, 0.02)
     assert chaos.RENEW * rates.sum(axis=1).mean() == pytest.approx(math.log(160.0 / 20.0), abs=0.5)
 
 
 def test_the_command_prints_three_tables_and_but_for_times_the_same_twice(monkeypatch, capsys):
     monkeypatch.setattr(chaos, "WORK", 4000)
     monkeypatch.setattr(chaos, "SECONDS", 0.4)
-    monkeypatch.setattr(chaos, "growth", lambda *_: (np.ones((3, 20)), 1e-9, 4e-9))
+    monkeypatch.setattr(chaos, "growth", lambda *_: np.ones((3, 20)))
     texts = []
     for _ in range(2):
         chaos.main(["--quick", "--seeds", "3"])

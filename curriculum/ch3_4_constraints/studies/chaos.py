@@ -23,14 +23,14 @@ DT, SECONDS = 0.005, 20.0  # s, of (a) and (b)
 RUNS = ("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none")
 SIZES, WORK = (250, 1000, 4000), 4_000_000  # members timed, and steps of all of them together
 REPEATS = 5
-LEAST = {"measured": 15.0, "alone": 25.0}  # million steps a second of a thousand: the bars
+LEAST = 15.0  # million steps a second of a thousand: the bar
 ROWS = 1 << 18  # numbers measured in a block: 2 MB, what a processor's caches hold
 FEWEST = 10  # steps in a block, however many members: a call costs something, too
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
 # What a run came to, an entry a member: its worst rod error in m; the energy it has gained, as a
-# share of m g L; where its tip (R, 3) ended, in m. NaN for a member that flew apart.
+# share of m g L; where its tip (R, 3) ended, in m.
 Ends = namedtuple("Ends", "rods gained tip")
 
 
@@ -47,38 +47,27 @@ def follow(system, rule, mode, steps):
     members, rods = len(system["q0"]), 0.0
     block = max(FEWEST, ROWS // (members * len(system["pairs"])))
     tick = progress(f"{members} seeds, {rule} {mode}", steps)
-    with np.errstate(all="ignore"):  # who flies apart is told of below
-        for done in range(0, steps, block):
-            rods = np.maximum(rods, many.advance(min(block, steps - done)).max(axis=(0, 1)))
-            tick(done)
-        q, v = many.states()
-        gained = c.energy(system, q, v) - c.energy(system, system["q0"], system["v0"])
-    tick(steps)
-    ends = Ends(rods, gained / energy_scale(system), q[:, -1])
-    for x in ends:
-        x[~(rods < 100.0 * np.sum(system["lengths"]))] = math.nan
-    return ends
+    for done in range(0, steps, block):
+        rods = np.maximum(rods, many.advance(min(block, steps - done)).max(axis=(0, 1)))
+        tick(min(done + block, steps))
+    q, v = many.states()
+    gained = c.energy(system, q, v) - c.energy(system, system["q0"], system["v0"])
+    return Ends(rods, gained / energy_scale(system), q[:, -1])
 
 
 def speed(repeats):
     """(a) A row a size of ensemble, timed in turns; what a thousand must reach."""
 
-    def pace(job, count):
+    def pace(system, steps):
         clock = time.perf_counter()
-        job()
-        return 1e-6 * count / (time.perf_counter() - clock)
+        follow(system, "semi_implicit", "none", steps)
+        return 1e-6 * len(system["q0"]) * steps / (time.perf_counter() - clock)
 
-    jobs = {}
-    for size in SIZES:
-        case, steps = (ensemble("double", range(size)), "semi_implicit", "none"), WORK // size
-        jobs[size, "measured"] = partial(pace, partial(follow, *case, steps), steps * size)
-        jobs[size, "alone"] = partial(pace, partial(crowd(*case, DT).advance, steps), steps * size)
-    rows, bars = {size: {"seeds in step": size} for size in SIZES}, []
-    for (size, what), samples in in_turns(jobs, repeats).items():
-        rows[size] |= spread(samples, what)
-    for what, least in LEAST.items():
-        bars.append((f"a thousand, {what}: us a step", 1 / rows[1000][what], 1 / least))
-    return "(a) million steps a second, semi_implicit none", list(rows.values()), bars
+    jobs = {size: partial(pace, ensemble("double", range(size)), WORK // size) for size in SIZES}
+    found = {size: spread(x, "million/s") for size, x in in_turns(jobs, repeats).items()}
+    rows = [{"seeds in step": size} | row for size, row in found.items()]
+    bar = "a thousand: us a step", 1.0 / found[1000]["million/s"], 1.0 / LEAST
+    return "(a) steps a second, semi_implicit none", rows, [bar]
 
 
 def ordering(found):
@@ -86,35 +75,32 @@ def ordering(found):
     ratio = found["semi_implicit", "none"].rods / found["semi_implicit", "baumgarte"].rods
     row = {"seeds": len(ratio), "none > baumgarte": int((ratio > 1.0).sum())}
     row["over 3x"] = int((ratio > 3.0).sum())
-    least, middle, largest = np.nanpercentile(ratio, [0, 50, 100])
-    return row | {"least ratio": least, "median": middle, "largest": largest}
+    return row | {"least": ratio.min(), "median": np.median(ratio), "largest": ratio.max()}
 
 
 def fates(found):
     """A row a run: what became of rods and energy, and how far the tips have spread at the end."""
     rows = []
     for (rule, mode), ends in found.items():
-        row = {"run": f"{rule} {mode}", "lost": int(np.isnan(ends.rods).sum())}
-        row |= {"rods m": np.nanmedian(ends.rods), "worst": np.nanmax(ends.rods)}
-        row |= {"energy gained": np.nanmedian(ends.gained)}
-        rows.append(row | {"tips spread m": np.sqrt(np.nanvar(ends.tip, axis=0).sum())})
+        row = {"run": f"{rule} {mode}", "rods m": np.median(ends.rods), "worst": ends.rods.max()}
+        row |= {"energy gained": np.median(ends.gained)}
+        rows.append(row | {"tips spread m": np.sqrt(np.var(ends.tip, axis=0).sum())})
     return rows
 
 
 def growth(system, skip, span, dt):
-    """Rates (R, K) in 1/s at which each member and a neighbour part; rod and energy error.
+    """Rates (R, K) in 1/s at which each member and a neighbour part.
 
     G. Benettin, L. Galgani, J.-M. Strelcyn, Phys. Rev. A 14 (1976) 2338: every RENEW s the
     neighbour is put back to the distance CLOSE in (q, T v), T^2 = sum L / g, where it has gone to,
     and its gain noted, after `skip` seconds. Both start a turn on the rods, by `project` (dt = inf:
     v is not told of the move), and stay in the x-y plane.
     """
-    q, v, rates, rods = system["q0"], system["v0"], [], 0.0
+    q, v, rates = system["q0"], system["v0"], []
     unit = math.sqrt(system["lengths"].sum() / G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
-
-    size, start, turns = np.ones(len(q)), c.energy(system, q, v), round((skip + span) / RENEW)
+    size, turns = np.ones(len(q)), round((skip + span) / RENEW)
     tick = progress(f"{len(q)} pairs", turns)
     for turn in range(turns):
         near = away * (CLOSE / size)[:, None, None]
@@ -122,13 +108,11 @@ def growth(system, skip, span, dt):
         steps.put(*c.project(system, both[0], *both, math.inf))
         steps.advance(round(RENEW / dt))
         q, v = (x.reshape(2, -1, *x.shape[1:]) for x in steps.states())
-        rods = max(rods, c.constraint_violation(system, q).max())
         away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
         size = np.sqrt(np.sum(c.dot(away, away), axis=(0, -1)))
         rates.append(np.log(size / CLOSE) / RENEW)
         tick(turn + 1)
-    lost = np.abs(c.energy(system, q, v) - start).max() / energy_scale(system)
-    return np.array(rates[round(skip / RENEW) :]).T, rods, lost
+    return np.array(rates[round(skip / RENEW) :]).T
 
 
 def standard_error(samples):
@@ -153,11 +137,9 @@ def parting(seeds, quick):
         ("upright double", upright, top, 5.0, 5.0, fine),
         ("pendulum", single, shear, skip, span, fine),
     ):
-        rates, rods, lost = growth(start, *settings)
-        members = rates.mean(axis=1)
+        members = growth(start, *settings).mean(axis=1)
         row = {"pairs of": what, "pairs": len(members), "dt": settings[-1], "1/s": members.mean()}
-        row |= {"+-": standard_error(members), "known": known}
-        rows.append(row | {"rods m": rods, "energy": lost})
+        rows.append(row | {"+-": standard_error(members), "known": known})
     return rows
 
 
