@@ -14,7 +14,6 @@ from functools import partial
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import G, crowd, energy_scale, host, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common.banner import progress
 from curriculum.common.cli import number, run_script
 
 import numpy as np
@@ -44,12 +43,9 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, steps):
     """The Ends of a run whose rods are measured at every step."""
     many = crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
-    members, rods = len(system["q0"]), 0.0
-    block = max(FEWEST, ROWS // (members * len(system["pairs"])))
-    tick = progress(f"{members} seeds, {rule} {mode}", steps)
+    rods, block = 0.0, max(FEWEST, ROWS // (len(system["q0"]) * len(system["pairs"])))
     for done in range(0, steps, block):
         rods = np.maximum(rods, many.advance(min(block, steps - done)).max(axis=(0, 1)))
-        tick(min(done + block, steps))
     q, v = many.states()
     gained = c.energy(system, q, v) - c.energy(system, system["q0"], system["v0"])
     return Ends(rods, gained / energy_scale(system), q[:, -1])
@@ -100,9 +96,8 @@ def growth(system, skip, span, dt):
     unit = math.sqrt(system["lengths"].sum() / G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
-    size, turns = np.ones(len(q)), round((skip + span) / RENEW)
-    tick = progress(f"{len(q)} pairs", turns)
-    for turn in range(turns):
+    size = np.ones(len(q))
+    for _ in range(round((skip + span) / RENEW)):
         near = away * (CLOSE / size)[:, None, None]
         both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
         steps.put(*c.project(system, both[0], *both, math.inf))
@@ -111,7 +106,6 @@ def growth(system, skip, span, dt):
         away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
         size = np.sqrt(np.sum(c.dot(away, away), axis=(0, -1)))
         rates.append(np.log(size / CLOSE) / RENEW)
-        tick(turn + 1)
     return np.array(rates[round(skip / RENEW) :]).T
 
 
