@@ -23,8 +23,7 @@ RUNS = ("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none"
 SIZES, WORK = (250, 1000, 4000), 4_000_000  # members timed, and steps of all of them together
 REPEATS = 5
 LEAST = 15.0  # million steps a second of a thousand: the bar
-ROWS = 1 << 18  # numbers measured in a block: 2 MB, what a processor's caches hold
-FEWEST = 10  # steps in a block, however many members: a call costs something, too
+BLOCK = 64  # steps a call: of a thousand seeds their rod errors fit a processor's caches
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
@@ -43,9 +42,9 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, steps):
     """The Ends of a run whose rods are measured at every step."""
     many = crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
-    rods, block = 0.0, max(FEWEST, ROWS // (len(system["q0"]) * len(system["pairs"])))
-    for done in range(0, steps, block):
-        rods = np.maximum(rods, many.advance(min(block, steps - done)).max(axis=(0, 1)))
+    rods = 0.0
+    for done in range(0, steps, BLOCK):
+        rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=(0, 1)))
     q, v = many.states()
     gained = c.energy(system, q, v) - c.energy(system, system["q0"], system["v0"])
     return Ends(rods, gained / energy_scale(system), q[:, -1])
