@@ -84,14 +84,11 @@ def say(text):
 
 
 def show(title, rows, bars=()):
-    """Print a table and its bars; the same as a dict."""
+    """Print a table, and of each bar (what, value, the most it may be) whether it is met."""
     cells = [[f"{x:.3g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
     widths = [max(map(len, column)) for column in zip(rows[0], *cells, strict=True)]
     print(f"\n{title}")
     for row in (rows[0], *cells):
         print("  ".join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
-    held = []
     for bar, value, most in bars:
-        held.append({"bar": bar, "value": value, "at most": most, "met": bool(value <= most)})
         print(f"{bar}: {value:.3g}, bar {most:.3g}: {'met' if value <= most else 'MISSED'}")
-    return {"table": title, "rows": rows, "bars": held}

@@ -5,41 +5,49 @@ the seconds of its steps alone: models are built, and read, while that clock sta
 """
 
 import time
-from collections import namedtuple
 
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, make_system, whole_step
 from curriculum.common.compiled import Compiled
 
 import numpy as np
 
-# A system from its start to time samples * every (s), and error(positions (samples, N, 2)).
-Task = namedtuple("Task", "system samples every error")
 OFF = """contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp
 nativeccd autoreset"""  # of MuJoCo: what these systems do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show
 POINT = 1e-14
 
 
-def run_ours(task, per, rule, mode, machine=NATIVE):
-    """Our run, `per` steps a sample: (seconds, positions (samples, N, 2)).
-
-    What is clocked is one call of the compiled steps for the whole run, in machine code or in
-    Python, as a peer's loop in C is: without what `simulate` measures, logs and compares.
-    """
-    steps, dt, system = per * task.samples, task.every / per, task.system
+def compiled_step(system, rule, mode, dt, machine=NATIVE, best=True):
+    """A step, compiled to machine code, the `best` or what is soon made, or to Python."""
     step, force = whole_step(system, rule, mode, dt)
-    compiled = Compiled(step, steps, check=False)
+    compiled = Compiled(step, check=False)
     compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
     if machine:
-        compiled.to_machine()
-    start = compiled.alone.traced.columns(system["q0"], system["v0"])[:, 0]
+        compiled.to_machine(best)
+    return compiled.alone
+
+
+def timed(step, system, steps, dt):
+    """One call of a compiled step for a whole run: (seconds, q (steps, N, 3), NaN where it ended).
+
+    As a peer's loop in C: without what `simulate` measures, logs and compares.
+    """
+    start = step.traced.columns(system["q0"], system["v0"])[:, 0]
     rows = np.full((steps, len(start)), np.nan)
-    compiled.alone.easy(start, rows[:1], dt)  # a peer's code has been called before, too
+    step.easy(start, rows[:1], dt)  # a peer's code has been called before, too
     clock = time.perf_counter()
-    done = compiled.alone.easy(start, rows, dt)
+    done = step.easy(start, rows, dt)
     seconds = time.perf_counter() - clock
     rows[done:] = np.nan
-    return seconds, compiled.alone.traced.states(rows[per - 1 :: per, :, None])[0][..., :2]
+    return seconds, step.traced.states(rows[:, :, None])[0]
+
+
+def run_ours(task, per, rule, mode, machine=NATIVE):
+    """Our run, `per` steps a sample: (seconds, positions (samples, N, 2))."""
+    steps, dt = per * task.samples, task.every / per
+    step = compiled_step(task.system, rule, mode, dt, machine)
+    seconds, q = timed(step, task.system, steps, dt)
+    return seconds, q[per - 1 :: per, :, :2]
 
 
 def start_angles(system):

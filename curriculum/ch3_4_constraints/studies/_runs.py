@@ -1,7 +1,10 @@
 """What studies and tests do again and again: systems, runs, crowds, and a command line."""
 
+import json
 import sys
 from argparse import RawDescriptionHelpFormatter
+from collections import namedtuple
+from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints.tables import say
@@ -23,6 +26,9 @@ RULES = {name: rule for name, rule in c.INTEGRATORS.items() if name not in ("gau
 RULES |= {f"midpoint{order}": make_midpoint(order) for order in (6, 8, 10, 12)}
 for stages, tol in ((6, 1e-8), (8, 1e-10), (10, 1e-12), (12, 1e-14)):
     RULES[f"gauss{stages}"] = make_gauss(stages, tol=tol)
+
+# A system from its start to time samples * every (s), and error(positions (samples, N, 2)).
+Task = namedtuple("Task", "system samples every error")
 
 
 def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
@@ -62,6 +68,17 @@ def crowd(system, rule, hold, dt, measure=None):
     """A Crowd of the members of a system with q0, v0 (R, N, 3)."""
     step, force = whole_step(system, rule, hold, dt)
     return Crowd(step, system["m"], force, dt, system["q0"], system["v0"], measure)
+
+
+def double():
+    """The Task of the double pendulum, 5 s; its error is the farthest that a particle is off."""
+    truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
+    q = np.array(truth["cases"]["double"]["positions"])
+
+    def error(found):
+        return np.max(np.linalg.norm(found - q, axis=-1))
+
+    return Task(c.build_system("double"), len(q), truth["times"][0], error)
 
 
 def energy_scale(system):

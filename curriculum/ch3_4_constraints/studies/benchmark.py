@@ -10,10 +10,11 @@ to Python alone, MuJoCo its rule of the same order on hinges.
 
 from functools import partial
 from importlib.util import find_spec
+from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, host, run, study_parser
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
 from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
@@ -48,7 +49,7 @@ def beside(repeats):
     rows, bars = [], []
     for (name, rule, mode), limits in CASES.items():
         system = c.build_system(name)
-        task = peers.Task(system, 1, DT * STEPS, None)
+        task = Task(system, 1, DT * STEPS, None)
 
         def pace(job, *settings, task=task):
             return 1e6 * job(task, STEPS, *settings)[0] / STEPS
@@ -71,14 +72,17 @@ def beside(repeats):
 
 
 def growth(repeats, sizes):
-    """(b) Rows and bars of a step of a chain of N links."""
-    jobs, rows = {}, []
-    for n in sizes:
+    """(b) Rows and a bar of a step of a chain of N links, in Python and in quick machine code."""
+    jobs, rows, kinds = {}, [], {"python": False, "machine": True} if NATIVE else {"python": False}
+    for n, (kind, machine) in product(sizes, kinds.items()):
         system, steps = c.build_system("chain", links=n), max(20, 20_000 // n)
-        jobs[n] = partial(run, system, "semi_implicit", "none", DT, steps)
-    for n, found in in_turns(jobs, repeats).items():
-        rows.append({"links": n, **spread([one.pace for one in found], "us")})
-    n, us = np.array([(row["links"], row["us"]) for row in rows if row["links"] >= 100]).T
+        step = peers.compiled_step(system, "semi_implicit", "none", DT, machine, best=False)
+        jobs[n, kind] = partial(peers.timed, step, system, steps, DT)
+    found = in_turns(jobs, repeats)
+    for n in sizes:
+        us = {kind: [1e6 * x / len(q) for x, q in found[n, kind]] for kind in kinds}
+        rows.append({"links": n} | {kind: np.median(x) for kind, x in us.items()})
+    n, us = np.array([(row["links"], row["python"]) for row in rows if row["links"] >= 30]).T
     exponent = np.polyfit(np.log(n), np.log(us), 1)[0]
     return "(b) a step of a chain, us", rows, [("grows as links to the power", exponent, 1.1)]
 

@@ -68,7 +68,7 @@ def held(system, rule, mode, dt, seconds, way=Compiled):
 
 def cell(crowd, rule, mode, seconds, ladder=LADDER):
     """What the table says of a method and the starts of a scene."""
-    fragile, any_step = list(crowd), c.hold_table()[mode].dt is None
+    any_step = c.hold_table()[mode].dt is None
     ways = {id(one): once_for_all() for one in crowd}  # compiled once, if for steps of any length
 
     def holds(one, dt):
@@ -76,11 +76,9 @@ def cell(crowd, rule, mode, seconds, ladder=LADDER):
         return held(one, rule, mode, dt, seconds, way)
 
     for dt in ladder:
-        lost = next((one for one in fragile if not holds(one, dt)), None)
-        if lost is None:
+        if all(holds(one, dt) for one in crowd):
             return f"{dt:g}"
-        fragile = [lost, *(one for one in fragile if one is not lost)]  # it is asked first
-    share = sum(holds(one, ladder[-1]) for one in fragile[1:])
+    share = sum(holds(one, ladder[-1]) for one in crowd)
     return f"{share}/{len(crowd)}" if share else "-"
 
 

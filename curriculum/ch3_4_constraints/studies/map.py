@@ -39,21 +39,14 @@ def starts(angles):
 def first_turns(angles, mode, seconds):
     """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
     q, turns = starts(angles), np.zeros(len(angles), dtype=int)
-    left = np.arange(len(q))  # who has not turned over yet
     start = c.build_system("double") | {"q0": q, "v0": np.zeros_like(q)}
     crowd = _runs.crowd(start, "semi_implicit", mode, DT)
     for look in range(1, round(seconds / (LOOK * DT)) + 1):
         before = q[:, 1, 0] - q[:, 0, 0]
         crowd.advance(LOOK)
-        q, v = crowd.states()
+        q, _ = crowd.states()
         d = q[:, 1] - q[:, 0]
-        over = (d[:, 0] * before < 0.0) & (d[:, 1] > 0.0)
-        if over.any():
-            turns[left[over]] = look
-            q, left = q[~over], left[~over]
-            crowd.put(q, v[~over])
-        if not len(left):
-            break
+        turns[(turns == 0) & (d[:, 0] * before < 0.0) & (d[:, 1] > 0.0)] = look
     return turns
 
 

@@ -11,13 +11,12 @@ has one for many; `build` is all around them: tracing, compiling, building a mod
 at an error did not reach it.
 """
 
-import json
 import math
 import time
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
-from pathlib import Path
+from itertools import islice, product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
@@ -71,17 +70,6 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-def double():
-    """The Task (b): the double pendulum of seed 0, 5 s; the farthest that a particle is off."""
-    truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
-    q = np.array(truth["cases"]["double"]["positions"])
-
-    def error(found):
-        return np.max(np.linalg.norm(found - q, axis=-1))
-
-    return peers.Task(c.build_system("double"), len(q), truth["times"][0], error)
-
-
 def ladder(task, job, low, high, *settings):
     """{setting: job}: `job` with ever more steps a sample, each rung about a tenth more."""
     pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
@@ -113,17 +101,6 @@ def around(task, job):
     return seconds, time.perf_counter() - clock, np.nan_to_num(task.error(q), nan=np.inf)
 
 
-def climb(task, jobs, errors):
-    """{error: (setting, job)}: the first of `jobs` that reaches it."""
-    found = {}
-    for setting, job in jobs.items():
-        off = around(task, job)[-1]
-        found |= {x: (setting, job) for x in errors if off <= x and x not in found}
-        if len(found) == len(errors):
-            break
-    return found
-
-
 def quickest(task, found, clock):
     """Of (setting, job) the one with the least time of six, its steps or in all."""
     return min(found, key=lambda one: min(around(task, one[1])[clock] for _ in range(6)))
@@ -132,12 +109,14 @@ def quickest(task, found, clock):
 def race(task, racers, targets, repeats):
     """Rows and bars: who of `racers` (see `ladders`) takes how long to each of `targets`."""
     jobs, rows, bars = {}, [], []
-    for who, climbs in racers.items():
-        climbed = [climb(task, rungs, targets) for rungs in climbs]
-        for error in targets:
-            if reach := [found[error] for found in climbed if error in found]:
-                setting, job = quickest(task, reach, ALL if who == PYTHON else STEPS)
-                jobs[error, who, setting] = partial(around, task, job)
+    error_of = cache(lambda job: around(task, job)[-1])  # no rung is tried for a second time
+    for error, who in product(targets, racers):
+        there = []  # the first rung of each ladder that reaches the error
+        for rungs in racers[who]:
+            there += islice((rung for rung in rungs.items() if error_of(rung[1]) <= error), 1)
+        if there:
+            setting, job = quickest(task, there, ALL if who == PYTHON else STEPS)
+            jobs[error, who, setting] = partial(around, task, job)
     clocks = in_turns(jobs, repeats)
     for error, limits in targets.items():
         took = {key[1:]: np.array(x).T for key, x in clocks.items() if key[0] == error}
@@ -185,7 +164,7 @@ def a01(seconds=2000.0):
         return np.sqrt(np.mean(((found[:, 0] - q) / np.maximum(np.abs(q), 1e-3)) ** 2))
 
     system = _runs.make_system([[1.0, 0, 0]], [[0.0, 0, 0]], [1.0], [(0, -1)])
-    return peers.Task(system, len(q), every, error)
+    return _runs.Task(system, len(q), every, error)
 
 
 def main(argv=None):
@@ -202,17 +181,18 @@ def main(argv=None):
     repeats, count = (3, 2) if args.quick else (REPEATS, len(TARGETS))
     _runs.host(repeats=repeats, **engines)
     if args.a01:
-        task, racers = a01(), {}
-        for who, mode in ((OURS, "none"), (f"{OURS}, project", "project")):
-            racers[who] = [ladder(task, peers.run_ours, 2, 3, "gauss", mode)]
-        if "mujoco" in engines:
-            racers[HINGES] = [ladder(task, peers.run_hinges, 60, 110)]
+        task = a01()
+        racers = {
+            OURS: [ladder(task, peers.run_ours, 2, 3, "gauss", "none")],
+            f"{OURS}, project": [ladder(task, peers.run_ours, 2, 3, "gauss", "project")],
+            HINGES: [ladder(task, peers.run_hinges, 60, 110)],
+        }
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]}, repeats)
         show("(c) A01, the simple pendulum, 2000 s, time to high precision", *found)
         return
     if TAYLOR not in engines:
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
-    task = double()
+    task = _runs.double()
     found = race(task, ladders(task), dict(list(TARGETS.items())[:count]), repeats)
     show("(b) the double pendulum, 5 s, time to an error in m", *found)
 
