@@ -42,6 +42,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #                      to an anchor, which stands still: -1 is the first, -2 the second
 #     lengths  (C,)    of the rods, in m
 #     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
+# A shape (..., N, 3) may have leading axes: members of a crowd, which go in step, or many states.
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes, and how many rods
 
 
@@ -106,7 +107,7 @@ def mobility(system, jac, along=None):
     """A = J M^-1 J^T (..., C, C), the sum of J_p J_p^T / m_p over particles; `along`: other J_p."""
     along, pairs = jac if along is None else along, tuple(map(tuple, system["pairs"]))
     a = np.zeros((*jac.shape[:-1], len(pairs)), jac.dtype)
-    for p, m in enumerate(system["m"]):
+    for p, m in enumerate(system["m"]):  # in J_p only the rods that end at p are not zero
         rods, x = tied(pairs).get(p, []), slice(3 * p, 3 * p + 3)
         share = jac[..., rods, x] @ np.swapaxes(along[..., rods, x], -1, -2) / m
         a[(..., *np.ix_(rods, rods))] += share
