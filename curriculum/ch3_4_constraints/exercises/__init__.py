@@ -42,7 +42,8 @@ def solved(name, answers):
 def run(main):
     """As a script: the guess is noted, main(), then the check, up to the first blank or mistake.
 
-    With --solved it is done with the answers, and nothing is noted. The exit status is 1 after a mistake, or else 0.
+    With --solved it is done with the answers, and nothing is noted. The exit status is 1 after a
+    mistake, or else 0.
     """
 
     def script():
