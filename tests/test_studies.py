@@ -60,12 +60,12 @@ def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion
 
 
 def test_the_command_prints_three_tables_and_but_for_times_the_same_twice(monkeypatch, capsys):
-    monkeypatch.setattr(chaos, "WORK", 4000)
-    monkeypatch.setattr(chaos, "SECONDS", 0.4)
+    for name, small in {"WORK": 4000, "REPEATS": 1, "SECONDS": 0.1}.items():
+        monkeypatch.setattr(chaos, name, small)
     monkeypatch.setattr(chaos, "growth", lambda *_: np.ones((3, 20)))
     texts = []
     for _ in range(2):
-        chaos.main(["--quick", "--seeds", "3"])
+        chaos.main(["--seeds", "3"])
         texts.append(capsys.readouterr().out.partition("(b)"))
     crowd = chaos.ensemble("double", range(3))
     row = chaos.ordering({key: chaos.follow(crowd, *key, 20) for key in chaos.RUNS})

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import Wrong, checks, solved, write_down
+from curriculum.ch3_4_constraints.exercises import Blank, Wrong, checks, noted, solved
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import figures
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -120,26 +120,28 @@ def test_an_unedited_exercise_ends_by_what_it_wants_next(name):
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
 def test_a_wrong_answer_is_told_of(name, right, wrong, says):
     with pytest.raises(Wrong, match=says):
-        CHECKS[name](load(name, right, wrong))
+        checks.judge(name, load(name, right, wrong))
 
 
-def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path, capsys):
-    """A wrong one counts; one that was changed afterwards does not."""
-    note, wrong = tmp_path / "outputs/note.json", load(ONE, '"factor": 16,', '"factor": 2,')
-    for _ in range(2):
-        write_down(note, wrong.predict())
-        assert capsys.readouterr().out.startswith("you wrote down {'rod': 'grows', 'factor': 2,")
-    with pytest.raises(Wrong, match="before, you wrote down"):
-        write_down(note, load(ONE).predict())
+def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path):
+    """A wrong one counts, however right the answer that stands there afterwards."""
+    for answer in ('"factor": 2,', '"factor": 16,'):
+        guess = load(ONE, '"factor": 16,', answer).answer()
+        assert noted(tmp_path / "outputs/note.json", guess)["factor"] == 2
 
 
-def test_a_linkage_is_a_scene_ones_own_and_has_a_loop(tmp_path):
-    solution, scene = load(FIVE), json.loads((HERE / "solutions/my_linkage.json").read_text())
-    solution.SCENE = tmp_path / "mine.json"
-    for rods, error, says in ((2, Wrong, "close no loop"), (0, SceneError, "rods is")):
-        solution.SCENE.write_text(json.dumps(scene | {"rods": scene["rods"][:rods]}), "utf-8")
+def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(tmp_path):
+    solution, scene = load(FIVE), (HERE / "solutions/my_linkage.json").read_text("utf-8")
+    solution.SCENE, rods = tmp_path / "mine.json", json.loads(scene)["rods"]
+    for changed, error, says in (
+        ({"rods": rods[:2]}, Wrong, "close no loop"),
+        ({"rods": []}, SceneError, "rods is"),
+        (json.loads(scene.replace("[10.0,", "[0.5,")), Blank, "every remedy holds it"),
+        (json.loads(scene.replace("[10.0,", "[1e5,")), Wrong, "no remedy holds it"),
+    ):
+        solution.SCENE.write_text(json.dumps(json.loads(scene) | changed), "utf-8")
         with pytest.raises(error, match=says):
-            CHECKS[FIVE](solution)
+            checks.judge(FIVE, solution)
     broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
     assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
 

@@ -10,8 +10,8 @@ from curriculum.ch3_4_constraints.exercises import blank, run
 from curriculum.ch3_4_constraints.studies import _runs
 
 
-def predict():
-    """What you expect, before you have seen it: a wrong guess costs nothing."""
+def answer():
+    """Guess before the first run: it is noted, and costs nothing. Then put right what was wrong."""
     return {
         "rod": blank("guess how a pendulum's rod error goes on: 'stays', 'grows' or 'oscillates'"),
         "factor": blank("guess: half the step divides the worst rod error under rk4 by what?"),
@@ -19,14 +19,9 @@ def predict():
     }
 
 
-def found():
-    """What the runs showed, in the same words: fill this in after the first run."""
-    return {
-        "rod": blank("say what the run showed: 'stays', 'grows' or 'oscillates'"),
-        "factor": blank("say what the runs showed: the factor"),
-        "heavy": blank("say what the runs showed: 'smaller', 'the same' or 'larger'"),
-        "why": blank("one sentence: why can the error of the naive rod do nothing else?"),
-    }
+def why():
+    """Why the naive rod does what it does."""
+    return blank("one sentence: why can the error of the naive rod do nothing else?")
 
 
 def expected_g(speeds, dt):

@@ -13,9 +13,17 @@ import numpy as np
 DT, STEPS = 0.005, 8000  # s; 40 s in all
 
 
-def predict():
-    """What you expect: seconds until a launch angle 1e-12 rad off has become a metre."""
-    return {"1e-12": blank("guess: an angle 1e-3 rad off takes 13.6 s, and one 1e-12 rad off?")}
+def answer():
+    """Seconds until a launch angle so many rad off has become a metre: guess, run, put it right."""
+    return {
+        "1e-12": blank("guess: an angle 1e-3 rad off takes 13.6 s, and one 1e-12 rad off?"),
+        "1e-24": blank("guess: and one 1e-24 off? No double has 24 digits: what does each buy?"),
+    }
+
+
+def why():
+    """Why seconds are so dear."""
+    return blank("one sentence: why does a thousand times the precision buy so little?")
 
 
 def same(a, b):
@@ -26,15 +34,6 @@ def same(a, b):
 def parted(gap, dt):
     """The time in s when a gap (steps + 1,) in m first passes a metre; np.inf if it never is."""
     return blank("the first time at which the gap is over a metre; and if there is none?")
-
-
-def found():
-    """What the table says, and what follows from it: fill this in once it is printed."""
-    return {
-        "1e-12": blank("seconds, from the table, until an angle 1e-12 rad off has become a metre"),
-        "1e-24": blank("and one 1e-24 off? No double has 24 digits: what does each digit buy?"),
-        "why": blank("one sentence: why does a thousand times the precision buy so little?"),
-    }
 
 
 def turned(system, angle):

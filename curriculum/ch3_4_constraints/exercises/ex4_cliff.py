@@ -14,8 +14,8 @@ import numpy as np
 DT, STEPS, OFF = 0.005, 4000, 1e-9  # s; OFF, in m: how much too long the rod is at the start
 
 
-def predict():
-    """With half the damping, and w slowly turned up: when does each rule fall off the cliff?"""
+def answer():
+    """With half the damping, when does each rule fall off the cliff? Guess, run, put it right."""
     return blank("guess {'euler': ..., 'semi_implicit': ..., 'rk4': ...}: 'sooner' or 'later'?")
 
 

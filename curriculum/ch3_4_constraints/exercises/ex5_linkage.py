@@ -2,8 +2,8 @@
 
     python -m curriculum.ch3_4_constraints.exercises.ex5_linkage
 
-First a leg that somebody else designed; then edit my_linkage.json. Its start is too gentle:
-everything holds it.
+First a leg that somebody else designed; then edit my_linkage.json until one of the remedies
+baumgarte, impulse, soft and project holds it and another does not. `none` would be too easy.
 """
 
 from pathlib import Path
@@ -25,13 +25,9 @@ def ship():
     return blank("a mode for Jansen's leg: 'none', 'baumgarte', 'impulse', 'soft' or 'project'")
 
 
-def claim():
-    """What two of the remedies baumgarte, impulse, soft and project do to your scene."""
-    return {
-        "holds": blank("edit my_linkage.json, run, and name a remedy that holds it"),
-        "loses": blank("and one that loses it; 'none' would be too easy"),
-        "why": blank("one sentence: what in your scene hurts the one and not the other?"),
-    }
+def why():
+    """Why your scene is lost by who loses it."""
+    return blank("one sentence: what in your scene hurts one remedy and not the other?")
 
 
 def worst(system, mode):

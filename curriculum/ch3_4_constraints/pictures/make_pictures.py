@@ -34,10 +34,10 @@ def turned(degrees, length):
     return length * np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])
 
 
-def arc(sheet, middle, radius, begin=-180, end=180):
-    """A dashed circle, or the part of it between two angles, and then its middle, (x, y)."""
+def arc(sheet, middle, radius, begin, end):
+    """A dashed circle's part between two angles in degrees, and its middle, (x, y)."""
     sheet.line([middle + turned(a, radius) for a in np.linspace(begin, end, 90)], GREY, 1.5, "2 6")
-    sheet.dot(middle, 7 if end < 180 else 0, GREY)
+    sheet.dot(middle, 7, GREY)
 
 
 def two_pendulums():
@@ -56,22 +56,15 @@ def two_pendulums():
 
 
 def eigenvalue():
-    """The eigenvalues of Baumgarte's spring under semi-implicit Euler, in the complex plane."""
-    sheet, x, y, radius = Drawing(480, 380, "An eigenvalue leaves through -1"), 256, 190, 160
-    arc(sheet, (x, y), radius)
-    sheet.line([(16, y), (464, y)], GREY, 1)
-    sheet.line([(x, 10), (x, 370)], GREY, 1)
-    for z in (0.2, 0.4, 0.6, c.STABILITY_LIMIT["semi_implicit"], 0.9):
-        step = [[1.0 - z * z, 1.0 - 2.0 * z], [-z * z, 1.0 - 2.0 * z]]
-        first, other = x + radius * np.sort(np.linalg.eigvals(step).real)
-        color = EXCESS if first < x - radius - 1e-6 else INK
-        sheet.dot((first, y), 9, color)
-        sheet.dot((other, y), 5, GREY)
-        sheet.words(first, y + (34 if z > 0.85 else -18), f"{z:.3g}", color, "middle", 19)
-    sheet.words(x + radius + 6, y + 56, "1", GREY, size=20)
-    sheet.words(x - radius + 6, y + 56, "-1", GREY, size=20)
-    sheet.words(16, 32, "numbers: dt w", size=19)
-    return sheet.text()
+    """The eigenvalues of Baumgarte's spring under semi-implicit Euler, which are real."""
+    limit, z = c.STABILITY_LIMIT["semi_implicit"], np.linspace(0.0, 0.9, 91)
+    step = np.array([[1.0 - z * z, 1.0 - 2.0 * z], [-z * z, 1.0 - 2.0 * z]])
+    first, other = np.sort(np.linalg.eigvals(np.moveaxis(step, 2, 0)).real).T
+    curves = {"leaves": (EXCESS, zip(z, first, strict=True))}
+    curves["stays"] = INK, zip(z, other, strict=True)
+    x = "dt w", (0.0, 0.9), {0.0: "0", 0.4: "0.4", limit: f"{limit:.3f}"}
+    y = "eigenvalue of a step", (-1.4, 1.1), {-1.0: "-1", 0.0: "0", 1.0: "1"}
+    return svg.chart("An eigenvalue leaves through -1", x, y, curves)
 
 
 def forces():

@@ -39,12 +39,7 @@ CASES = {
 }
 
 
-def share(found, base, other):
-    """The median share of the samples of `base` in those of `other`, taken in the same turn."""
-    return np.median(np.divide(found[base], found[other])) if other in found else "-"
-
-
-def beside(repeats):
+def beside():
     """(a) Rows and bars of a step beside the same lines in plain numpy, in Python, and MuJoCo's."""
     rows, bars = [], []
     for (name, rule, mode), limits in CASES.items():
@@ -61,25 +56,27 @@ def beside(repeats):
         }
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             jobs["MuJoCo"] = partial(pace, peers.run_hinges, THEIRS[rule])
-        found = in_turns(jobs, repeats)
+        found = in_turns(jobs, REPEATS)
         row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
-        row |= {f"us/{who}": share(found, "us", who) for who in ("plain", "python", "MuJoCo")}
+        share = {who: np.median(np.divide(found["us"], found[who])) for who in found}  # in a turn
+        row |= {f"us/{who}": share.get(who, "-") for who in ("plain", "python", "MuJoCo")}
         rows.append(row)
         for column, limit in limits.items():
-            if row[column] != "-" and NATIVE:
+            if NATIVE and row[column] != "-":
                 bars.append((f"{row['case']}, {column}", row[column], limit))
     return "(a) a step, us", rows, bars
 
 
-def growth(repeats, sizes):
+def growth():
     """(b) Rows and a bar of a step of a chain of N links, in Python and in quick machine code."""
-    jobs, rows, kinds = {}, [], {"python": False, "machine": True} if NATIVE else {"python": False}
-    for n, (kind, machine) in product(sizes, kinds.items()):
+    jobs, rows, kinds = {}, [], ("python", "machine")[: 1 + NATIVE]
+    for n, kind in product(LINKS, kinds):
         system, steps = c.build_system("chain", links=n), max(20, 20_000 // n)
-        step = peers.compiled_step(system, "semi_implicit", "none", DT, machine, best=False)
+        how = {"machine": kind == "machine", "best": False}
+        step = peers.compiled_step(system, "semi_implicit", "none", DT, **how)
         jobs[n, kind] = partial(peers.timed, step, system, steps, DT)
-    found = in_turns(jobs, repeats)
-    for n in sizes:
+    found = in_turns(jobs, REPEATS)
+    for n in LINKS:
         us = {kind: [1e6 * x / len(q) for x, q in found[n, kind]] for kind in kinds}
         rows.append({"links": n} | {kind: np.median(x) for kind, x in us.items()})
     n, us = np.array([(row["links"], row["python"]) for row in rows if row["links"] >= 30]).T
@@ -89,13 +86,12 @@ def growth(repeats, sizes):
 
 def main(argv=None):
     """Measure and print."""
-    quick = study_parser("benchmark", __doc__, timed=True).parse_args(argv).quick
-    repeats = 3 if quick else REPEATS
-    host(repeats=repeats)
+    study_parser("benchmark", __doc__).parse_args(argv)
+    host(repeats=REPEATS)
     if not find_spec("mujoco"):
-        say("MuJoCo is not installed, its columns stay empty; pip install -e '.[compare]'")
-    show(*beside(repeats))
-    show(*growth(repeats, LINKS[: len(LINKS) - quick]))
+        say("MuJoCo is not installed, its column stays empty; pip install -e '.[compare]'")
+    show(*beside())
+    show(*growth())
 
 
 if __name__ == "__main__":

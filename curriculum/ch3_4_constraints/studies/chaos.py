@@ -12,14 +12,7 @@ from collections import namedtuple
 from functools import partial
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import (
-    NATIVE,
-    G,
-    crowd,
-    energy_scale,
-    host,
-    study_parser,
-)
+from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.cli import number, run_script
 
@@ -27,9 +20,8 @@ import numpy as np
 
 DT, SECONDS = 0.005, 20.0  # s, of (a) and (b)
 RUNS = ("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none")
-SIZES, WORK = (250, 1000, 4000), 4_000_000  # members timed, and steps of all of them together
-REPEATS = 5
-LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second of a thousand: the bars
+CROWD, WORK, REPEATS = 1000, 4_000_000, 5  # members timed, steps of all of them, how often
+LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second: the bars
 BLOCK = 64  # steps a call: of a thousand seeds their rod errors fit a processor's caches
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
@@ -48,40 +40,36 @@ def ensemble(name, seeds):
 
 def follow(system, rule, mode, steps):
     """The Ends of a run whose rods are measured at every step."""
-    many = crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
+    many = _runs.crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
     rods = 0.0
     for done in range(0, steps, BLOCK):
         rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=(0, 1)))
     q, v = many.states()
     gained = c.energy(system, q, v) - c.energy(system, system["q0"], system["v0"])
-    return Ends(rods, gained / energy_scale(system), q[:, -1])
+    return Ends(rods, gained / _runs.energy_scale(system), q[:, -1])
 
 
-def speed(repeats):
-    """(a) A row a size of ensemble, timed in turns; what a thousand must reach."""
+def speed():
+    """(a) A row of how fast a thousand go, by samples taken in turns, and what they must reach."""
+    system, steps = ensemble("double", range(CROWD)), -(-WORK // (BLOCK * CROWD)) * BLOCK
 
-    def pace(many, steps, block):
+    def measure(q, v):
+        return c.rod_errors(system, q), c.energy(system, q, v)
+
+    def pace(many, block):
         clock = time.perf_counter()
         for _ in range(0, steps, block):
             many.advance(block)
-        return 1e-6 * steps / (time.perf_counter() - clock)
+        return 1e-6 * steps * CROWD / (time.perf_counter() - clock)
 
-    jobs = {}
-    for size in SIZES:
-        system, steps = ensemble("double", range(size)), -(-WORK // (BLOCK * size)) * BLOCK
-
-        def measure(q, v, system=system):
-            return c.rod_errors(system, q), c.energy(system, q, v)
-
-        for what, asked, block in ("alone", None, steps), ("measured", measure, BLOCK):
-            many = crowd(system, "semi_implicit", "none", DT, asked)
-            jobs[size, what] = partial(pace, many, steps, block)
-    rows, bars = {size: {"seeds in step": size} for size in SIZES}, []
-    for (size, what), samples in in_turns(jobs, repeats).items():
-        rows[size] |= spread([size * sample for sample in samples], what)
-        if size == 1000 and NATIVE:
-            bars.append((f"a thousand, {what}: us a step", 1 / rows[size][what], 1 / LEAST[what]))
-    return "(a) million steps a second, semi_implicit none", list(rows.values()), bars
+    alone, measured = (_runs.crowd(system, *RUNS[0], DT, asked) for asked in (None, measure))
+    jobs = {"alone": partial(pace, alone, steps), "measured": partial(pace, measured, BLOCK)}
+    row, bars = {"seeds": CROWD}, []
+    for what, samples in in_turns(jobs, REPEATS).items():
+        row |= spread(samples, what)
+        if _runs.NATIVE:
+            bars.append((f"{what}: us a step", 1 / row[what], 1 / LEAST[what]))
+    return "(a) million steps a second, semi_implicit none", [row], bars
 
 
 def ordering(found):
@@ -111,9 +99,9 @@ def growth(system, skip, span, dt):
     v is not told of the move), and stay in the x-y plane.
     """
     q, v, rates = system["q0"], system["v0"], []
-    unit = math.sqrt(system["lengths"].sum() / G)
+    unit = math.sqrt(system["lengths"].sum() / _runs.G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
-    steps = crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
+    steps = _runs.crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
     size = np.ones(len(q))
     for _ in range(round((skip + span) / RENEW)):
         near = away * (CLOSE / size)[:, None, None]
@@ -132,43 +120,29 @@ def standard_error(samples):
     return np.std(samples, ddof=1) / math.sqrt(len(samples))
 
 
-def parting(quick):
-    """(c) A row a case, with standard errors: the system at two steps, then two whose exponent is
-    known, to trust it by."""
-    pairs, skip, span, fine = (20, 5.0, 10.0, 2 * FINE) if quick else (PAIRS, SKIP, SPAN, FINE)
-    chaotic, single = ensemble("double", range(pairs)), ensemble("pendulum", range(20))
-    upright = ensemble("double", range(20))
-    upright["q0"][:] = [[0.0, 1, 0], [0.0, 2, 0]]
-    # upright, angles'' = g/L [[2, -1], [-2, 2]] angles
-    top = math.sqrt((2.0 + math.sqrt(2.0)) * G)
-    # of single pendulums the periods differ, so neighbours part as t: ln(t)/t, on its way to 0
-    shear, rows = math.log((skip + span) / skip) / span, []
-    for what, start, known, *settings in (
-        ("double", chaotic, "?", skip, span, fine),
-        ("double", chaotic, "?", skip, span, 2 * fine),
-        ("upright double", upright, top, 5.0, 5.0, fine),
-        ("pendulum", single, shear, skip, span, fine),
-    ):
-        members = growth(start, *settings).mean(axis=1)
-        row = {"pairs of": what, "pairs": len(members), "dt": settings[-1], "1/s": members.mean()}
-        rows.append(row | {"+-": standard_error(members), "known": known})
+def parting():
+    """(c) A row each of two steps, with the standard error."""
+    system, rows = ensemble("double", range(PAIRS)), []
+    for dt in (FINE, 2.0 * FINE):
+        members = growth(system, SKIP, SPAN, dt).mean(axis=1)
+        row = {"pairs": PAIRS, "dt": dt, "1/s": members.mean(), "+-": standard_error(members)}
+        rows.append(row)
     return rows
 
 
 def main(argv=None):
     """Ask and print."""
-    parser = study_parser("chaos", __doc__, timed=True)
+    parser = _runs.study_parser("chaos", __doc__)
     parser.add_argument("--seeds", type=number(int, 2, 10**6), default=1000, help="so many (1000)")
-    args = parser.parse_args(argv)
-    seconds = SECONDS / 4 if args.quick else SECONDS
-    steps, after = round(seconds / DT), f"{seconds:g} s"
-    host(seeds=args.seeds, steps=steps, dt=DT)
-    show(*speed(1 if args.quick else REPEATS))
-    system = ensemble("double", range(args.seeds))
+    seeds = parser.parse_args(argv).seeds
+    steps, after = round(SECONDS / DT), f"{SECONDS:g} s"
+    _runs.host(seeds=seeds, steps=steps, dt=DT)
+    show(*speed())
+    system = ensemble("double", range(seeds))
     found = {run: follow(system, *run, steps) for run in RUNS}
     show(f"(b) worst rod error in {after}, none over baumgarte", [ordering(found)])
     show(f"and after {after}: medians, and worst; energy as a share of m g L", fates(found))
-    show("(c) the largest Lyapunov exponent, rk4", parting(args.quick))
+    show("(c) the largest Lyapunov exponent, rk4", parting())
 
 
 if __name__ == "__main__":

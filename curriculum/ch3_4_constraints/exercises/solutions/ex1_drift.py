@@ -1,10 +1,9 @@
-def predict():
+def answer():
     return {"rod": "grows", "factor": 16, "heavy": "the same"}
 
 
-def found():
-    why = "Every step leaves along the tangent, which lies outside the circle, and none leads back."
-    return {"rod": "grows", "factor": 15.9, "heavy": "the same", "why": why}
+def why():
+    return "Each step leaves along the tangent, which lies outside the circle, and none leads back."
 
 
 def expected_g(speeds, dt):

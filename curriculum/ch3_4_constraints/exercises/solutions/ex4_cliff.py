@@ -3,7 +3,7 @@ import constraints as c
 import numpy as np
 
 
-def predict():
+def answer():
     return {"euler": "sooner", "semi_implicit": "later", "rk4": "sooner"}
 
 

@@ -7,6 +7,5 @@ def ship():
     return "impulse"
 
 
-def claim():
-    why = "It flies in circles, so each step leaves them by more than a slow spring takes back."
-    return {"holds": "impulse", "loses": "baumgarte", "why": why}
+def why():
+    return "It flies in circles, so each step leaves them by more than a slow spring takes back."
