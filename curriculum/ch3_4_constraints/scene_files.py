@@ -227,6 +227,10 @@ def check_run(system, force, dt, steps, step_fn, rules):
     for name, rule in rules.items():
         if rule is step_fn and (why := misfit(hold, name)):
             raise ValueError(f"this force {why}")
-    if not (dt > 0.0 and steps >= 0):
-        raise ValueError(f"a run takes steps >= 0 of dt > 0 s, not {steps} of {dt}")
-    return check_system(system)
+    if not (isinstance(steps, (int, np.integer)) and steps >= 0 and dt > 0.0):
+        raise ValueError(f"a run takes a whole number >= 0 of steps of dt > 0 s, not {steps!r}, {dt}")
+    system = check_system(system)
+    own = getattr(force, "system", system)
+    if not np.array_equal(own["pairs"], system["pairs"]):
+        raise ValueError("this force is for another system: its rods tie other pairs")
+    return system
