@@ -123,8 +123,6 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     done = run(tmp_path / "\u00e4", variables={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0 and done.stdout.rstrip().endswith("\\xe4/motion.svg")
-    # or what a library writes to a closed stream would be in a file that took its number
-    assert script("return os.open(os.devnull, 0)", preexec_fn=closed).returncode > 2
     assert script("import numpy; numpy.ones(1) / 0.0").stderr == ""  # a warning for nobody
     done = python("-S", c.__file__, variables={"PYTHONPATH": ""})
     assert done.returncode == 1 and re.fullmatch("numpy is not installed: [^\n]+\n", done.stderr)

@@ -18,7 +18,7 @@ from operator import mul
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.statics import differences, refusal
-from curriculum.common.cli import shorten
+from curriculum.common.cli import meant, shorten
 
 import numpy as np
 
@@ -65,8 +65,9 @@ def load_scene(name, folder, others, gravity):
     path = shipped[name] if name in shipped and not Path(name).exists() else Path(name)
     try:
         if not name or not path.exists():
-            known = which(name, "scenes", [*others, *sorted(shipped)])
-            raise SceneError(f"no scene and no file; {known}")
+            known = [*others, *sorted(shipped)]
+            end = meant(name, known, f"; scenes are {', '.join(known)}")
+            raise SceneError(f"no scene and no file{end}")
         if not path.is_file() or path.stat().st_size > LARGEST:
             raise SceneError(f"must be a plain file of at most {LARGEST / 1e6:g} MB")
         system = parse_scene(json.loads(path.read_bytes()))
@@ -193,18 +194,11 @@ def column(raw, key, of_file, refuse):
     return array.astype(dtype)
 
 
-def which(name, what, known):
-    """What to say of a name that is none of the `known`: the one that was meant, or all of them."""
-    from difflib import get_close_matches  # here: a run has no use for it
-
-    near = get_close_matches(name.lower(), known, 1)
-    return f"did you mean {near[0]!r}?" if near else f"{what} are {', '.join(known)}"
-
-
 def chosen(name, table):
     """The Hold of this name in a table of modes; raises ValueError if there is none."""
     if name not in table:
-        raise ValueError(f"{shorten(name)!r} is no mode; {which(name, 'modes', table)}")
+        end = meant(name, table, f"; modes are {', '.join(table)}")
+        raise ValueError(f"{shorten(name)!r} is no mode{end}")
     return table[name]
 
 
