@@ -222,7 +222,8 @@ def check_run(system, force, dt, steps, step_fn, rules):
         if rule is step_fn and (why := misfit(hold, name)):
             raise ValueError(f"this force {why}")
     if not (isinstance(steps, (int, np.integer)) and steps >= 0 and dt > 0.0):
-        raise ValueError(f"a run takes a whole number >= 0 of steps of dt > 0 s, not {steps!r}, {dt}")
+        allowed = "a whole number of steps >= 0, of dt > 0 s"
+        raise ValueError(f"a run takes {allowed}, not {steps!r} of {dt}")
     system = check_system(system)
     own = getattr(force, "system", system)
     if not np.array_equal(own["pairs"], system["pairs"]):
