@@ -10,7 +10,6 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 """
 
 import json
-import math
 from argparse import ArgumentTypeError
 from decimal import Decimal, localcontext
 from itertools import accumulate
@@ -122,9 +121,9 @@ def parse_scene(data):
     for key, (row, _, place, allowed) in COLUMNS.items():
         kinds, most = ((int,), 2**31) if key == "pairs" else ((int, float), HUGE)
         for k, x in enumerate(raw[key]):
-            numbers = [x] if key in ("m", "lengths") else x
-            right = isinstance(numbers, (list, tuple)) and len(numbers) == math.prod(row)
-            right = right and all(type(y) in kinds and abs(y) < most for y in numbers)
+            numbers = np.array(x, object)  # as they stand there: true is no number
+            right = numbers.shape == (() if key == "m" else row)
+            right = right and all(type(y) in kinds and abs(y) < most for y in numbers.flat)
             need(right, place.format(k), x, allowed)
     return checked(raw, True, [k for k, rod in enumerate(rods) if "length" not in rod])
 

@@ -66,17 +66,17 @@ def held(system, rule, mode, dt, seconds, way=Compiled):
 
 def cell(crowd, rule, mode, seconds, ladder=LADDER):
     """What the table says of a method and the starts of a scene."""
-    any_step = c.hold_table()[mode].dt is None
-    ways = {id(one): once_for_all() for one in crowd}  # compiled once, if for steps of any length
+    any_step = c.hold_table()[mode].dt is None  # then each start is compiled once
+    ways = [once_for_all() if any_step else Compiled for _ in crowd]
 
-    def holds(one, dt):
-        way = ways[id(one)] if any_step else once_for_all()
-        return held(one, rule, mode, dt, seconds, way)
+    def each_held(dt):
+        for start, way in zip(crowd, ways, strict=True):
+            yield held(start, rule, mode, dt, seconds, way)
 
     for dt in ladder:
-        if all(holds(one, dt) for one in crowd):
+        if all(each_held(dt)):
             return f"{dt:g}"
-    share = sum(holds(one, ladder[-1]) for one in crowd)
+    share = sum(each_held(ladder[-1]))
     return f"{share}/{len(crowd)}" if share else "-"
 
 
