@@ -66,12 +66,12 @@ def held(system, rule, mode, dt, seconds, way=Compiled):
 
 def cell(crowd, rule, mode, seconds, ladder=LADDER):
     """What the table says of a method and the starts of a scene."""
-    any_step = c.hold_table()[mode].dt is None  # then each start is compiled once
-    ways = [once_for_all() if any_step else Compiled for _ in crowd]
+    any_step = c.hold_table()[mode].dt is None  # then each start is compiled once for the ladder
+    ways = [once_for_all() for _ in crowd]
 
     def each_held(dt):
         for start, way in zip(crowd, ways, strict=True):
-            yield held(start, rule, mode, dt, seconds, way)
+            yield held(start, rule, mode, dt, seconds, way if any_step else once_for_all())
 
     for dt in ladder:
         if all(each_held(dt)):
