@@ -58,6 +58,12 @@ def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(tmp
     assert files == {publish.METRICS, publish.PICTURE}
 
 
+def test_without_rerun_there_is_a_recording_only_if_it_is_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    flags = ["--out", str(tmp_path)]
+    assert [c.parse([*flags, *more])[0].rerun for more in ([], ["--rerun"])] == [False, True]
+
+
 # --- what ends a program ---
 def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
     """Though it was traced on the way there, and numpy raised the error."""
