@@ -26,7 +26,7 @@ def shorten(text):
 
 
 def meant(name, known, otherwise=""):
-    """The end of a sentence about a wrong name: the nearest of the `known`, or if none is near."""
+    """The end of a sentence about a wrong name: the nearest of the `known`, or `otherwise`."""
     from difflib import get_close_matches  # here: few runs end so
 
     near = get_close_matches(name.lower(), known, 1)
