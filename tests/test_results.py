@@ -29,6 +29,11 @@ def test_a_run_that_could_not_be_right_is_refused():
             c.simulate(c.semi_implicit_step, DOUBLE, c.make_force(DOUBLE, mode), 0.008, 1)
     with pytest.raises(ValueError, match="does not fit rk4"):
         run(DOUBLE, "rk4", "impulse", steps=1)
+    with pytest.raises(ValueError, match="this force is for another system"):
+        c.simulate(c.rk4_step, DOUBLE, c.make_force(PENDULUM, "none"), 0.005, 1)
+    for many in (-1, 10.0, "10"):
+        with pytest.raises(ValueError, match=f"whole number of steps .* not {many!r} of 0.005"):
+            run(DOUBLE, steps=many)
     with pytest.raises(ValueError, match="finite"):
         run(PENDULUM | {"v0": np.array([[0.0, 0.0, np.nan]])}, steps=1)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.statics import refusal
-from curriculum.ch3_4_constraints.studies._runs import SCENES, make_system, run, scene
+from curriculum.ch3_4_constraints.studies._runs import SCENES, make_system, run
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
 from curriculum.common.graph import has_loop
 
@@ -156,9 +156,9 @@ def test_a_start_that_tears_is_refused_and_no_other(name):
 
 
 def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
-    cable = scene("tight_cable")  # 0.1 % longer than its span
+    cable = c.build_system("tight_cable")  # 0.1 % longer than its span
     assert np.sum(cable["lengths"]) / cable["anchors"][1, 0] == pytest.approx(1.001, rel=1e-15)
     for method in METHODS:
-        assert np.abs(run(scene("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
+        assert np.abs(run(c.build_system("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
         if "soft" not in method:  # whose rods are longer under load
             assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9

@@ -146,7 +146,7 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     slow = jobs((0.5, 1.0), (2.0, 1e-4), (6.0, 1e-4))
     racers = {"ours": [slow, jobs((1.0, 1e-4), (3.0, 0.0))], "heyoka": [slow]}
     limits = ("ours", "heyoka", 0, 0.6), ("ours", "heyoka", 1, 1.5), ("ours", "nobody", 0, 1.0)
-    rows, bars = real_thing.race(task, racers, {1e-3: limits, 1e-5: ()}, 2)
+    rows, bars = real_thing.race(task, racers, {1e-3: limits, 1e-5: ()})
     found = [(row["to"], row["who"], row["setting"], row["ours/it"]) for row in rows]
     near = [("1e-03", "ours", 1.0, 1.0), ("1e-03", "heyoka", 2.0, 0.5)]
     assert found == [*near, ("1e-05", "ours", 3.0, 1.0)]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints.picture import write_motion
 from curriculum.ch3_4_constraints.recording import record
-from curriculum.common.cli import shorten, writable
+from curriculum.common.cli import writable
 from curriculum.common.files import dump_json, write_together
 
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
@@ -32,33 +32,21 @@ def publish(args, used, system, runs, rows, fall, pulls, shown, ghost):
     """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
     The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
-    run stays beside them. A file that cannot be written is left out; but where an earlier run has
-    left it, all stays as it was, and the error is raised. The rest: as `record` takes it.
+    run stays beside them; if a file cannot be written, all stays as it was. The rest: as `record`
+    takes it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    scene, lost = (args, used, system, runs), []
-
-    def attempt(write, path, *more):
-        try:
-            write(path, *scene, *more)
-        except (OSError, ImportError, MemoryError) as error:
-            if (args.out / path.name).exists():
-                raise
-            path.unlink(missing_ok=True)
-            why = getattr(error, "strerror", None) or str(error) or type(error).__name__
-            lost.append(f", but no {path.name}: {shorten(why)}")
-
     metrics = partial(dump_json, content=flags | used | {"results": rows})
     files = {METRICS: metrics, PICTURE: None, RECORDING: None}
+    scene = args, used, system, runs
     if args.picture:
-        files[PICTURE] = lambda path: attempt(write_motion, path, shown, ghost)
+        files[PICTURE] = lambda path: write_motion(path, *scene, shown, ghost)
     if args.rerun:
         newtons = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
-        files[RECORDING] = lambda path: attempt(record, path, rows, fall, newtons, ghost)
+        files[RECORDING] = lambda path: record(path, *scene, rows, fall, newtons, ghost)
     write_together(args.out, files)
-    written = [args.out / name for name in files if (args.out / name).exists()]
-    text = f"wrote {', '.join(map(str, written))}{''.join(lost)}"
-    return text + (f"\nlook: {look(written[-1])}" if written[-1].name == RECORDING else "")
+    text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
+    return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
 
 
 def look(recording):

@@ -10,7 +10,6 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 """
 
 import json
-import math
 from argparse import ArgumentTypeError
 from decimal import Decimal, localcontext
 from itertools import accumulate
@@ -18,7 +17,7 @@ from operator import mul
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.statics import differences, refusal
-from curriculum.common.cli import shorten
+from curriculum.common.cli import meant, shorten
 
 import numpy as np
 
@@ -65,8 +64,9 @@ def load_scene(name, folder, others, gravity):
     path = shipped[name] if name in shipped and not Path(name).exists() else Path(name)
     try:
         if not name or not path.exists():
-            known = which(name, "scenes", [*others, *sorted(shipped)])
-            raise SceneError(f"no scene and no file; {known}")
+            known = [*others, *sorted(shipped)]
+            end = meant(name, known, f"; scenes are {', '.join(known)}")
+            raise SceneError(f"no scene and no file{end}")
         if not path.is_file() or path.stat().st_size > LARGEST:
             raise SceneError(f"must be a plain file of at most {LARGEST / 1e6:g} MB")
         system = parse_scene(json.loads(path.read_bytes()))
@@ -121,9 +121,9 @@ def parse_scene(data):
     for key, (row, _, place, allowed) in COLUMNS.items():
         kinds, most = ((int,), 2**31) if key == "pairs" else ((int, float), HUGE)
         for k, x in enumerate(raw[key]):
-            numbers = [x] if key in ("m", "lengths") else x
-            right = isinstance(numbers, (list, tuple)) and len(numbers) == math.prod(row)
-            right = right and all(type(y) in kinds and abs(y) < most for y in numbers)
+            numbers = np.array(x, object)  # as they stand there: true is no number
+            right = numbers.shape == (() if key == "m" else row)
+            right = right and all(type(y) in kinds and abs(y) < most for y in numbers.flat)
             need(right, place.format(k), x, allowed)
     return checked(raw, True, [k for k, rod in enumerate(rods) if "length" not in rod])
 
@@ -193,18 +193,11 @@ def column(raw, key, of_file, refuse):
     return array.astype(dtype)
 
 
-def which(name, what, known):
-    """What to say of a name that is none of the `known`: the one that was meant, or all of them."""
-    from difflib import get_close_matches  # here: a run has no use for it
-
-    near = get_close_matches(name.lower(), known, 1)
-    return f"did you mean {near[0]!r}?" if near else f"{what} are {', '.join(known)}"
-
-
 def chosen(name, table):
     """The Hold of this name in a table of modes; raises ValueError if there is none."""
     if name not in table:
-        raise ValueError(f"{shorten(name)!r} is no mode; {which(name, 'modes', table)}")
+        end = meant(name, table, f"; modes are {', '.join(table)}")
+        raise ValueError(f"{shorten(name)!r} is no mode{end}")
     return table[name]
 
 
@@ -227,6 +220,11 @@ def check_run(system, force, dt, steps, step_fn, rules):
     for name, rule in rules.items():
         if rule is step_fn and (why := misfit(hold, name)):
             raise ValueError(f"this force {why}")
-    if not (dt > 0.0 and steps >= 0):
-        raise ValueError(f"a run takes steps >= 0 of dt > 0 s, not {steps} of {dt}")
-    return check_system(system)
+    if not (isinstance(steps, (int, np.integer)) and steps >= 0 and dt > 0.0):
+        allowed = "a whole number of steps >= 0, of dt > 0 s"
+        raise ValueError(f"a run takes {allowed}, not {steps!r} of {dt}")
+    system = check_system(system)
+    own = getattr(force, "system", system)
+    if not np.array_equal(own["pairs"], system["pairs"]):
+        raise ValueError("this force is for another system: its rods tie other pairs")
+    return system

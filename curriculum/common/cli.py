@@ -9,6 +9,7 @@ import sys
 import textwrap
 import warnings
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from curriculum.common.files import check_writable
@@ -22,6 +23,14 @@ FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # 
 def shorten(text):
     """The text, or its beginning."""
     return text if len(text) < 60 else text[:57] + "..."
+
+
+def meant(name, known, otherwise=""):
+    """The end of a sentence about a wrong name: the nearest of the `known`, or `otherwise`."""
+    from difflib import get_close_matches  # here: few runs end so
+
+    near = get_close_matches(name.lower(), known, 1)
+    return f"; did you mean {near[0]!r}?" if near else otherwise
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,15 +47,12 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
-        from difflib import get_close_matches  # here: few runs end so
-
         message = r"\n".join(message.splitlines())  # a value may hold a line break
         choice = r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)"
         if wrong := re.search(choice, message):
             value, choices, flag = wrong.groups(default="")
             known = re.findall(r"[\w-]+", choices) or re.findall(r"--[\w-]+", self.format_help())
-            for near in get_close_matches((value + flag).lower(), known, 1):
-                message += f"; did you mean {near}?"
+            message += meant(value + flag, known)
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         self.exit(2, f"{self.prog}: error: {message}\n")
 
@@ -114,9 +120,10 @@ def chapter_parser(prog, folder, out, examples):
     method("--plain", action="store_true", help=plain)
     results("-h --help", action="help", help="these lines")
     results("--out DIR", default=out, help="a folder")
-    switch = {"action": argparse.BooleanOptionalAction, "default": True}
-    results("--picture", **switch, help="one that moves, for any browser")
-    results("--rerun", **switch, help="the recording, for Rerun's viewer")
+    switch = argparse.BooleanOptionalAction
+    results("--picture", action=switch, default=True, help="one that moves, for any browser")
+    viewer = find_spec("rerun") is not None  # without it nothing can make the recording
+    results("--rerun", action=switch, default=viewer, help="the recording, for Rerun's viewer")
     results("--show-step", action="store_true", help="print the code that a step becomes, no more")
     ci("--smoke", action="store_true", help="few steps whatever --steps says: for a byte-diff")
     ci("--device", choices=["cpu"], default="cpu", help="here nothing needs another")
@@ -134,10 +141,7 @@ def mistake(error):
 
 
 def prepare():
-    """Open standard streams that are closed, and heed signals; the streams that can be written."""
-    while (spare := os.open(os.devnull, os.O_RDWR)) < 3:  # lest a file take a closed one's place
-        pass
-    os.close(spare)
+    """Heed signals, write what a terminal cannot show as an escape; the streams that are open."""
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
         if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
             # an exit leaves no temporary file

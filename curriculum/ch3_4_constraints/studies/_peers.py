@@ -6,8 +6,9 @@ the seconds of its steps alone: models are built, and read, while that clock sta
 
 import time
 
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, make_system, whole_step
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, make_system
 from curriculum.common.compiled import Compiled
+from curriculum.common.steps import followed
 
 import numpy as np
 
@@ -19,8 +20,8 @@ POINT = 1e-14
 
 def compiled_step(system, rule, mode, dt, machine=NATIVE, best=True):
     """A step, compiled to machine code, the `best` or what is soon made, or to Python."""
-    step, force = whole_step(system, rule, mode, dt)
-    compiled = Compiled(step, check=False)
+    rule, force = case(system, rule, mode, dt)
+    compiled = Compiled(followed(rule, force.after), check=False)
     compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
     if machine:
         compiled.to_machine(best)

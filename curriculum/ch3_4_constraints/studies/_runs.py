@@ -7,6 +7,7 @@ from collections import namedtuple
 from pathlib import Path
 
 import constraints as c
+from curriculum.ch3_4_constraints.statics import differences
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import native
 from curriculum.common.banner import processor
@@ -34,15 +35,10 @@ Task = namedtuple("Task", "system samples every error")
 def make_system(q0, v0, m, pairs, lengths=None, anchors=((0.0, 0.0, 0.0),)):
     """A system dict; masses m (N,) kg, lengths (C,) m by default as in q0."""
     q0, v0, anchors = (np.asarray(x, dtype=float) for x in (q0, v0, anchors))
-    ends = [(q0[i], anchors[-1 - j] if j < 0 else q0[j]) for i, j in pairs]
-    found = [np.sqrt(c.dot(a - b, a - b)) for a, b in ends] if lengths is None else lengths
-    system = {"q0": q0, "v0": v0, "m": np.reshape(m, (-1, 1)).astype(float)}
-    return system | {"pairs": list(pairs), "lengths": np.array(found, float), "anchors": anchors}
-
-
-def scene(name):
-    """The system of a shipped scene."""
-    return c.build_system(str(SCENES / f"{name}.json"))
+    if lengths is None:
+        lengths = np.linalg.norm(differences(q0, anchors, pairs), axis=-1)
+    system = {"q0": q0, "v0": v0, "m": np.reshape(m, (-1, 1)).astype(float), "anchors": anchors}
+    return system | {"pairs": list(pairs), "lengths": np.array(lengths, float)}
 
 
 def case(system, rule, hold, dt):
@@ -58,15 +54,10 @@ def run(system, rule="semi_implicit", hold="none", dt=0.005, steps=4000, keep=()
     return c.simulate(rule, system, force, dt, steps, keep, way)
 
 
-def whole_step(system, rule, hold, dt):
-    """(step, force) of a case, where the step ends with what the hold does to it."""
-    rule, force = case(system, rule, hold, dt)
-    return followed(rule, force.after), force
-
-
 def crowd(system, rule, hold, dt, measure=None):
     """A Crowd of the members of a system with q0, v0 (R, N, 3)."""
-    step, force = whole_step(system, rule, hold, dt)
+    rule, force = case(system, rule, hold, dt)
+    step = followed(rule, force.after)
     return Crowd(step, system["m"], force, dt, system["q0"], system["v0"], measure)
 
 

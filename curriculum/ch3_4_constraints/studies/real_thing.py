@@ -106,7 +106,7 @@ def quickest(task, found, clock):
     return min(found, key=lambda one: min(around(task, one[1])[clock] for _ in range(6)))
 
 
-def race(task, racers, targets, repeats):
+def race(task, racers, targets):
     """Rows and bars: who of `racers` (see `ladders`) takes how long to each of `targets`."""
     jobs, rows, bars = {}, [], []
     error_of = cache(lambda job: around(task, job)[-1])  # no rung is tried for a second time
@@ -117,7 +117,7 @@ def race(task, racers, targets, repeats):
         if there:
             setting, job = quickest(task, there, ALL if who == PYTHON else STEPS)
             jobs[error, who, setting] = partial(around, task, job)
-    clocks = in_turns(jobs, repeats)
+    clocks = in_turns(jobs, REPEATS)
     for error, limits in targets.items():
         took = {key[1:]: np.array(x).T for key, x in clocks.items() if key[0] == error}
         least = {who: x.min(axis=1) for (who, _), x in took.items()}
@@ -169,7 +169,7 @@ def a01(seconds=2000.0):
 
 def main(argv=None):
     """Measure and print."""
-    parser = _runs.study_parser("real_thing", __doc__, timed=True)
+    parser = _runs.study_parser("real_thing", __doc__)
     parser.add_argument("--names", action="store_true", help="(a) alone; without it, (b)")
     parser.add_argument("--a01", action="store_true", help="(c) alone")
     args = parser.parse_args(argv)
@@ -178,8 +178,7 @@ def main(argv=None):
         show(f"(a) soft and MuJoCo {version('mujoco')}, tendons of a random chain", rows)
         return
     engines = {name: version(name) for name in ("mujoco", TAYLOR) if find_spec(name)}
-    repeats, count = (3, 2) if args.quick else (REPEATS, len(TARGETS))
-    _runs.host(repeats=repeats, **engines)
+    _runs.host(repeats=REPEATS, **engines)
     if args.a01:
         task = a01()
         racers = {
@@ -187,13 +186,13 @@ def main(argv=None):
             f"{OURS}, project": [ladder(task, peers.run_ours, 2, 3, "gauss", "project")],
             HINGES: [ladder(task, peers.run_hinges, 60, 110)],
         }
-        found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]}, repeats)
+        found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})
         show("(c) A01, the simple pendulum, 2000 s, time to high precision", *found)
         return
     if TAYLOR not in engines:
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = _runs.double()
-    found = race(task, ladders(task), dict(list(TARGETS.items())[:count]), repeats)
+    found = race(task, ladders(task), TARGETS)
     show("(b) the double pendulum, 5 s, time to an error in m", *found)
 
 

@@ -232,7 +232,6 @@ def main(argv=None):
     parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; all but hour")
     for name in parser.parse_args(argv).names or [name for name in SHOWN if name != "hour"]:
         SHOWN[name]()
-    return 0
 
 
 if __name__ == "__main__":
