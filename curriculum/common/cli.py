@@ -36,9 +36,11 @@ def meant(name, known, otherwise=""):
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is a single line and no flag may be abbreviated."""
 
+    def __init__(self, formatter_class=argparse.RawDescriptionHelpFormatter, **settings):
+        super().__init__(formatter_class=formatter_class, allow_abbrev=False, **settings)
+
     def parse_known_args(self, args=None, namespace=None):
         """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
-        self.allow_abbrev = False
         args = sys.argv[1:] if args is None else list(args)
         for word in args:
             if re.fullmatch("--.+=--", word):

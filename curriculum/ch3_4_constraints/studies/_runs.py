@@ -2,7 +2,6 @@
 
 import json
 import sys
-from argparse import RawDescriptionHelpFormatter
 from collections import namedtuple
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from curriculum.ch3_4_constraints.statics import differences
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import native
 from curriculum.common.banner import processor
-from curriculum.common.cli import Parser
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
 from curriculum.common.gauss import make_gauss
@@ -80,14 +78,6 @@ def energy_scale(system):
 def drift(system, run):
     """The largest energy error (...) of a run, as a share of that."""
     return np.max(np.abs(run.energies - run.energies[0]), axis=0) / energy_scale(system)
-
-
-def study_parser(name, doc, timed=False):
-    """A study's Parser, with --quick where something is timed."""
-    parser = Parser(prog=name, description=doc, formatter_class=RawDescriptionHelpFormatter)
-    if timed:
-        parser.add_argument("--quick", action="store_true", help="a look: fewer and shorter runs")
-    return parser
 
 
 def host(**more):

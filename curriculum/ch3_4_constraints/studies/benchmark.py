@@ -14,9 +14,9 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run, study_parser
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
-from curriculum.common.cli import run_script
+from curriculum.common.cli import Parser, run_script
 from curriculum.common.steps import Plain
 
 import numpy as np
@@ -86,7 +86,7 @@ def growth():
 
 def main(argv=None):
     """Measure and print."""
-    study_parser("benchmark", __doc__).parse_args(argv)
+    Parser(prog="benchmark", description=__doc__).parse_args(argv)
     host(repeats=REPEATS)
     if not find_spec("mujoco"):
         say("MuJoCo is not installed, its column stays empty; pip install -e '.[compare]'")

@@ -14,7 +14,7 @@ from functools import partial
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import Parser, number, run_script
 
 import numpy as np
 
@@ -132,7 +132,7 @@ def parting():
 
 def main(argv=None):
     """Ask and print."""
-    parser = _runs.study_parser("chaos", __doc__)
+    parser = Parser(prog="chaos", description=__doc__)
     parser.add_argument("--seeds", type=number(int, 2, 10**6), default=1000, help="so many (1000)")
     seeds = parser.parse_args(argv).seeds
     steps, after = round(SECONDS / DT), f"{SECONDS:g} s"

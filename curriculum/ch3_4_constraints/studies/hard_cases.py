@@ -14,10 +14,10 @@ from multiprocessing import Pool
 from signal import SIG_IGN, SIGINT, signal
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run, study_parser
+from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import progress
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import Parser, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import once_for_all
 
@@ -88,7 +88,7 @@ def job(where, args):
 
 def main(argv=None):
     """Print the table, all processors at work."""
-    parser = study_parser("hard_cases", __doc__)
+    parser = Parser(prog="hard_cases", description=__doc__)
     add, whole = parser.add_argument, partial(number, int)
     add("scenes", nargs="*", choices=[*NAMES, []], help="only these; all of them by default")
     add("--starts", type=whole(1, 10**4), default=40, help="of each scene (40)")

@@ -19,7 +19,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import progress
-from curriculum.common.cli import number, run_script, writable
+from curriculum.common.cli import Parser, number, run_script, writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -85,7 +85,7 @@ def png(pixels):
 
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
-    parser = _runs.study_parser("map", __doc__)
+    parser = Parser(prog="map", description=__doc__)
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")

@@ -11,9 +11,9 @@ import math
 from unittest.mock import patch
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import RULES, double, run, study_parser
+from curriculum.ch3_4_constraints.studies._runs import RULES, double, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import run_script
+from curriculum.common.cli import Parser, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import once_for_all
 from curriculum.common.steps import Plain
@@ -68,7 +68,7 @@ def ahead(rows):
 
 def main(argv=None):
     """Print the frontier."""
-    study_parser("speed_vs_error", __doc__).parse_args(argv)
+    Parser(prog="speed_vs_error", description=__doc__).parse_args(argv)
     task = double()
     rows = [row for method in METHODS for row in ladder(task, *method)]
     rows = [row for row in ahead(rows) if row["error"] < FAR]
