@@ -5,6 +5,7 @@ from itertools import product
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import make_system, run, scene
 from curriculum.ch3_4_constraints.tables import UNHELD
+from curriculum.common import arrays
 
 import numpy as np
 import pytest
@@ -85,6 +86,14 @@ def test_leading_axes_are_separate_runs():
     for i, j in ((0, 1), (1, 0)):
         for many, single in zip(everything(q, v), everything(q[i, j], v[i, j]), strict=True):
             assert_close(many[i, j], single, 1e-9)
+
+
+def test_many_states_are_asked_of_a_few_at_a_time(monkeypatch):
+    """As many as have matrices that fit into memory; of each state, of 6 numbers here, one."""
+    monkeypatch.setattr(arrays, "MATRICES", 2 * 6**2)
+    asked, q = [], np.arange(30.0).reshape(5, 2, 3)
+    found = arrays.in_pieces(lambda q, v: asked.append(len(q)) or q + v, q, 2.0 * q)
+    assert asked == [2, 2, 1] and np.array_equal(found, 3.0 * q)
 
 
 def tight_cable(rods, slack, masses, sway):
