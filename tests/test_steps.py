@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import constraints as c
 from curriculum.ch3_4_constraints.scene_files import misfit
 from curriculum.ch3_4_constraints.studies._runs import SCENES, run
-from curriculum.common import compiled, native
+from curriculum.common import compiled, crowds, native
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
 
@@ -261,6 +261,7 @@ def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
     crowd, runs = crowd_of(DOUBLE, np.random.default_rng(6).normal(size=(*members, 2, 3))), []
     for block, cost in ((1 << 17, 1e9), (100, 1e9), (100, 0.0)):
         monkeypatch.setattr(compiled, "BLOCK", block * max(1, *members, 1))
+        monkeypatch.setattr(crowds, "PIECE", block // 10)
         monkeypatch.setattr(compiled, "LOADING", cost)
         monkeypatch.setattr(compiled, "COMPILING", cost)
         runs.append(run(crowd, "rk4", "project", 0.005, 90, range(91)))
