@@ -1,6 +1,5 @@
 """Many steps at once are the steps of the lines as they stand, in every way that they are done."""
 
-import math
 import random as dice
 import time
 from datetime import datetime
@@ -79,8 +78,10 @@ class Controller(SimpleNamespace):
 
 
 class Slotted:
-    __slots__ = ("hold",)
-    __call__ = Controller.__call__
+    __slots__ = ("speed",)
+
+    def __call__(self, q, v):
+        return -v
 
 
 CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
@@ -94,8 +95,7 @@ def forces():
     endless = {"of": Controller, "file": open, "lock": np.lib}
     endless["self"] = [endless]
     rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
-    slotted = Slotted()
-    slotted.hold = SimpleNamespace(gain=1.0)
+    slotted, ones = Slotted(), np.ones(1)
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
 
@@ -115,7 +115,7 @@ def forces():
 
     return {
         "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
-        "changes the list turns": lambda q, v, turns=[0, 1, 2]: turns.append(turns.pop(0)) or -v,
+        "changes the array turns": lambda q, v, turns=ones: v * turns.__isub__(0.1),
         "changes the dict cache": lambda q, v: cache.setdefault(q.shape, -v),
         "changes the global CALLS": count,
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
@@ -132,8 +132,6 @@ def forces():
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
         "when it is traced: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
-        "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
         "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
@@ -186,13 +184,6 @@ def test_members_of_a_crowd_are_as_if_alone(force, monkeypatch):
         assert np.abs(together.q[:, k] - alone.q).max() < 1e-12
 
 
-def test_a_force_of_one_state_is_asked_of_one_at_a_time(monkeypatch):
-    feel(monkeypatch, branching)
-    q = np.stack([DOUBLE["q0"], DOUBLE["q0"] - [0.0, 0.1, 0.0]])
-    force, v = c.make_force(DOUBLE, 0.0), np.ones_like(q)
-    assert np.allclose(force(q, v), [force(*state) for state in zip(q, v, strict=True)])
-
-
 def in_place_step(q, v, m, force, dt):
     v += dt * (force(q, v) / m)
     q += dt * v
@@ -205,21 +196,6 @@ def test_a_rule_may_work_in_place(mode, force, monkeypatch):
     feel(monkeypatch, force)
     runs = [in_every_way(x, DOUBLE, mode, 0.005, 40) for x in ("semi_implicit", in_place_step)]
     assert np.array_equal(runs[0].q, runs[1].q)
-
-
-MISTAKES = {  # what is raised: a force that a reader might write
-    "operands could not be broadcast": lambda q, v: np.ones((5, 3)),
-    "name 'nowhere' is not defined": lambda q, v: nowhere * q,  # noqa: F821
-    "must be real number, not str": lambda q, v: math.sin("q") * q,
-}
-
-
-@pytest.mark.parametrize("words", MISTAKES)
-def test_a_mistake_of_the_readers_surfaces_as_it_is(words, monkeypatch):
-    feel(monkeypatch, MISTAKES[words])
-    for way in WAYS:
-        with pytest.raises((ValueError, NameError, TypeError), match=words):
-            run(DOUBLE, "rk4", 0.0, 0.01, 3, way=way)
 
 
 def too_long(v, dt):
@@ -278,8 +254,7 @@ CASES = [  # name, rule, mode, dt, steps, how it ends
     ("pendulum", "gauss", "none", 0.5, 12, None),
     ("braced", "semi_implicit", "none", 0.02, 90, None),
 ]
-LEFT_OUT = {"long_chain", "taut_cable"}  # goes by arrays; is refused
-SHIPPED = {path.stem for path in SCENES.glob("*.json")} - LEFT_OUT
+SHIPPED = {path.stem for path in SCENES.glob("*.json")} - {"taut_cable"}  # which is refused
 SHORT = {(name, "semi_implicit", "project") for name in (*c.SYSTEMS, *SHIPPED)}
 for rule, (mode, hold) in product(c.INTEGRATORS, c.hold_table().items()):
     if not misfit(hold, rule):
