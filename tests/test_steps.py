@@ -77,13 +77,6 @@ class Controller(SimpleNamespace):
         return -gain * v
 
 
-class Slotted:
-    __slots__ = ("speed",)
-
-    def __call__(self, q, v):
-        return -v
-
-
 CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
 
 
@@ -91,11 +84,18 @@ def forces():
     """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze;
     their names say, up to a colon, what the run says of them."""
     global CALLS
-    CALLS, calls, start, cache, ticks = 0, 0, [], {}, iter(range(1000))
+    CALLS, calls, start, seen, ticks = 0, 0, [], set(), iter(range(1000))
     endless = {"of": Controller, "file": open, "lock": np.lib}
     endless["self"] = [endless]
     rng, controller = np.random.default_rng(3), Controller(hold=SimpleNamespace(gain=1.0))
-    slotted, ones = Slotted(), np.ones(1)
+
+    class Slot:
+        __slots__, gain = ("speed",), 1.0
+
+        def __call__(self, q, v):
+            return -v
+
+    slotted, ones = Slot(), np.ones(1)
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
 
@@ -116,8 +116,9 @@ def forces():
     return {
         "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
         "changes the array turns": lambda q, v, turns=ones: v * turns.__isub__(0.1),
-        "changes the dict cache": lambda q, v: cache.setdefault(q.shape, -v),
+        "changes the set seen": lambda q, v: -v if seen.add(len(seen)) or len(seen) % 2 else v,
         "changes the global CALLS": count,
+        "changes the global gain": lambda q, v: setattr(Slot, "gain", -Slot.gain) or Slot.gain * v,
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
         "changes the attribute speed of lag": lambda q, v: lag(q, v),
         "changes the attribute gain of controller": lambda q, v: controller(q, v),
