@@ -5,6 +5,7 @@ from itertools import product
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.tables import UNHELD
+from curriculum.common import arrays
 
 import numpy as np
 import pytest
@@ -69,8 +70,12 @@ def test_jacobian_is_the_derivative_of_g():
     assert_close((ahead[0] - behind[0]) @ v.ravel() / (2 * eps), jdotv, 1e-8)
 
 
-def test_leading_axes_are_separate_runs():
-    """Everything takes (..., N, 3): a stack of states gives the stack of what each gives alone."""
+def test_leading_axes_are_separate_runs(monkeypatch):
+    """Everything takes (..., N, 3): a stack of states gives the stack of what each gives alone.
+
+    Also where a force branches: it is asked of one state at a time.
+    """
+    monkeypatch.setattr(c, "external_force", lambda s, q, v: v if v[1, 0] > 0.0 else -v)
     system, rng = moving(tree(5, 2), 0.01), np.random.default_rng(5)
     q = system["q0"] + 1e-3 * rng.normal(size=(2, 2, *system["q0"].shape))
     v = rng.normal(size=q.shape)
@@ -87,6 +92,14 @@ def test_leading_axes_are_separate_runs():
             assert_close(many[i, j], single, 1e-9)
 
 
+def test_many_states_are_asked_of_a_few_at_a_time(monkeypatch):
+    """As many as have matrices that fit into memory; of each state, of 6 numbers here, one."""
+    monkeypatch.setattr(arrays, "MATRICES", 2 * 6**2)
+    asked, q = [], np.arange(30.0).reshape(5, 2, 3)
+    found = arrays.in_pieces(lambda q, v: asked.append(len(q)) or q + v, q, 2.0 * q)
+    assert asked == [2, 2, 1] and np.array_equal(found, 3.0 * q)
+
+
 def tight_cable(rods, slack, masses, sway):
     """Unit rods that hang at rest between level anchors, longer than their span by `slack`, nearly;
     or that sway out of their plane. Then masses by turns, 1 and `masses`."""
@@ -99,24 +112,23 @@ def tight_cable(rods, slack, masses, sway):
     return make_system(q, v, np.where(bobs % 2, 1.0, masses), pairs, None, [0.0 * end, end])
 
 
-def cantilever(bays, both=False):
-    """Two nodes a bay, at rest, held at the left; a diagonal a bay or, a rod too many, both."""
+def cantilever(bays):
+    """Two nodes a bay, at rest, held at the left; of a bay's two diagonals one is too many."""
     n, anchors = 2 * bays, [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
     q = [[t // 2 + 1.0, 1.0 - t % 2, 0.0] for t in range(n)]
     rods = [(t, t - 2) for t in range(n)] + [(t, t - 3) for t in range(1, n, 2)]
-    rods += [(t, t - 1) for t in range(n) if both or t % 2]
+    rods += [(t, t - 1) for t in range(n)]
     return make_system(q, np.zeros((n, 3)), np.ones(n), rods, None, anchors)
 
 
-NEEDED = [tight_cable(*x) for x in product((12, 66, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
+NEEDED = [tight_cable(*x) for x in product((12, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
 NEEDED.append(TONNE := c.build_system("tonne"))  # a rod too many
 NEEDED.append(TONNE | {"m": TONNE["m"] ** 2})
 NEEDED += [cantilever(30), tight_cable(66, 1e-7, 1.0, 0.0), tight_cable(150, 1e-7, 1.0, 0.0)]
-LOST = [tight_cable(150, 1e-9, 1.0, 0.0)]  # so tight that A cannot be told from a singular matrix
-LOADED = [*product(NEEDED, [True]), *product(LOST, [False])]
+LOST = tight_cable(150, 1e-9, 1.0, 0.0)  # so tight that A cannot be told from a singular matrix
 
 
-@pytest.mark.parametrize(("system", "met"), LOADED)
+@pytest.mark.parametrize(("system", "met"), [*product(NEEDED, [True]), (LOST, False)])
 def test_a_tension_that_is_needed_is_found_or_told(system, met):
     """However small the eigenvalue that carries it: against an SVD of J M^-1/2."""
     q, v, w = system["q0"], system["v0"], np.repeat(np.sqrt(1.0 / system["m"][:, 0]), 3)
@@ -148,13 +160,13 @@ def test_whole_numbers_are_solved_as_numbers():
 
 def test_rods_too_many_stay_put():
     """With less slack, what rounding leaves between the rods of a braced truss blows up."""
-    assert run(cantilever(20, both=True), steps=40).violations.max() < 1e-8
+    assert run(cantilever(20), steps=40).violations.max() < 1e-8
 
 
 def test_many_rods_find_their_way_back_and_a_loose_particle_falls():
     """A wheel whose rods all feel each other, a tree with loops, a chain, in compiled steps."""
-    wheel = [(0, -1), *((k, 0) for k in range(1, 30)), *row(30)[2:]]
-    for pairs in (wheel, tree(64, 8), row(162)):
+    wheel = [(0, -1), *((k, 0) for k in range(1, 12)), *row(12)[2:]]
+    for pairs in (wheel, tree(40, 8), row(60)):
         system = moving(pairs, loose=1)
         q, v = c.project(system, system["q0"], system["q0"], 1e-3 * system["v0"], 1.0)
         found = run(system | {"q0": q, "v0": v}, "rk4", "project", 1e-3, 20)

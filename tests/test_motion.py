@@ -66,6 +66,7 @@ LADDERS = [  # the longest step of each, in s, is halved twice; then what the or
     ("semi_implicit", "project", 0.001, 0.9, 1.1),
     ("rk4", "none", 0.005, 3.9, 4.6),
     ("rk4", "project", 0.0025, 3.9, 4.6),
+    ("midpoint", "none", 0.05, 7.3, 8.1),
 ]
 GAUSS = (1, 0.005), (2, 0.0125), (3, 0.025)  # stages, of which the order is twice as many
 LADDERS += [(make_gauss(s, tol=1e-16), "none", dt, 2 * s - 0.4, 2 * s + 0.4) for s, dt in GAUSS]

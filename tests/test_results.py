@@ -107,9 +107,8 @@ def test_every_flag_reaches_the_result_and_stands_beside_it(flag, mode):
     assert found[name] == type(found[name])(value)
 
 
-@pytest.mark.parametrize("scene", ["double", "chain --links 41"])
-def test_plain_is_the_same_run_in_numpy_and_of_the_mode_that_was_asked_for(scene):
-    flags = f"--stabilization project --system {scene}"
+def test_plain_is_the_same_run_in_numpy_and_of_the_mode_that_was_asked_for():
+    flags = "--stabilization project"
     (found, _), (plain, lines) = results(flags, 9), results(f"{flags} --plain", 9)
     assert lines[1].endswith("in plain numpy: the lines as they stand")
     assert found["results"].keys() == plain["results"].keys() == {"project"}
@@ -241,7 +240,7 @@ print(numbers.hexdigest())
 """
 CASES = [f"triple --steps 500 --integrator {x}" for x in ("semi_implicit", "rk4", "gauss")]
 CASES += ["windows --steps 20", "windows --steps 20 --integrator gauss"]
-CASES += ["jansen_leg --steps 20 --integrator rk4", "chain --links 100 --steps 20"]
+CASES += ["jansen_leg --steps 20 --integrator rk4", "chain --links 40 --steps 20"]
 CASES = ["--smoke", *(f"--stabilization project --dt 0.02 --system {case}" for case in CASES)]
 
 

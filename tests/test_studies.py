@@ -9,16 +9,18 @@ from curriculum.ch3_4_constraints.studies import chaos, real_thing, speed_vs_err
 from curriculum.ch3_4_constraints.studies import map as plane
 from curriculum.ch3_4_constraints.studies._runs import Task, double, energy_scale, run
 from curriculum.ch3_4_constraints.tables import spread
+from curriculum.common import native
 
 import numpy as np
 import pytest
 from test_steps import branching, feel, motor
 
 
-@pytest.mark.parametrize(("force", "steps"), [(motor, 1000), (branching, 40)])
+@pytest.mark.parametrize(("force", "steps"), [(motor, 1000), (motor, 10), (branching, 40)])
 def test_a_member_ends_where_it_ends_alone_bit_for_bit(force, steps, monkeypatch):
-    """Whether a force can be traced or branches; starts are those that build_system draws."""
+    """In machine code, numpy calls, or plainly; starts are those that build_system draws."""
     feel(monkeypatch, force)
+    monkeypatch.setattr(native, "available", lambda: peers.NATIVE and steps == 1000)
     crowd = chaos.ensemble("double", range(3, 12))
     for key in chaos.RUNS:
         ends = chaos.follow(crowd, *key, steps)

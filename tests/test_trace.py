@@ -202,7 +202,6 @@ BRANCHES = "branches on a value, or wants one"
 REFUSED = [  # the reason that is given, and a function
     (BRANCHES, lambda x: np.where(x == 0.0, x, 1.0)),
     (BRANCHES, lambda x: np.maximum(x, 0.0)),
-    (BRANCHES, lambda x: x * (x[0, 0] == 1.0)),
     (BRANCHES, lambda x: float(x[0, 0]) * x),
     (BRANCHES, careful),
     ("makes a complex number", lambda x: (1.0 + 1e-9j) * x + 1.0),
