@@ -128,13 +128,13 @@ def forces():
         "takes from ticks, which cannot be put back": lambda q, v: -0.01 * next(ticks) * v,
         "uses slotted, which cannot be put back": lambda q, v: slotted(q, v),
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
-        "something else when it is traced: turns": lambda q, v: len(halving(q)[1]) * -v,
+        "something else when it is compiled: turns": lambda q, v: len(halving(q)[1]) * -v,
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
-        "when it is traced: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "when it is traced: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
-        "when it is traced: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
-        "when it is traced: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
+        "when it is compiled: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
+        "when it is compiled: scalar": lambda q, v: -v if np.isscalar(v[0, 0]) else 0.0 * q,
+        "when it is compiled: str": lambda q, v: np.full(q.shape, len(str(q[0, 0])) - 9.0),
+        "when it is compiled: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),

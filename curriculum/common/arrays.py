@@ -72,18 +72,15 @@ class Writer:
         """A loop; members that are done keep their values, those that never are become NaN."""
         tape, names, size = loop.tape, loop.names, self.signed(loop.size)
         last, done = f"last_{names[0]}", f"done_{names[0]}"
-        test = tape.needed([loop.size])
-        begun = set(test)
-        rest = [name for name in tape.needed(loop.following) if name not in begun]
         kept = {s.x for s in (loop.size, *loop.following)}
-        later = kept.union(*(tape.nodes[name][1:] for name in rest))
+        later = kept.union(*(tape.nodes[name][1:] for name in loop.rest))
         turn = [
-            *self.operations(tape, test, later),
+            *self.operations(tape, loop.test, later),
             f"{done} = {done} | ({size} <= 1.0) | (({last} <= {size}) & ({size} <= {loop.nearly}))",
             f"if all({done}):",
             "    break",
             f"{last} = {size}",
-            *self.operations(tape, rest, kept),
+            *self.operations(tape, loop.rest, kept),
             f"following = {self.listed(loop.following)}",
             *(f"{x} = where({done}, {x}, following[{k}])" for k, x in enumerate(names)),
         ]
@@ -100,8 +97,7 @@ def array_function(program):
     writer = Writer()
     source = writer.function("f", program, program.out)
     for k, routine in enumerate(writer.routines):  # which may call others: the list grows
-        made = [s for s in routine.out if isinstance(s.x, str)]
-        source += writer.function(f"routine{k}", routine, made)
+        source += writer.function(f"routine{k}", routine, routine.made)
     exec(source, space := NAMES | {name: np.array(x) for x, name in writer.constants.items()})
     return space["f"]
 

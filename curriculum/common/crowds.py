@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Together:
-    """A traced step of members side by side: in vector registers, or by numpy calls."""
+    """A program of members side by side: in vector registers, or by numpy calls."""
 
     def __init__(self, program):
         self.program, self.machine = program, None
@@ -23,17 +23,21 @@ class Together:
     def function(self):
         return array_function(self.program)
 
-    def run(self, state, count, knobs, keep=True):
+    def run(self, state, count, *knobs, keep=True):
         """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
 
         A row is what the program makes beside the state or, if that is nothing, the state. There
         are none if they are not to `keep`.
         """
         (entries, members), made = state.shape, len(self.program.out)
-        rows = np.empty((count, made - entries or entries, members)) if keep else None
+        lanes = native.LANES if self.machine else 1
+        filled = -(-members // lanes) * lanes  # the last member fills up the last register
+        rows = np.empty((count, made - entries or entries, filled)) if keep else None
         if self.machine:
-            in_threads(self.machine, state, count, knobs, rows)
-            return rows
+            ends = np.take(state, np.minimum(np.arange(filled), members - 1), axis=1)
+            in_threads(self.machine, ends, count, knobs, rows)
+            state[:] = ends[:, :members]
+            return rows[:, :, :members] if keep else None
         for first in range(0, members, PIECE):
             piece = slice(first, first + PIECE)
             values = list(state[:, piece])
@@ -52,16 +56,16 @@ def put(places, values):
         place[:] = value
 
 
-class Many:
+class Many(Together):
     """A step of members side by side; who has trouble goes `alone`."""
 
     def __init__(self, alone):
-        self.alone, self.together = alone, Together(alone.traced.program)
-        self.to_machine = self.together.to_machine
+        super().__init__(alone.traced.program)
+        self.alone = alone
 
     def __call__(self, state, count, dt):
         """Rows (count, entries, members) after `state` (entries, members); NaN for who is lost."""
-        rows = self.together.run(state.copy(), count, self.alone.traced.knobs(dt))
+        rows = self.run(state.copy(), count, dt)
         for member in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1))):
             found, _ = self.alone(state[:, member], count, dt)
             rows[: len(found), :, member], rows[len(found) :, :, member] = found, np.nan
@@ -99,7 +103,7 @@ class Crowd:
         self.given, self.measure, self.plain, self.traced = (m, force, dt), measure, None, None
         try:
             self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-            self.together, self.knobs = Together(self.traced.program), self.traced.knobs(dt)
+            self.together = Together(self.traced.program)
             if native.available():
                 self.together.to_machine()
         except Untraceable:
@@ -119,8 +123,7 @@ class Crowd:
     def advance(self, count):
         """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
         if self.traced:
-            rows = self.together.run(self.columns, count, self.knobs, bool(self.measure))
-            return rows if self.measure else None
+            return self.together.run(self.columns, count, self.given[-1], keep=bool(self.measure))
         rows = []
         for _ in range(count):
             self.columns = self.plain(*self.columns, *self.given)
