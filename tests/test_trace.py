@@ -7,7 +7,7 @@ from itertools import pairwise
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
-from curriculum.common.arrays import array_function
+from curriculum.common.arrays import Arrays
 from curriculum.common.crowds import Together
 from curriculum.common.python import number_function
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
@@ -152,7 +152,7 @@ def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
         for attempt in (heron, lambda x: by_python(program, x, 1)):
             with pytest.raises(Stop, match="no end"):
                 attempt(far)
-        both = np.stack(array_function(program)(*[np.array([1e200, 1.0])] * 6))
+        both = np.stack(Arrays(program).function(*[np.array([1e200, 1.0])] * 6))
     assert np.isnan(both[:, 0]).all() and np.all(both[:, 1] == 1.0)  # of many, who is lost is NaN
 
 
@@ -186,7 +186,7 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     program = program_of(partial(tangle, 0))
-    function, given = array_function(program), np.ones((6, 1 << 16))
+    function, given = Arrays(program).function, np.ones((6, 1 << 16))
     tracemalloc.start()
     function(*given)
     _, most = tracemalloc.get_traced_memory()  # bytes: what nobody needs is let go of

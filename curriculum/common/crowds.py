@@ -3,7 +3,7 @@
 from functools import cache, cached_property
 
 from curriculum.common import native
-from curriculum.common.arrays import PIECE, array_function
+from curriculum.common.arrays import PIECE, Arrays
 from curriculum.common.steps import Plain, Traced
 from curriculum.common.trace import Untraceable
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Together:
-    """A program of members side by side: in vector registers, or by numpy calls."""
+    """A program of members side by side: by numpy calls, or in vector registers on all cores."""
 
     def __init__(self, program):
         self.program, self.machine = program, None
@@ -20,8 +20,8 @@ class Together:
         self.machine = native.Native(self.program, native.LANES, best)
 
     @cached_property
-    def function(self):
-        return array_function(self.program)
+    def arrays(self):
+        return Arrays(self.program)
 
     def run(self, state, count, *knobs, keep=True):
         """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
@@ -30,30 +30,21 @@ class Together:
         are none if they are not to `keep`.
         """
         (entries, members), made = state.shape, len(self.program.out)
-        lanes = native.LANES if self.machine else 1
-        filled = -(-members // lanes) * lanes  # the last member fills up the last register
+        code, some, each = self.machine or self.arrays, PIECE, map
+        if self.machine:  # which lets go of the interpreter, so that threads run side by side
+            some, each = -(-members // (native.CORES * code.lanes)) * code.lanes, pool().map
+        filled = -(-members // code.lanes) * code.lanes
         rows = np.empty((count, made - entries or entries, filled)) if keep else None
-        if self.machine:
-            ends = np.take(state, np.minimum(np.arange(filled), members - 1), axis=1)
-            in_threads(self.machine, ends, count, knobs, rows)
-            state[:] = ends[:, :members]
-            return rows[:, :, :members] if keep else None
-        for first in range(0, members, PIECE):
-            piece = slice(first, first + PIECE)
-            values = list(state[:, piece])
-            for k in range(count):
-                with np.errstate(all="ignore"):
-                    values = self.function(*values[:entries], *knobs)
-                if keep:
-                    put(rows[k, :, piece], values[entries:] or values)
-            put(state[:, piece], values[:entries])
-        return rows
+        ends = np.empty((entries, filled))
+        ends[:, :members], ends[:, members:] = state, state[:, -1:]  # it fills the last register
 
+        def advance(first):
+            piece = slice(first, first + some)
+            code(ends[:, piece], count, rows[:, :, piece] if keep else None, *knobs)
 
-def put(places, values):
-    """Put arrays, or numbers, into the rows of an array."""
-    for place, value in zip(places, values, strict=True):
-        place[:] = value
+        list(each(advance, range(0, members, some)))
+        state[:] = ends[:, :members]
+        return rows[:, :, :members] if keep else None
 
 
 class Many(Together):
@@ -70,18 +61,6 @@ class Many(Together):
             found, _ = self.alone(state[:, member], count, dt)
             rows[: len(found), :, member], rows[len(found) :, :, member] = found, np.nan
         return rows, None
-
-
-def in_threads(machine, state, count, knobs, rows):
-    """Members on all processors: machine code lets go of the interpreter. state becomes the end."""
-    registers = -(-state.shape[1] // machine.lanes)
-    cut = -(-registers // native.CORES) * machine.lanes
-
-    def some(first):
-        piece = slice(first, first + cut)
-        machine(state[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
-
-    list(pool().map(some, range(0, state.shape[1], cut)))
 
 
 @cache

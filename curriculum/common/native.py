@@ -263,7 +263,8 @@ class Native:
         measured of them. A single member ends with a step whose end is not finite, which is not
         counted.
         """
-        apart, done, same = state.strides[0] // 8, count, np.repeat(np.array(knobs), self.lanes)
+        same = np.array([x for x in knobs for _ in range(self.lanes)])
+        apart, done = state.strides[0] // 8, count
         begin, rows, given = (address(x) for x in (state, out, same))
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
             place = rows and rows + first
