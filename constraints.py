@@ -17,9 +17,8 @@ from curriculum.common import banner, ruler
 from curriculum.common.arrays import each_state, in_pieces
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
-from curriculum.common.elimination import eliminated, refined
+from curriculum.common.elimination import eliminated, elimination_order, has_loop, refined, tied
 from curriculum.common.gauss import make_gauss
-from curriculum.common.graph import elimination_order, has_loop, tied
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, followed

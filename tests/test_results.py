@@ -62,7 +62,7 @@ def test_every_step_is_measured_whatever_is_kept(rule, count):
     assert np.abs(full.energies - c.energy(DOUBLE, full.q, full.v)).max() < 1e-12
     few = run(DOUBLE, rule, steps=count, keep=some)
     assert same(few.q, full.q[some]) and same(few.v, full.v[some])
-    assert same(few.violations, full.violations) and same(few.at(7), full.q[7])
+    assert same(few.violations, full.violations)
 
 
 def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):

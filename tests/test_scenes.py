@@ -11,7 +11,7 @@ from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_sys
 from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.ch3_4_constraints.studies._runs import SCENES, make_system, run
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
-from curriculum.common.graph import has_loop
+from curriculum.common.elimination import has_loop
 
 import numpy as np
 import pytest

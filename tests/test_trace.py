@@ -7,9 +7,9 @@ from itertools import pairwise
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
-from curriculum.common.arrays import array_function
+from curriculum.common.arrays import Arrays
+from curriculum.common.crowds import Together
 from curriculum.common.python import number_function
-from curriculum.common.steps import again
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
 
 import numpy as np
@@ -83,17 +83,20 @@ def program_of(function, *knobs):
 def by_python(program, x, count, *knobs):
     """`count` turns of a program, as Python: the states after each."""
     states = []
-    number_function(program, again)[0](tuple(x.ravel().tolist()), count, states.append, *knobs)
+    number_function(program)[0](tuple(x.ravel().tolist()), count, states.append, *knobs)
     return np.reshape(states, (count, 2, 3))
 
 
-def by_machine(code, crowd, count):
-    """The states (count, members, 2, 3) that machine code makes of a crowd, each end checked."""
+def together(program, crowd, count, machine):
+    """The states (count, members, 2, 3) of a crowd, by machine code or numpy, each end checked."""
+    way = Together(program)
+    if machine:
+        way.to_machine(best=False)
     state, begin = (crowd.reshape(-1, 6).T.copy() for _ in range(2))
-    out = np.empty((count, *state.shape))
-    assert code(state, count, out) == count and np.array_equal(state, out[-1])
-    assert code(begin, count, None) == count and np.array_equal(begin, out[-1])
-    return out.transpose(0, 2, 1).reshape(count, -1, 2, 3)
+    rows = way.run(state, count)
+    assert np.array_equal(state, rows[-1])
+    assert way.run(begin, count, keep=False) is None and np.array_equal(begin, rows[-1])
+    return rows.transpose(0, 2, 1).reshape(count, -1, 2, 3)
 
 
 @pytest.mark.parametrize(("name", "inline"), INLINED)
@@ -104,13 +107,14 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     program = program_of(EXAMPLES[name])
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
     exact = np.stack([by_python(program, x, 2) for x in CROWD], axis=1)
-    together = np.stack(array_function(program)(*CROWD.reshape(-1, 6).T), axis=-1)
     assert near(exact[0], [EXAMPLES[name](x) for x in CROWD])
-    assert near(together, exact[0].reshape(-1, 6))
+    assert near(together(program, CROWD, 2, False), exact)
     if native.available():
-        alone, lanes = native.Native(program, 1, 1), native.Native(program, native.LANES, 0)
-        assert np.array_equal(np.hstack([by_machine(alone, x, 2) for x in CROWD]), exact)
-        assert np.array_equal(by_machine(lanes, CROWD, 2), exact)
+        alone, out = native.Native(program), np.empty((2, 6, 1))
+        for k, x in enumerate(CROWD):
+            assert alone(x.reshape(6, 1).copy(), 2, out) == 2
+            assert np.array_equal(out.reshape(2, 2, 3), exact[:, k])
+        assert np.array_equal(together(program, CROWD, 2, True), exact)
 
 
 ROUTINE = Routine(heron)
@@ -136,7 +140,7 @@ def test_a_member_alone_ends_before_a_step_that_python_would_not_do(function, st
     crowd = np.hstack([good[-1], *[x] * 7])
     assert native.Native(program, 1, 0)(x, 9, out) == len(good) - 1 > 0
     assert np.array_equal(out[: len(good) - 1], good[1:]) and not np.isfinite(x).all()
-    native.Native(program, 8, 0)(crowd, 1, None)
+    assert native.Native(program, 8, 0)(crowd, 1, None) == 1
     assert not np.isfinite(crowd[:, 0]).any()
     assert np.array_equal(crowd[:, 1:], np.tile(good[1], 7))
 
@@ -148,7 +152,7 @@ def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
         for attempt in (heron, lambda x: by_python(program, x, 1)):
             with pytest.raises(Stop, match="no end"):
                 attempt(far)
-        both = np.stack(array_function(program)(*[np.array([1e200, 1.0])] * 6))
+        both = np.stack(Arrays(program).function(*[np.array([1e200, 1.0])] * 6))
     assert np.isnan(both[:, 0]).all() and np.all(both[:, 1] == 1.0)  # of many, who is lost is NaN
 
 
@@ -167,8 +171,8 @@ def test_a_knob_is_an_input_and_what_lasts_is_done_once():
         return x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0 - k * x
 
     program = program_of(function, "h", "k")
-    assert len(program.lasting()) == 2
-    head, loop = number_function(program, again)[1].split("for _ in range(count):")
+    assert len(program.lasting()) == 3
+    head, loop = number_function(program)[1].split("for _ in range(count):")
     assert "3.0" in head and "2.0" in head and "h" not in loop.split()
     for knobs in ((0.1, 0.7), (-3.0, 0.2)):
         states = [CROWD[0], *by_python(program, CROWD[0], 3, *knobs)]
@@ -182,7 +186,7 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     program = program_of(partial(tangle, 0))
-    function, given = array_function(program), np.ones((6, 1 << 16))
+    function, given = Arrays(program).function, np.ones((6, 1 << 16))
     tracemalloc.start()
     function(*given)
     _, most = tracemalloc.get_traced_memory()  # bytes: what nobody needs is let go of

@@ -1,6 +1,6 @@
 """Rods as vectors, and whether finite tensions can hold them at a start."""
 
-from curriculum.common.graph import has_loop
+from curriculum.common.elimination import has_loop
 
 import numpy as np
 

@@ -15,35 +15,28 @@ UFUNCS |= {"abs": "absolute"} | {name: name for name in FUNCTIONS}
 NAMES = {name: getattr(np, name) for name in [*UFUNCS.values(), "all", "where", "inf", "nan"]}
 
 
-class Writer:
-    """Lines of numpy calls. `routines`: the programs that they call; `constants`: {number: name}.
+def signed(symbol):
+    """A symbol's value."""
+    return f"{'-' * symbol.minus}{symbol.x}"
 
-    A constant is an array of its own, which numpy takes sooner than a float.
-    """
+
+def listed(symbols):
+    """A tuple of them."""
+    return "".join(f"{signed(s)}, " for s in symbols)
+
+
+class Writer:
+    """Lines of numpy calls. `routines`: the programs that they call."""
 
     def __init__(self):
-        self.routines, self.constants = [], {}
-
-    def text(self, x):
-        """An operand, which is a name or a float."""
-        if isinstance(x, str):
-            return x
-        return self.constants.setdefault(x, f"k{len(self.constants)}")
-
-    def signed(self, symbol):
-        """A symbol's value."""
-        return f"{'-' * symbol.minus}{self.text(symbol.x)}"
-
-    def listed(self, symbols):
-        """A tuple of them."""
-        return "".join(f"{self.signed(s)}, " for s in symbols)
+        self.routines = []
 
     def function(self, name, program, results):
         """A function of a program's inputs and knobs that returns some of its results."""
         tape, given = program.tape, ", ".join([*program.inputs, *program.knobs])
         lines = self.operations(tape, tape.needed(results), {s.x for s in results})
         body = "".join(f"    {line}\n" for line in lines)
-        return f"def {name}({given}):\n{body}    return {self.listed(results)}\n"
+        return f"def {name}({given}):\n{body}    return {listed(results)}\n"
 
     def operations(self, tape, names, kept):
         """The operations `names` of a tape; all but `kept` are let go of after their last use."""
@@ -56,7 +49,7 @@ class Writer:
                 part = tape.parts[name]
                 yield from (self.call if isinstance(part, Call) else self.loop)(part)
             else:
-                yield f"{name} = {UFUNCS[sign]}({', '.join(map(self.text, operands))})"
+                yield f"{name} = {UFUNCS[sign]}({', '.join(map(str, operands))})"
             for x in dict.fromkeys(operands):
                 if x in tape.nodes and x not in kept and last[x] == name:
                     yield f"del {x}"
@@ -66,28 +59,25 @@ class Writer:
         if call.program not in self.routines:
             self.routines.append(call.program)
         called = f"routine{self.routines.index(call.program)}"
-        yield f"{', '.join(call.names)}, = {called}({self.listed(call.arguments)})"
+        yield f"{', '.join(call.names)}, = {called}({listed(call.arguments)})"
 
     def loop(self, loop):
         """A loop; members that are done keep their values, those that never are become NaN."""
-        tape, names, size = loop.tape, loop.names, self.signed(loop.size)
+        tape, names, size = loop.tape, loop.names, signed(loop.size)
         last, done = f"last_{names[0]}", f"done_{names[0]}"
-        test = tape.needed([loop.size])
-        begun = set(test)
-        rest = [name for name in tape.needed(loop.following) if name not in begun]
         kept = {s.x for s in (loop.size, *loop.following)}
-        later = kept.union(*(tape.nodes[name][1:] for name in rest))
+        later = kept.union(*(tape.nodes[name][1:] for name in loop.rest))
         turn = [
-            *self.operations(tape, test, later),
+            *self.operations(tape, loop.test, later),
             f"{done} = {done} | ({size} <= 1.0) | (({last} <= {size}) & ({size} <= {loop.nearly}))",
             f"if all({done}):",
             "    break",
             f"{last} = {size}",
-            *self.operations(tape, rest, kept),
-            f"following = {self.listed(loop.following)}",
+            *self.operations(tape, loop.rest, kept),
+            f"following = {listed(loop.following)}",
             *(f"{x} = where({done}, {x}, following[{k}])" for k, x in enumerate(names)),
         ]
-        yield f"{', '.join(names)}, = {self.listed(loop.start)}"
+        yield f"{', '.join(names)}, = {listed(loop.start)}"
         yield f"{last}, {done} = inf, False"
         yield f"for _ in range({loop.most}):"
         yield from (f"    {line}" for line in turn)
@@ -95,15 +85,36 @@ class Writer:
         yield from (f"    {x} = where({done}, {x}, nan)" for x in names)
 
 
-def array_function(program):
-    """f(*inputs, *knobs) -> tuple of results, all arrays of one shape; only knobs are numbers."""
-    writer = Writer()
-    source = writer.function("f", program, program.out)
-    for k, routine in enumerate(writer.routines):  # which may call others: the list grows
-        made = [s for s in routine.out if isinstance(s.x, str)]
-        source += writer.function(f"routine{k}", routine, made)
-    exec(source, space := NAMES | {name: np.array(x) for x, name in writer.constants.items()})
-    return space["f"]
+class Arrays:
+    """A Program's function, iterated by numpy, and called as native.Native is.
+
+    function(*inputs, *knobs) -> tuple of results, all arrays of one shape; only knobs are numbers.
+    """
+
+    lanes = 1
+
+    def __init__(self, program):
+        writer = Writer()
+        source = writer.function("f", program, program.out)
+        for k, routine in enumerate(writer.routines):  # which may call others: the list grows
+            source += writer.function(f"routine{k}", routine, routine.made)
+        exec(source, space := dict(NAMES))
+        self.function = space["f"]
+
+    def __call__(self, state, count, out, *knobs):
+        values, entries = list(state.copy()), len(state)
+        for k in range(count):
+            with np.errstate(all="ignore"):
+                values = self.function(*values[:entries], *knobs)
+            if out is not None:
+                put(out[k], values[entries:] or values)
+        put(state, values)
+
+
+def put(places, values):
+    """Put arrays, or numbers, into the rows of an array."""
+    for place, value in zip(places, values, strict=False):
+        place[:] = value
 
 
 def each_state(function, q, v):

@@ -3,7 +3,7 @@
 from functools import cache, cached_property
 
 from curriculum.common import native
-from curriculum.common.arrays import PIECE, array_function
+from curriculum.common.arrays import PIECE, Arrays
 from curriculum.common.steps import Plain, Traced
 from curriculum.common.trace import Untraceable
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Together:
-    """A traced step of members side by side: in vector registers, or by numpy calls."""
+    """A program of members side by side: by numpy calls, or in vector registers on all cores."""
 
     def __init__(self, program):
         self.program, self.machine = program, None
@@ -20,64 +20,47 @@ class Together:
         self.machine = native.Native(self.program, native.LANES, best)
 
     @cached_property
-    def function(self):
-        return array_function(self.program)
+    def arrays(self):
+        return Arrays(self.program)
 
-    def run(self, state, count, knobs, keep=True):
+    def run(self, state, count, *knobs, keep=True):
         """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
 
         A row is what the program makes beside the state or, if that is nothing, the state. There
         are none if they are not to `keep`.
         """
         (entries, members), made = state.shape, len(self.program.out)
-        rows = np.empty((count, made - entries or entries, members)) if keep else None
-        if self.machine:
-            in_threads(self.machine, state, count, knobs, rows)
-            return rows
-        for first in range(0, members, PIECE):
-            piece = slice(first, first + PIECE)
-            values = list(state[:, piece])
-            for k in range(count):
-                with np.errstate(all="ignore"):
-                    values = self.function(*values[:entries], *knobs)
-                if keep:
-                    put(rows[k, :, piece], values[entries:] or values)
-            put(state[:, piece], values[:entries])
-        return rows
+        code, some, each = self.machine or self.arrays, PIECE, map
+        if self.machine:  # which lets go of the interpreter, so that threads run side by side
+            some, each = -(-members // (native.CORES * code.lanes)) * code.lanes, pool().map
+        filled = -(-members // code.lanes) * code.lanes
+        rows = np.empty((count, made - entries or entries, filled)) if keep else None
+        ends = np.empty((entries, filled))
+        ends[:, :members], ends[:, members:] = state, state[:, -1:]  # it fills the last register
+
+        def advance(first):
+            piece = slice(first, first + some)
+            code(ends[:, piece], count, rows[:, :, piece] if keep else None, *knobs)
+
+        list(each(advance, range(0, members, some)))
+        state[:] = ends[:, :members]
+        return rows[:, :, :members] if keep else None
 
 
-def put(places, values):
-    """Put arrays, or numbers, into the rows of an array."""
-    for place, value in zip(places, values, strict=True):
-        place[:] = value
-
-
-class Many:
+class Many(Together):
     """A step of members side by side; who has trouble goes `alone`."""
 
     def __init__(self, alone):
-        self.alone, self.together = alone, Together(alone.traced.program)
-        self.to_machine = self.together.to_machine
+        super().__init__(alone.traced.program)
+        self.alone = alone
 
     def __call__(self, state, count, dt):
         """Rows (count, entries, members) after `state` (entries, members); NaN for who is lost."""
-        rows = self.together.run(state.copy(), count, self.alone.traced.knobs(dt))
+        rows = self.run(state.copy(), count, dt)
         for member in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1))):
             found, _ = self.alone(state[:, member], count, dt)
             rows[: len(found), :, member], rows[len(found) :, :, member] = found, np.nan
         return rows, None
-
-
-def in_threads(machine, state, count, knobs, rows):
-    """Members on all processors: machine code lets go of the interpreter. state becomes the end."""
-    registers = -(-state.shape[1] // machine.lanes)
-    cut = -(-registers // native.CORES) * machine.lanes
-
-    def some(first):
-        piece = slice(first, first + cut)
-        machine(state[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
-
-    list(pool().map(some, range(0, state.shape[1], cut)))
 
 
 @cache
@@ -99,7 +82,7 @@ class Crowd:
         self.given, self.measure, self.plain, self.traced = (m, force, dt), measure, None, None
         try:
             self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-            self.together, self.knobs = Together(self.traced.program), self.traced.knobs(dt)
+            self.together = Together(self.traced.program)
             if native.available():
                 self.together.to_machine()
         except Untraceable:
@@ -119,8 +102,7 @@ class Crowd:
     def advance(self, count):
         """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
         if self.traced:
-            rows = self.together.run(self.columns, count, self.knobs, bool(self.measure))
-            return rows if self.measure else None
+            return self.together.run(self.columns, count, self.given[-1], keep=bool(self.measure))
         rows = []
         for _ in range(count):
             self.columns = self.plain(*self.columns, *self.given)

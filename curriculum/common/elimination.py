@@ -1,15 +1,63 @@
-"""Linear systems in which few unknowns feel each other: elimination in a given order, refined."""
+"""Linear systems in which few unknowns feel each other: an order of elimination, and refinement.
+
+The unknowns belong to pairs: (i, j) ties particle i to particle j or, where j < 0, to an anchor.
+Pairs that share a particle feel each other.
+"""
+
+from functools import lru_cache
 
 from curriculum.common.trace import repeat
 
 import numpy as np
 
 
+@lru_cache(64)
+def tied(pairs):
+    """{particle or anchor: the pairs that end there, by number, in order}."""
+    found = {}
+    for k, pair in enumerate(pairs):
+        for i in pair:
+            found.setdefault(i, []).append(k)
+    return found
+
+
+@lru_cache(64)
+def elimination_order(pairs):
+    """[(k, rest)]: always the pair with the fewest neighbours left is next.
+
+    `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
+    those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
+    """
+    at, left, order = tied(pairs), set(range(len(pairs))), []
+    near = [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
+    while left:
+        k = min(left, key=lambda k: (len(near[k]), k))
+        left.remove(k)
+        for other in near[k]:
+            near[other] |= near[k]
+            near[other] -= {k, other}
+        order.append((k, sorted(near[k])))
+    return order
+
+
+@lru_cache(64)
+def has_loop(pairs):
+    """Whether the pairs close a loop, maybe through the ground: all anchors are one."""
+    trees = {}  # {particle: the set of all that it is tied to}
+    for i, j in pairs:
+        less, more = sorted((trees.setdefault(x, {x}) for x in (i, max(j, -1))), key=len)
+        if less is more:
+            return True
+        more |= less
+        trees |= dict.fromkeys(less, more)
+    return False
+
+
 def eliminated(a, order):
     """solve(b) (..., n), which gives what np.linalg.solve(a, b) gives for a (..., n, n).
 
     Gauss's elimination without pivots, for matrices like J M^-1 J^T. `order`: [(k, the others still
-    left that k feels)], of graph.elimination_order; what is zero for certain is never visited.
+    left that k feels)], of `elimination_order`; what is zero for certain is never visited.
     """
     a = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
     for k, rest in order:

@@ -109,7 +109,7 @@ class Writer:
 
     def call(self, call, env):
         """A routine, which leaves its results in memory."""
-        program, place = call.program, self.memory(self.type, len(call.made))
+        program, place = call.program, self.memory(self.type, len(call.names))
         if id(program) not in self.routines:
             self.routines[id(program)] = []  # known to those that it calls
             self.routines[id(program)] = routine(program, self.lanes, self.routines)
@@ -130,8 +130,7 @@ class Writer:
         inner = env | dict(zip(loop.names, values, strict=True))
         more = self.new(f"icmp slt i64 {turns}, {loop.most}")
         self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
-        test = tape.needed([loop.size])
-        self.operations(tape, test, inner)
+        self.operations(tape, loop.test, inner)
         size = self.value(inner, loop.size)
         good = self.new(f"fcmp ole {t} {size}, {self.constant(1.0)}")
         small = self.new(f"fcmp ole {t} {size}, {self.constant(loop.nearly)}")
@@ -143,9 +142,7 @@ class Writer:
         every = f"@llvm.vector.reduce.and.v{self.lanes}i1"
         ready = good if self.lanes == 1 else self.new(f"call i1 {every}({truth} {good})")
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
-        begun = set(test)
-        rest = [name for name in tape.needed(loop.following) if name not in begun]
-        self.operations(tape, rest, inner)
+        self.operations(tape, loop.rest, inner)
         following = [self.value(inner, s) for s in loop.following]
         for place, old, new in zip(places, values, following, strict=True):
             self.store(self.new(f"select {truth} {good}, {t} {old}, {t} {new}"), place)
@@ -163,11 +160,11 @@ class Writer:
 
 def routine(program, lanes, routines):
     """A Routine's program as a function of values, which writes its results to memory."""
-    w, made = Writer(lanes, routines), [s for s in program.out if isinstance(s.x, str)]
+    w = Writer(lanes, routines)
     env = {x: f"%in{k}" for k, x in enumerate(program.inputs)}
     given = ", ".join([*(f"{w.type} {x}" for x in env.values()), "ptr %out"])
-    w.operations(program.tape, program.tape.needed(made), env)
-    for k, s in enumerate(made):
+    w.operations(program.tape, program.tape.needed(program.made), env)
+    for k, s in enumerate(program.made):
         w.store(w.value(env, s), w.entry("%out", k))
     inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
     return w.function(f"internal void @r{id(program)}({given}) {inline}", "void")
@@ -262,21 +259,14 @@ class Native:
     def __call__(self, state, count, out, *knobs):
         """The steps done. state (entries, members), which is part of an array, becomes the end.
 
-        out (count, rows, members), or None, becomes all states, or what is measured of them.
-        A single member ends with a step whose end is not finite, which is not counted.
+        Members come by `lanes`. out (count, rows, members), or None, becomes all states, or what is
+        measured of them. A single member ends with a step whose end is not finite, which is not
+        counted.
         """
-        members, same = state.shape[1], np.array([x for x in knobs for _ in range(self.lanes)])
-        whole, apart, done = members - members % self.lanes, state.strides[0] // 8, count
+        same = np.array([x for x in knobs for _ in range(self.lanes)])
+        apart, done = state.strides[0] // 8, count
         begin, rows, given = (address(x) for x in (state, out, same))
-        for first in range(0, 8 * whole, 8 * self.lanes):
+        for first in range(0, 8 * state.shape[1], 8 * self.lanes):
             place = rows and rows + first
             done = self.function(begin + first, count, place, apart, given)
-        if whole < members:  # the last lanes are filled with the last member
-            some = np.minimum(np.arange(whole, whole + self.lanes), members - 1)
-            few = state[:, some].copy()
-            rows = None if out is None else np.empty((*out.shape[:2], self.lanes))
-            self(few, count, rows, *knobs)
-            state[:, whole:] = few[:, : members - whole]
-            if out is not None:
-                out[:, :, whole:] = rows[:, :, : members - whole]
         return done

@@ -80,17 +80,19 @@ def part_lines(part, signed, routines):
     yield from ("else:", f"    raise Stop({part.complaint!r})")
 
 
-def number_function(program, frame):
-    """The function f of numbers that `frame` makes, and its source.
+def number_function(program):
+    """The function f(state, count, keep, *knobs) of floats that a program is, and its source.
 
-    frame(inputs, knobs, first, lines, results): `first` are lines that need be done only once.
+    It puts the results in place of the inputs `count` times, and calls keep(state) after each.
     """
-    routines = []
+    routines, names = [], ", ".join(program.inputs)
     (first, _), (lines, results) = write(program.tape, routines, program.lasting(), program.out)
-    source = frame(program.inputs, program.knobs, first, lines, results)
+    lines += [f"state = ({', '.join(results)},)", "keep(state)", f"{names}, = state"]
+    source = f"def f({', '.join(['state', 'count', 'keep', *program.knobs])}):\n"
+    source += "".join(f"    {line}\n" for line in [*first, f"{names}, = state"])
+    source += "    for _ in range(count):\n" + "".join(f"        {line}\n" for line in lines)
     for k, called in enumerate(routines):  # which may call others: the list grows
-        made = [s for s in called.out if isinstance(s.x, str)]
-        ((lines, made),) = write(called.tape, routines, made)
+        ((lines, made),) = write(called.tape, routines, called.made)
         head, body = ", ".join(called.inputs), "".join(f"    {line}\n" for line in lines)
         source = f"def routine{k}({head}):\n{body}    return {', '.join(made)},\n\n\n" + source
     return compiled(source, NUMBERS), source

@@ -36,11 +36,6 @@ class Run(NamedTuple):
         halved = f"took {self.halved} steps in halves" if self.halved else ""
         return ", and ".join(filter(None, (halved, self.stopped)))
 
-    def at(self, step):
-        """Positions q (..., N, 3) at a step that was kept; None if the run did not get there."""
-        there = np.flatnonzero(self.kept == step)
-        return self.q[there[0]] if len(there) else None
-
     def every(self, steps):
         """The kept states q, v (K, ..., N, 3) of each so many steps."""
         return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
@@ -51,15 +46,15 @@ class Run(NamedTuple):
         `scale` in J. `error`: how far a particle is from the Truth, if that is known. `left`: how
         much of what was asked of the force it left unanswered.
         """
-        there = self.at(truth.step)
-        known = truth.q is not None and there is not None
+        there = self.q[self.kept == truth.step]  # (1, N, 3), or none if the run did not get there
+        known = truth.q is not None and len(there)
         worst = np.max(np.abs(self.energies - self.energies[0])) / scale
         return {
             "max_violation": round(float(np.max(self.violations)), 12),
             "final_violation": round(float(self.violations[-1]), 12),
             "energy_rel_max": round(float(worst), 12),
             "tip_final": [round(x, 6) for x in self.tip[-1].tolist()],
-            "error": round(distance(there, truth.q), 12) if known else None,
+            "error": round(distance(there[0], truth.q), 12) if known else None,
             "halved": self.halved,
             "stopped": self.stopped,
             "unheld": float(f"{round(float(left), 6):.3g}"),  # the rest may be rounding

@@ -65,21 +65,15 @@ class Traced:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         zero = [np.all(a == 0.0, axis=tuple(range(a.ndim - 2))) for a in (q, v)]
-        still, routine, knobs = [zero[0] & zero[1]] * 2, Routine(force), ["dt"]
-        self.shape, self.dt = q.shape[-2:], dt
+        still, routine = [zero[0] & zero[1]] * 2, Routine(force)
+        self.shape, self.as_it_stands = q.shape[-2:], lambda q, v, dt: step_fn(q, v, m, force, dt)
 
-        def step(q, v, dt=dt):
+        def step(q, v, dt):
             end = step_fn(q, v, m, routine, dt)
             return (*end, *measure(*end)) if measure else end
 
         while True:
-            try:
-                program = Program(step, *still, knobs=knobs)
-            except Untraceable:
-                if not knobs:
-                    raise
-                knobs = []  # perhaps it asks how long the step is
-                continue
+            program = Program(step, *still, knobs=["dt"])
             if [x.shape for x in program.results[:2]] != [self.shape] * 2:
                 raise Untraceable(f"a step must return q and v of shape {self.shape}")
             zero = [np.array([s.x == 0.0 for s in x.flat]) for x in program.results[:2]]
@@ -91,13 +85,7 @@ class Traced:
         program.results = [end, *program.results[2:]]
         self.program, self.live = program, program.live
         if not measure:
-            self.function, self.source = number_function(program, again)
-
-    def knobs(self, dt):
-        """What the function takes for a step of length dt; Untraceable if it is for one only."""
-        if dt != self.dt and not self.program.knobs:
-            raise Untraceable("a step of another length is another function")
-        return [dt] * len(self.program.knobs)
+            self.function, self.source = number_function(program)
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
@@ -110,23 +98,17 @@ class Traced:
             whole[(which, *at)] = rows[:, k].reshape(len(rows), *lead)
         return tuple(a.transpose(*range(2, a.ndim), 0, 1) for a in whole)
 
-
-def again(inputs, knobs, first, lines, results):
-    """A function that puts the results in place of the inputs `count` times, and keeps them."""
-    names, made = ", ".join(inputs), ", ".join(results)
-    lines = [*lines, f"state = ({made},)", "keep(state)", f"{names}, = state"]
-    body = "".join(f"        {line}\n" for line in lines)
-    head = "".join(f"    {line}\n" for line in [*first, f"{names}, = state"])
-    given = ", ".join(["state", "count", "keep", *knobs])
-    return f"def f({given}):\n{head}    for _ in range(count):\n{body}"
+    def plain(self, state, dt):
+        """The step as it stands, of columns (entries,)."""
+        q, v = (x[0] for x in self.states(state[None, :, None]))
+        return self.columns(*self.as_it_stands(q, v, dt))[:, 0]
 
 
 class Single:
     """One member, by Python's floats or by `machine` code. `tries`: how many steps may be hard."""
 
-    def __init__(self, traced, plain, tries):
-        self.traced, self.plain, self.tries = traced, plain, tries
-        self.machine, self.halved = None, 0
+    def __init__(self, traced, tries):
+        self.traced, self.tries, self.machine, self.halved = traced, tries, None, 0
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
@@ -151,12 +133,10 @@ class Single:
     def easy(self, state, rows, dt):
         """Fill rows with steps as far as they go without trouble; their number."""
         if self.machine:
-            begin = np.array(state)[:, None]
-            return self.machine(begin, len(rows), rows[:, :, None], *self.traced.knobs(dt))
+            return self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
         states = []
         with contextlib.suppress(ArithmeticError, ValueError):  # a step by itself finds the words
-            knobs = self.traced.knobs(dt)
-            self.traced.function(tuple(state.tolist()), len(rows), states.append, *knobs)
+            self.traced.function(tuple(state.tolist()), len(rows), states.append, dt)
         flat = np.fromiter(chain.from_iterable(states), float, len(states) * rows.shape[1])
         rows[: len(states)] = flat.reshape(-1, rows.shape[1])
         return len(states)
@@ -166,19 +146,12 @@ class Single:
         found, self.tries = [], self.tries - 1
         if self.tries < 0:
             raise Stop("the steps that may be tried in halves are spent", "budget")
-        with contextlib.suppress(Untraceable):
-            knobs = self.traced.knobs(dt)
-            try:
-                self.traced.function(tuple(state.tolist()), 1, found.append, *knobs)
-            except Stop:
-                raise
-            except (ArithmeticError, ValueError):
-                with contextlib.suppress(Stop):
-                    careful(self.traced.source)(tuple(state), 1, found.append, *knobs)
+        try:
+            self.traced.function(tuple(state.tolist()), 1, found.append, dt)
+        except Stop:
+            raise
+        except (ArithmeticError, ValueError):
+            with contextlib.suppress(Stop):
+                careful(self.traced.source)(tuple(state), 1, found.append, dt)
         whole = found and np.isfinite(found).all()
-        return np.array(found[0]) if whole else self.by_plain(state, dt)
-
-    def by_plain(self, state, dt):
-        """The plain step of columns (entries,)."""
-        q, v = (x[0] for x in self.traced.states(state[None, :, None]))
-        return self.traced.columns(*self.plain(q, v, dt))[:, 0]
+        return np.array(found[0]) if whole else self.traced.plain(state, dt)

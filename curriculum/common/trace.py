@@ -17,9 +17,7 @@ import numpy as np
 
 # by these names numpy and math have them
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
-# operations: calls of a routine are written out until they come to so many; in a loop, of which
-# there is much to write already, only those of a short one
-INLINE, IN_LOOP = 160, 20
+INLINE = 160  # operations of a routine that is written out where it is called
 
 
 class Untraceable(Exception):
@@ -242,28 +240,20 @@ class Program:
     def out(self):
         return [s for array in self.results for s in array.flat]
 
-    def tapes(self):
-        """All its tapes: its own, those of its loops and of its routines."""
-        found, stack = {}, [self.tape]
-        while stack:
-            tape = stack.pop()
-            if id(tape) not in found:
-                found[id(tape)] = tape
-                stack += [part.tape for part in tape.parts.values()]
-        return list(found.values())
+    @property
+    def made(self):
+        """Those of its results that are no constants."""
+        return [s for s in self.out if isinstance(s.x, str)]
 
     def lasting(self):
-        """Operations on knobs and constants alone that others need: to be done once."""
-        found, tape = set(self.knobs), self.tape
-        needed = tape.needed(self.out)
-        for name in needed:
-            sign, *operands = tape.nodes[name]
-            known = all(x in found or isinstance(x, float) for x in operands)
-            if sign not in ("part", "of") and known:
-                found.add(name)
-        users = [x for name in needed if name not in found for x in tape.nodes[name][1:]]
-        wanted = found.intersection([*users, *(s.x for s in self.out)]) - set(self.knobs)
-        return [Symbol(tape, name) for name in needed if name in wanted]
+        """Operations on knobs and constants alone: to be done once."""
+        known, lasting = set(self.knobs), []
+        for name in self.tape.needed(self.out):
+            sign, *operands = self.tape.nodes[name]
+            if sign != "part" and all(x in known or isinstance(x, float) for x in operands):
+                known.add(name)
+                lasting.append(Symbol(self.tape, name))
+        return lasting
 
     def replay(self, arguments):
         """The results for other inputs, noted on the tape that is current."""
@@ -282,12 +272,12 @@ class Program:
 class Routine:
     """function(*arrays) -> array, traced once for each pattern of zeros, and called often.
 
-    On arrays of floats it is just the function. `often`: as if its calls stood in a loop.
+    On arrays of floats it is just the function. What is short is written out at each call, but not
+    in a loop, nor what is called so `often` that there would be much to write.
     """
 
     def __init__(self, function, often=False):
-        self.function, self.programs = function, {}
-        self.room = IN_LOOP if often else INLINE
+        self.function, self.often, self.programs = function, often, {}
 
     def __call__(self, *arrays):
         if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
@@ -302,9 +292,8 @@ class Routine:
             self.programs[key] = once
         program = self.programs[key]
         arguments = [arrays[k][place] for k, place in program.live]
-        size, most = len(program.tape.nodes), IN_LOOP if Tape.current.outer else INLINE
-        self.room -= size
-        if not program.tape.parts and self.room >= 0 and size <= most:
+        short = len(program.tape.nodes) <= INLINE and not program.tape.parts
+        if short and not (self.often or Tape.current.outer):
             out = program.replay(arguments)
         else:
             out = Call(program, arguments).out
@@ -326,13 +315,12 @@ def entrywise(function, a):
 class Call:
     """A Routine's program called with `arguments`, Symbols; `out`: the Symbols that it returns.
 
-    `made`: those of the program's results that are no constants, `names`: how they are called here.
+    `names`: how what it makes is called here.
     """
 
     def __init__(self, program, arguments):
         self.program, self.arguments, tape = program, arguments, Tape.current
-        self.tape, self.made = program.tape, [s for s in program.out if isinstance(s.x, str)]
-        self.names = tape.new_names(len(self.made))
+        self.names = tape.new_names(len(program.made))
         tape.add_part(self, [s.x for s in arguments], self.names)
         names = iter(self.names)
         self.out = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in program.out]
@@ -366,7 +354,8 @@ class Loop:
     """A loop on a tape: `names` begin as `start`; until it ends they become what `following` says.
 
     It ends where size <= 1, or last size <= size <= `nearly`. Its body has a tape of its own, and
-    needs the numbers `taken` from around it.
+    needs the numbers `taken` from around it. `test` names the operations that size comes from,
+    `rest` those besides that `following` comes from.
     """
 
     def __init__(self, body, x, most, complaint, nearly):
@@ -382,6 +371,9 @@ class Loop:
             places = sorted({*places, *grown})  # what begins as zero does not stay zero
         self.start, self.size = [x[place] for place in places], size.item()
         self.following = [following[place] for place in places]
+        self.test = self.tape.needed([self.size])
+        begun = set(self.test)
+        self.rest = [y for y in self.tape.needed(self.following) if y not in begun]
         inside = [y for node in self.tape.nodes.values() for y in node[1:]]
         inside += [s.x for s in (self.size, *self.following)]
         mine = {*self.tape.nodes, *self.names}

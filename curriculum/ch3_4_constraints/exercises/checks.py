@@ -4,7 +4,7 @@ do, Wrong where an answer is not so. What is right it asks of the engine, or of 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import Blank, Wrong
 from curriculum.ch3_4_constraints.studies._runs import make_system
-from curriculum.common.graph import has_loop
+from curriculum.common.elimination import has_loop
 
 import numpy as np
 
