@@ -13,7 +13,7 @@ from curriculum.common.trace import Stop
 import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
-FIRST = 16  # steps in the first block, after which one knows what a step costs
+FIRST, SHORT = 16, 1_000_000  # steps of the first block, which tells what a step costs; characters
 PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress can be told
 LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes
@@ -124,6 +124,6 @@ class Compiled:
     def count(self, start):
         """How many steps the next block has."""
         most = min(BLOCK // start.size, self.steps)
-        if not self.taken:
-            return max(1, min(FIRST, most))
+        if not self.taken:  # fewer, if they are long
+            return max(1, min(FIRST, most, SHORT // len(self.source)))
         return max(1, min(most, int(PATIENCE * self.taken / max(1e-9, self.seconds))))

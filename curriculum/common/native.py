@@ -19,6 +19,7 @@ ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 LIBRARY = {name: name for name in FUNCTIONS if name != "sqrt"} | {"**": "pow"}
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
+UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
 
@@ -86,6 +87,9 @@ class Writer:
         kind = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
         return self.new(f"call {self.type} @llvm.{function}.{kind}({self.type} {values[0]})")
 
+    def finite(self, value):
+        return self.new(f"call i1 @llvm.is.fpclass.f64(double {value}, i32 {FINITE})")
+
     def library(self, function, values):
         """A function of the C library, lane by lane."""
         if self.lanes == 1:
@@ -150,8 +154,10 @@ class Writer:
         self.begin(f"end{k}", f"label %head{k}")
         good, nan = self.load(done, truth), self.constant(np.nan)
         for name, place in zip(loop.names, places, strict=True):
-            last = self.load(place)
-            env[name] = self.new(f"select {truth} {good}, {t} {last}, {t} {nan}")
+            env[name] = self.new(f"select {truth} {good}, {t} {self.load(place)}, {t} {nan}")
+        if self.lanes == 1:  # a size that is not finite has another cause
+            never = self.new(f"select i1 {good}, i1 false, i1 {self.finite(self.load(last))}")
+            self.store(self.new(f"or i1 {self.load(UNSETTLED, 'i1')}, {never}"), UNSETTLED, "i1")
 
     def function(self, head, result):
         """All lines of the function."""
@@ -175,13 +181,15 @@ def assembly(program, lanes):
 
     state (entries, members), where they begin, and then where they end; out (count, rows,
     members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends with a step whose end is not finite, which is not counted.
+    (knobs, lanes). A single member ends with a step whose end is not finite, which is not counted;
+    if a loop is to blame, the result is ~steps.
     """
     w, tape, many = Writer(lanes, {}), program.tape, len(program.inputs)
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
     state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
     silent = w.new("icmp eq ptr %out, null")
+    w.store("false", UNSETTLED, "i1")
     w.begin("step")
     before = w.load(done, "i64")
     env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
@@ -191,8 +199,7 @@ def assembly(program, lanes):
         w.store(value, place)
     good = "true"
     for value in out[:many] if lanes == 1 else ():
-        finite = w.new(f"call i1 @llvm.is.fpclass.f64(double {value}, i32 {FINITE})")
-        good = w.new(f"and i1 {good}, {finite}")
+        good = w.new(f"and i1 {good}, {w.finite(value)}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
     w.begin("write", f"i1 {silent}, label %next, label %write")
@@ -208,7 +215,10 @@ def assembly(program, lanes):
     for place, end in zip(state, given, strict=True):
         w.store(w.load(place), end)
     pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
-    lines = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
+    steps = w.load(done, "i64")
+    told = f"i1 {w.load(UNSETTLED, 'i1')}, i64 {w.new(f'xor i64 {steps}, -1')}, i64 {steps}"
+    lines = w.function(f"i64 @run({pointers})", f"i64 {w.new(f'select {told}')}")
+    lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
     for name in LIBRARY.values():
         lines.append(f"declare double @c_{name}({'double, double' if name == 'pow' else 'double'})")
     return "\n".join(sum(w.routines.values(), lines))
@@ -261,7 +271,7 @@ class Native:
 
         Members come by `lanes`. out (count, rows, members), or None, becomes all states, or what is
         measured of them. A single member ends with a step whose end is not finite, which is not
-        counted.
+        counted; if a loop came to no end, the result is ~steps.
         """
         same = np.array([x for x in knobs for _ in range(self.lanes)])
         apart, done = state.strides[0] // 8, count

@@ -109,13 +109,14 @@ class Single:
 
     def __init__(self, traced, tries):
         self.traced, self.tries, self.machine, self.halved = traced, tries, None, 0
+        self.unsettled = False  # whether machine code ended at a loop that came to no end
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
 
     def __call__(self, state, count, dt):
         """Rows (count, entries) after `state` (entries,), or fewer; and the Stop that is why."""
-        rows, done = np.empty((count, len(state))), 0
+        rows, done, self.least = np.empty((count, len(state))), 0, dt / 2**HALVINGS
         while done < count:
             taken = self.easy(state, rows[done:], dt)
             if not taken:
@@ -133,7 +134,9 @@ class Single:
     def easy(self, state, rows, dt):
         """Fill rows with steps as far as they go without trouble; their number."""
         if self.machine:
-            return self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
+            done = self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
+            self.unsettled = done < 0
+            return ~done if self.unsettled else done
         states = []
         with contextlib.suppress(ArithmeticError, ValueError):  # a step by itself finds the words
             self.traced.function(tuple(state.tolist()), len(rows), states.append, dt)
@@ -142,10 +145,17 @@ class Single:
         return len(states)
 
     def one(self, state, dt):
-        """A step on Python's floats; on numpy's, where they raise an error; or the plain step."""
+        """A step by machine code, or on Python's floats; where they raise an error, on numpy's; or
+        the plain step."""
         found, self.tries = [], self.tries - 1
         if self.tries < 0:
             raise Stop("the steps that may be tried in halves are spent", "budget")
+        if self.machine:
+            row = np.empty((1, len(state)))
+            if self.easy(state, row, dt):
+                return row[0]
+            if self.unsettled and dt > self.least:  # its halves are next, so nobody asks for words
+                raise Stop("a loop came to no end")
         try:
             self.traced.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
