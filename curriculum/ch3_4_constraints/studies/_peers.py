@@ -43,10 +43,10 @@ def timed(step, system, steps, dt):
     return seconds, step.traced.states(rows[:, :, None])[0]
 
 
-def run_ours(task, per, rule, mode, machine=NATIVE):
+def run_ours(task, per, rule, mode, machine=NATIVE, best=True):
     """Our run, `per` steps a sample: (seconds, positions (samples, N, 2))."""
     steps, dt = per * task.samples, task.every / per
-    step = compiled_step(task.system, rule, mode, dt, machine)
+    step = compiled_step(task.system, rule, mode, dt, machine, best)
     seconds, q = timed(step, task.system, steps, dt)
     return seconds, q[per - 1 :: per, :, :2]
 
