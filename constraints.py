@@ -30,7 +30,7 @@ GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
-SMOKE_STEPS, LOOKS = 800, 100  # steps that tell modes apart; states that a run is judged at
+SMOKE_STEPS, LOOKS = 800, 100  # steps that tell modes apart; states at which `unheld` is asked
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
@@ -42,13 +42,13 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #     lengths  (C,)    of the rods, in m
 #     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
 # A shape (..., N, 3) may have leading axes: members of a crowd, which go in step, or many states.
-SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # the chapter's scenes, and how many rods
+SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # those made here, and how many rods
 
 
 def build_system(name, rng=0, links=10):
     """The system called `name`: one of SYSTEMS, "chain" with `links` rods, a scene or its file.
 
-    The named ones, unit rods and masses, start at rest, stretched out sideways and tilted by the
+    Those without a file, of unit rods and masses, start at rest, stretched sideways, tilted by the
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
@@ -103,10 +103,10 @@ def constraint_terms(system, q, v):
 
 
 def mobility(system, jac, along=None):
-    """A = J M^-1 J^T (..., C, C), the sum of J_p J_p^T / m_p over particles; `along`: other J_p."""
+    """A = J M^-1 J^T (..., C, C), added up over particles p; `along`: K, for A = J M^-1 K^T."""
     along, pairs = jac if along is None else along, tuple(map(tuple, system["pairs"]))
     a = np.zeros((*jac.shape[:-1], len(pairs)), jac.dtype)
-    for p, m in enumerate(system["m"]):  # in J_p only the rods that end at p are not zero
+    for p, m in enumerate(system["m"]):  # p's columns of J are zero but for its own rods
         rods, x = tied(pairs).get(p, []), slice(3 * p, 3 * p + 3)
         share = jac[..., rods, x] @ np.swapaxes(along[..., rods, x], -1, -2) / m
         a[(..., *np.ix_(rods, rods))] += share
@@ -114,7 +114,7 @@ def mobility(system, jac, along=None):
 
 
 def solve(system, a, b, turned=0.0, rough=False):
-    """lambda (..., C) with a lambda = b: what np.linalg.solve(a, b) gives, for fewer operations.
+    """lambda (..., C) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
@@ -136,8 +136,8 @@ def solve(system, a, b, turned=0.0, rough=False):
 # e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
 # on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
-# A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt` and `rule`, if they are for steps of so many
-# seconds by one rule only; `after`, (system, q_start, q, v, dt) -> (q, v), if steps are mended.
+# A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt`, if they are for steps of so many s only;
+# `rule`, if for one rule only; `after`, (system, q_start, q, v, dt) -> (q, v), if steps are mended.
 Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt rule after", defaults=3 * [None])
 
 
@@ -158,7 +158,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # time constant, gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2 for a single one.
         # Fails by design: a rod under load is longer.
         "soft": Hold(0.0, *soft, dt),
-        # gddot = 0, and steps end with Newton's way back onto the rods. Fails if it is too long.
+        # gddot = 0, and steps end with Newton's way back onto the rods. Fails if there is none.
         "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
     }
 
@@ -186,7 +186,7 @@ def multipliers(system, q, v, hold=0.0, f=None):
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
     a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(pairs)))
     turned = 0.0
-    if has_loop(pairs):  # what A gains as rods turn for an INSTANT: nothing, if all turn alike
+    if has_loop(pairs):  # dJ M^-1 dJ^T, of what J gains in an INSTANT: see statics.SLACK
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     lam = solve(system, a, b, turned)
     return jac, lam, b - dot(a, lam[..., None, :]), b
@@ -215,7 +215,7 @@ def unheld(system, q, v, hold=0.0):
 
 
 class Force(namedtuple("Force", "system hold")):
-    """The seam of the chapter: force(q, v) -> (N, 3) in N, rods and all, for an integrator."""
+    """Where rods meet integrators: force(q, v) -> (N, 3) in N, the rods' included."""
 
     def __call__(self, q, v):
         f = each_state(partial(external_force, self.system), q, v)
@@ -234,9 +234,9 @@ def make_force(system, hold):
 def project(system, q_start, q, v, dt):
     """A step from q_start that ended at q, v (..., N, 3), a little off, put back: g = 0, J v = 0.
 
-    Rods correct as they pull, q = q - M^-1 J(q_start)^T mu, and v is told: SHAKE (J.-P. Ryckaert et
-    al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods, as in RATTLE (H.
-    Andersen, ibid. 52 (1983) 24). Along J(q), or if v is not told, it blows up. May raise Stop.
+    Rods correct as they pull, q = q - M^-1 J(q_start)^T mu; v gains that move / dt: SHAKE (J.-P.
+    Ryckaert et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along rods: RATTLE (H.
+    Andersen, ibid. 52 (1983) 24). Else energy blows up. Raises Stop: the step is tried in halves.
     """
     along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
     close = statics.near(lengths, q_start)
@@ -246,7 +246,7 @@ def project(system, q_start, q, v, dt):
         mu = solve(system, mobility(system, jac, along), g, rough=True)  # the next round refines
         return q - rod_forces(along, mu) / system["m"], dot(g / close, g / close)
 
-    end = repeat(newton, q, 20, "no way back onto the rods")  # until the second is at most 1
+    end = repeat(newton, q, 20, "no way back onto the rods")  # until newton's second is <= 1
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
     return end, v - rod_forces(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
@@ -352,7 +352,7 @@ def parse(argv):
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
         parser.exit()
     if args.tol and (args.plain or args.integrator != "gauss"):
-        parser.error(f"argument --tol: {args.tol:g} wants --integrator gauss, not plain, or --dt")
+        parser.error(f"argument --tol: {args.tol:g} wants --integrator gauss and no --plain")
     if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
         parser.error(f"argument --stabilization: {mode} {why}")
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
@@ -393,7 +393,7 @@ def main(argv=None):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # for the truth
+    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps, for the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()

@@ -42,7 +42,7 @@ def comparison(rows, runs, at, truth, tol):
         if run.note:
             print(f"* {mode} {run.note}")
         if (left := rows[mode]["unheld"]) > UNHELD:
-            print(f"* {mode}: no tensions answer {left:.2g} (m/s^2 along a rod, or a share)")
+            print(f"* {mode}: tensions leave {left:.2g} unanswered, m/s^2 along a rod or a share")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         unknown = "not known to 1 nm" if truth.sought else "not looked for"

@@ -1,4 +1,4 @@
-"""A step function that takes many steps a call, compiled: the same numbers, a few times sooner."""
+"""A step function for many steps a call, compiled: the same numbers, hundreds of times sooner."""
 
 import math
 import sys

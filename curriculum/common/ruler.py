@@ -110,4 +110,9 @@ def settle(runs, rule, dt, steps, tol, most):
         raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
     if tol:
         rule, dt = step_for(tol, at, truth[0], runs[1:])
-    return rule, dt, math.ceil(seconds / dt - 1e-9), Truth(round(at / dt), *truth, most > 0)
+    return (
+        rule,
+        dt,
+        math.ceil(seconds / dt - 1e-9),
+        Truth(round(at / dt), *truth, most >= 3 * math.ceil(at / LADDER[0])),
+    )

@@ -1,11 +1,12 @@
 """Which method holds it when it gets hard, and at which step?
 
-A single trajectory may be held by luck. So each scene but two easy ones is started many times: as
-it is, by turns with masses and speeds wrong by a rounding error, and with other masses (within
-30 %) and speeds, all consistent with the rods and drawn by a seed. A start is held if no rod is
-ever off by more than 1 % of the shortest, and the energy by no more than 10 % of the larger of its
-scale, sum m |g| sum L, and the kinetic energy at the start. A cell is the largest step of a ladder,
-0.02 to 0.0005 s, at which all starts are held; where there is none, how many the smallest holds.
+A single trajectory may be held by luck. So each scene but two easy ones, and one that is refused,
+is started many times: as it is, by turns with masses and speeds wrong by a rounding error, and with
+other masses (within 30 %) and speeds, all consistent with the rods and drawn by a seed. A start is
+held if no rod is ever off by more than 1 % of the shortest, and the energy by no more than 10 % of
+the larger of its scale, sum m |g| sum L, and the kinetic energy at the start. A cell is the largest
+step of a ladder, 0.02 to 0.0005 s, at which all starts are held; where there is none, how many the
+smallest holds.
 """
 
 from functools import partial
