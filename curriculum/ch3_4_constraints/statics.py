@@ -9,8 +9,8 @@ LOST = 1.5e-8  # singular values of J by the largest: A squares them, and then t
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
 
 # Rods in a loop may be one too many, or lose rank in passing. So their linear system is blurred: by
-# a share of A's diagonal, well over rounding, and by dJ M^-1 dJ^T, of what J changes by in a time, in
-# s, far shorter than the chapter's steps.
+# a share of A's diagonal, well over rounding, and by dJ M^-1 dJ^T, where dJ is what J changes by in
+# a time (s) far shorter than the chapter's steps.
 SLACK, INSTANT = 1e-12, 1e-4
 
 
