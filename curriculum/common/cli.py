@@ -1,6 +1,7 @@
 """Command lines that answer a mistake with one line: the flag, the value, and what is allowed."""
 
 import argparse
+import gc
 import math
 import os
 import re
@@ -179,4 +180,5 @@ def run_script(main):
         status, name = mistake(error), getattr(error, "name", None)
         if isinstance(error, ModuleNotFoundError) and name in EXTRAS:
             status = f"{prog}: error: {name} is not installed: pip install -e '.{EXTRAS[name]}'"
+    gc.freeze()  # an exit need not look for what nobody uses: all goes with the process
     sys.exit(status)

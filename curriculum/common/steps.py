@@ -15,6 +15,7 @@ from curriculum.common.trace import Program, Routine, Stop, Untraceable
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
+PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
 def followed(rule, after):
@@ -137,12 +138,18 @@ class Single:
             done = self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
             self.unsettled = done < 0
             return ~done if self.unsettled else done
-        states = []
-        with contextlib.suppress(ArithmeticError, ValueError):  # a step by itself finds the words
-            self.traced.function(tuple(state.tolist()), len(rows), states.append, dt)
-        flat = np.fromiter(chain.from_iterable(states), float, len(states) * rows.shape[1])
-        rows[: len(states)] = flat.reshape(-1, rows.shape[1])
-        return len(states)
+        done, many = 0, rows.shape[1]
+        while done < len(rows):
+            states, count = [], min(PIECE, len(rows) - done)
+            with contextlib.suppress(ArithmeticError, ValueError):  # by itself it finds the words
+                self.traced.function(tuple(state.tolist()), count, states.append, dt)
+            flat = np.fromiter(chain.from_iterable(states), float, len(states) * many)
+            rows[done : done + len(states)] = flat.reshape(-1, many)
+            done += len(states)
+            if len(states) < count:
+                break
+            state = rows[done - 1]
+        return done
 
     def one(self, state, dt):
         """A step by machine code, or on Python's floats; where they raise an error, on numpy's; or

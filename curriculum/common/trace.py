@@ -90,9 +90,9 @@ def operators(rule, zero=None):
     """
 
     def operator(a, b, swapped=False):
-        if zero and type(b) in (int, float) and b == 0:
-            return zero(a)
         if type(b) is not Symbol:
+            if zero and type(b) in (int, float) and b == 0:
+                return zero(a)
             if isinstance(b, np.ndarray):
                 if b.ndim:
                     return NotImplemented
@@ -105,7 +105,8 @@ def operators(rule, zero=None):
 
 def lift(number):
     """A number as a Symbol; one that is a Symbol stays as it is."""
-    number = number.item() if isinstance(number, (np.ndarray, np.generic)) else number
+    if isinstance(number, (np.ndarray, np.generic)):
+        number = number.item()
     if type(number) is Symbol:
         return number
     if isinstance(number, complex):
@@ -134,21 +135,26 @@ class Symbol:
 
     def note(self, sign, other=None, minus=False):
         """The symbol of an operation on x, or on x and another's; asked for again, the same one."""
-        tape, known = self.tape if type(self.x) is str else Tape.current, True
-        if other is not None and type(other.x) is str and other.tape is not tape:
-            if type(self.x) is float or other.tape.sees(tape):
-                tape = other.tape  # of two, the inner one
-            else:
-                known = tape.sees(other.tape)
-        if not (known and tape.open and Tape.current.sees(tape)):
-            raise Untraceable("it keeps a number from an earlier call")
+        tape = Tape.current
+        if self.tape is not tape or other is not None and other.tape is not tape:
+            tape = self.inner(other)
         key = (sign, self.x) if other is None else (sign, self.x, other.x)
-        if sign in "+*" and (sign, *key[:0:-1]) in tape.names:
-            key = sign, *key[:0:-1]
-        if key not in tape.names:
-            tape.names[key] = f"t{next(tape.numbers)}"
-            tape.nodes[tape.names[key]] = key
-        return Symbol(tape, tape.names[key], minus)
+        name = tape.names.get(key)
+        if name is None and sign in "+*":
+            name = tape.names.get((sign, other.x, self.x))
+        if name is None:
+            name = tape.names[key] = f"t{next(tape.numbers)}"
+            tape.nodes[name] = key
+        return Symbol(tape, name, minus)
+
+    def inner(self, other):
+        """The tape of an operation on x and another's where they are of two: the inner one."""
+        tapes = [s.tape for s in (self, other) if s is not None and type(s.x) is str]
+        first, *_, last = tapes * 2 or [Tape.current] * 2
+        tape = first if first.sees(last) else last
+        if not (tape.open and tape.sees(first) and Tape.current.sees(tape)):
+            raise Untraceable("it keeps a number from an earlier call")
+        return tape
 
     def plain(self):
         return lift(0.0).note("-", self) if self.minus else self
@@ -282,16 +288,18 @@ class Routine:
     def __call__(self, *arrays):
         if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
             return self.function(*arrays)
-        arrays = [lifted(a) for a in arrays]
-        still = [np.array([s.x == 0.0 for s in a.flat], bool).reshape(a.shape) for a in arrays]
-        key = Tape.current.numbers, *((mask.shape, mask.tobytes()) for mask in still)
+        given = [[lift(s) for s in np.asarray(a, dtype=object).flat] for a in arrays]
+        still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
+        shapes = [np.shape(a) for a in arrays]
+        key = Tape.current.numbers, *zip(shapes, still, strict=True)
         if key not in self.programs:
             tape = Tape(numbers=Tape.current.numbers)
             tape.refused = Tape.current.refused
-            once = Program(lambda *given: (self.function(*given),), *still, tape=tape)
+            masks = map(np.reshape, still, shapes)
+            once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
             self.programs[key] = once
         program = self.programs[key]
-        arguments = [arrays[k][place] for k, place in program.live]
+        arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or Tape.current.outer):
             out = program.replay(arguments)
