@@ -14,7 +14,7 @@ import numpy as np
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
 FRAME, LONG, SEEN = 0.05, 5.0, 1e-3  # s, s, m: the true motion as it is shown
-LADDER = 0.05, 0.025, 0.0125, 0.00625  # s
+LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s; in halves, steps of two are never the same
 
 
 class Truth(NamedTuple):
@@ -48,7 +48,7 @@ def true_position(run, seconds, most=math.inf):
     rule, before, way = make_gauss(6), None, once_for_all(most)
     for longest in LADDER:
         steps = math.ceil(seconds / longest)
-        if steps * (3 if before is None else 1) > most:  # the first needs a second, twice as long
+        if steps * (3 if before is None else 1) > most:  # the first needs a second
             break
         found = run(rule, seconds / steps, steps, way=way)
         most -= steps
