@@ -137,6 +137,7 @@ def forces():
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
+        "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: in place": lambda q, v: halving(q)[0],
