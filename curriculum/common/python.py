@@ -1,6 +1,7 @@
 """A program as Python: a function of floats, a line an operation; what is used once, in place."""
 
 import math
+import re
 from collections import Counter
 from functools import lru_cache
 
@@ -106,7 +107,10 @@ def compiled(source, space):
 
 @lru_cache(8)
 def careful(source):
-    """The same f, for numpy's floats: it makes inf or nan where Python's raise an error."""
+    """The same f, for numpy's floats: it makes inf or nan where Python's raise an error.
+
+    So that a constant divided by another does, too, those of the source become numpy's.
+    """
 
     def function(name):
         def of(*x):
@@ -117,4 +121,6 @@ def careful(source):
 
         return of
 
-    return compiled(source, NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]})
+    space = {name: function(name) for name in [*FUNCTIONS, "pow"]} | {"float64": np.float64}
+    constant = r"\b\d+(\.\d+(e[-+]\d+)?|e[-+]\d+)"
+    return compiled(re.sub(constant, r"float64(\g<0>)", source), NUMBERS | space)
