@@ -10,7 +10,8 @@ from pathlib import Path
 from types import ModuleType
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import Blank, Wrong, checks, noted, solved
+from curriculum.ch3_4_constraints.exercises import checks
+from curriculum.ch3_4_constraints.exercises.checks import Blank, Wrong, noted, solved
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import figures
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -106,7 +107,7 @@ def load(name, right="\n", wrong="\n"):
     source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
     assert right in source
     exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
-    return solved(name, answers)
+    return solved(importlib.reload(importlib.import_module(f"{FOLDER}.{name}")), answers)
 
 
 @pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")

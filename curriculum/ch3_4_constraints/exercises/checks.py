@@ -1,12 +1,33 @@
-"""The checks, one an exercise: each takes its module, and raises Blank where something is left to
-do, Wrong where an answer is not so. What is right it asks of the engine, or of theory."""
+"""Runs an exercise and judges it: a check each, which raises Blank where something is left to do,
+Wrong where an answer is not so. What is right it asks of the engine, or of theory."""
+
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import Blank, Wrong
+from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.common.cli import run_script
 from curriculum.common.elimination import has_loop
+from curriculum.common.files import write_json
 
 import numpy as np
+
+
+class Blank(Exception):
+    """Something is left to do; the message says where, and what."""
+
+
+class Wrong(Exception):
+    """An answer that is not so; the message says why."""
+
+
+def blank(what):
+    """Stands where an answer belongs: replace it, the call and all."""
+    place = sys._getframe(1)
+    raise Blank(f"{Path(place.f_code.co_filename).name}, line {place.f_lineno}: {what}")
 
 
 def need(true, otherwise):
@@ -31,8 +52,7 @@ def check_drift(exercise):
     for key, (true, hint) in hints.items():
         need(true, f"{key}: not {found[key]!r}: {hint}")
     ran = exercise.naive(pendulum, "semi_implicit", 0.01, 1)
-    g = c.constraint_terms(pendulum, ran.q[-1], ran.v[-1])[1][0]
-    line = exercise.expected_g(np.linalg.norm(ran.v[1:, 0], axis=-1), 0.01)
+    g, line = exercise.both(pendulum, ran, 0.01)
     said = f"expected_g says {line} m^2 after 1 s in steps of 0.01 s, and the run has {g:.9f}"
     need(near(line, g, 1e-6), said)
 
@@ -148,3 +168,43 @@ def judge(name, exercise):
     CHECKS[name](exercise)
     why = exercise.why()
     need(len(str(why).split()) > 5, f"why: {why!r} is no sentence; use your own words")
+
+
+def noted(note, guess):
+    """What was guessed before the first run: the file `note` keeps it, whatever follows."""
+    if not note.exists():
+        write_json(note, guess)
+    return json.loads(note.read_text(encoding="utf-8"))
+
+
+def solved(exercise, answers):
+    """The module of an exercise, with what stands in the module `answers` for its blanks."""
+    vars(exercise).update({key: x for key, x in vars(answers).items() if key[0] != "_"})
+    return exercise
+
+
+def run(main):
+    """As a script: the guess is noted, main(), then the check, up to the first blank or mistake.
+
+    With --solved it is done with the answers, and nothing is noted. The exit status is 1 after a
+    mistake, or else 0.
+    """
+
+    def script():
+        exercise, told = sys.modules[main.__module__], "--solved" in sys.argv
+        name = Path(exercise.__file__).stem
+        if told:
+            solved(exercise, import_module(f"{__package__}.solutions.{name}"))
+        try:
+            if hasattr(exercise, "answer"):
+                note, guess = c.HERE / f"outputs/guess_{name}.json", exercise.answer()
+                print(f"you wrote down {guess if told else noted(note, guess)}\n")
+            main()
+            judge(name, exercise)
+        except (Blank, Wrong, SceneError) as message:
+            print(message)
+            return int(not isinstance(message, Blank))
+        print(f"{name}.py: solved. Compare your sentence with the one in solutions/{name}.py.")
+        return 0
+
+    run_script(script)

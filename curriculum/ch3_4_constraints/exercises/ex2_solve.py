@@ -6,7 +6,7 @@ Find them on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what hol
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
@@ -27,7 +27,6 @@ def wanted(g, gdot, w):
 
 
 def why():
-    """Why the rods hold although nobody told them of the drag."""
     return blank("one sentence: how do the rods know of a drag that nobody told them about?")
 
 

@@ -6,7 +6,7 @@ The double pendulum, by rk4 with Baumgarte's spring, from starts that are equal,
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
@@ -22,7 +22,6 @@ def answer():
 
 
 def why():
-    """Why seconds are so dear."""
     return blank("one sentence: why does a thousand times the precision buy so little?")
 
 

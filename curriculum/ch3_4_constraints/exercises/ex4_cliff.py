@@ -7,7 +7,7 @@ has half the damping, gddot = -w gdot - w^2 g, and no table knows its cliffs.
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
@@ -33,7 +33,6 @@ def step_matrix(rule, z):
 
 
 def why():
-    """Why there is a cliff."""
     return blank("one sentence: what does a step do beyond the cliff that the spring would not?")
 
 

@@ -9,7 +9,7 @@ baumgarte, impulse, soft and project holds it and another does not. `none` would
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 from curriculum.ch3_4_constraints.studies import _runs
 
 SCENE = Path(__file__).with_name("my_linkage.json")
@@ -26,7 +26,6 @@ def ship():
 
 
 def why():
-    """Why your scene is lost by who loses it."""
     return blank("one sentence: what in your scene hurts one remedy and not the other?")
 
 
