@@ -46,8 +46,7 @@ class SceneError(ArgumentTypeError, ValueError):
 
 def direction(angle):
     """(cos, sin, 0) of an angle in rad, a few turns at most: libm's depend on the processor."""
-    with localcontext() as context:
-        context.prec = 50  # of the series of exp(i angle), whose terms turn by i
+    with localcontext(prec=50):  # for the series of exp(i angle), whose terms turn by i
         steps = (Decimal(angle) / k for k in range(1, 100))
         terms = list(accumulate(steps, mul, initial=Decimal(1)))
         cosine, sine = (sum(terms[k::4]) - sum(terms[k + 2 :: 4]) for k in (0, 1))

@@ -57,23 +57,16 @@ def check_drift(exercise):
     need(near(line, g, 1e-6), said)
 
 
-# Typical wrong answers of exercise 2, by its functions, and what is to be said of them.
-MISTAKES = {
-    "turning": {
-        "zero: right at rest, wrong in motion. gddot = d . d'' + something": lambda d, rate: 0.0,
-        "the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
-        "twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
-    },
-    "mobility": {
-        "right where all masses are 1 kg: the mass is missing": lambda jac, share: jac @ jac.T,
-        "it multiplies by the mass: M^-1 divides by it": lambda jac, share: (jac / share) @ jac.T,
-    },
-    "wanted": {
-        "nothing: right at w = 0 only. The spring is missing": lambda g, gdot, w: 0.0,
-        "damping must act against gdot": lambda g, gdot, w: 2.0 * w * gdot - w**2 * g,
-        "stiffness must act against g": lambda g, gdot, w: -2.0 * w * gdot + w**2 * g,
-        "half the damping: this one swings": lambda g, gdot, w: -w * gdot - w**2 * g,
-    },
+MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong answer, and that
+    "turning: zero: right at rest, wrong in motion. gddot = d . d'' + something": lambda *_: 0.0,
+    "turning: the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
+    "turning: twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
+    "mobility: right where all masses are 1 kg: the mass is missing": lambda j, share: j @ j.T,
+    "mobility: it multiplies by the mass: M^-1 divides by it": lambda j, share: (j / share) @ j.T,
+    "wanted: nothing: right at w = 0 only. The spring is missing": lambda *_: 0.0,
+    "wanted: damping must act against gdot": lambda g, gdot, w: 2.0 * w * gdot - w**2 * g,
+    "wanted: stiffness must act against g": lambda g, gdot, w: -2.0 * w * gdot + w**2 * g,
+    "wanted: half the damping: this one swings": lambda g, gdot, w: -w * gdot - w**2 * g,
 }
 
 
@@ -82,12 +75,10 @@ def check_solve(exercise):
     rng = np.random.default_rng(0)
     tried = {"turning": rng.normal(size=(2, 3)), "wanted": (0.3, 0.7, 3.0)}
     tried["mobility"] = rng.normal(size=(2, 6)), rng.uniform(2.0, 3.0, 6)
-    for name, mistakes in MISTAKES.items():
-        mine = getattr(exercise, name)(*tried[name])
-        for said, mistake in mistakes.items():
-            wrong = mistake(*tried[name])
-            same = np.shape(mine) == np.shape(wrong) and np.allclose(mine, wrong)
-            need(not same, f"{name}: {said}")
+    for said, mistake in MISTAKES.items():
+        name = said.partition(":")[0]
+        mine, wrong = getattr(exercise, name)(*tried[name]), mistake(*tried[name])
+        need(np.shape(mine) != np.shape(wrong) or not np.allclose(mine, wrong), said)
     for n in (1, 2, 5, 8):
         d, v, f = rng.normal(size=(3, n, 3))
         lengths = np.sqrt(c.dot(d, d)) * rng.uniform(0.98, 1.02, n)
