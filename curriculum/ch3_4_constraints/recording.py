@@ -133,20 +133,12 @@ def record(args, used, system, runs, rows, scale, pulls, ghost):
         RODS: {m: np.log10(np.maximum(run.violations[run.kept], FLOOR)) for m, run in runs.items()},
         ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / scale for m, run in runs.items()},
     }
-    ranges = {}
-    for plot, curve in curves.items():
-        part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
-        lively = np.concatenate([curve[mode] for mode in alive])
-        least, most = np.quantile(lively, part).tolist()
-        room = 0.05 * (most - least) + 1e-12
-        if plot == RODS:
-            most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
-        ranges[plot] = least - room, most + room
+    lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
     found = zlib.crc32(repr((dt, rows)).encode())
     settings = {"recording_id": f"{name}-{found:08x}", "send_properties": False}
     recording = rr.RecordingStream(f"constraints: {name}", **settings)
     memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
-    layout = blueprint(runs, dt, low, high, ranges)
+    layout = blueprint(runs, dt, low, high, lively)
     recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
 
     def send(entity, style, columns=None, seconds=None):
@@ -185,9 +177,9 @@ def record(args, used, system, runs, rows, scale, pulls, ghost):
     return memory.drain_as_bytes()
 
 
-def blueprint(runs, dt, low, high, ranges):
+def blueprint(runs, dt, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
-    what to look at; beside them plots, `ranges` {title: y}."""
+    what to look at; beside them plots, whose axes fit `lively` {title: values}."""
     import rerun.blueprint as rrb
 
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
@@ -209,10 +201,16 @@ def blueprint(runs, dt, low, high, ranges):
         seen["overrides"] = {f"scene/{key}/path": trail}
         left.append(rrb.Spatial3DView(name=name, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    for plot, (name, ends) in enumerate(ranges.items()):
+    for plot, (name, values) in enumerate(lively.items()):
+        part = (0.005, 0.995) if name == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+        least, most = np.quantile(values, part).tolist()
+        room = 0.05 * (most - least) + 1e-12
+        if name == RODS:
+            most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
         # one legend will do: at first energy is right, and leaves room there
         legend = rrb.PlotLegend(rrb.Corner2D.LeftBottom, visible=name == ENERGY)
-        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=ends), "plot_legend": legend}
+        y = rrb.ScalarAxis(range=(least - room, most + room))
+        axes = {"axis_x": time, "axis_y": y, "plot_legend": legend}
         right.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
     both = rrb.Grid(*left, grid_columns=across), rrb.Vertical(*right)

@@ -113,8 +113,8 @@ def check_chaos(exercise):
 
 
 def check_cliff(exercise):
-    """A bisection, not a search; a matrix that steps as the rule does; and the runs break there."""
-    calls = []
+    """A bisection, not a search; a matrix that steps as the rule does; and the answers follow."""
+    calls, found = [], exercise.answer()
     edge = exercise.bisect(lambda x: calls.append(x) or x < np.sqrt(2.0), 0.0, 4.0, 1e-6)
     said = f"bisect: x < sqrt(2) holds up to 1.414214, not {edge}"
     need(abs(edge - np.sqrt(2.0)) <= 1e-6, said)
@@ -127,10 +127,7 @@ def check_cliff(exercise):
         said = f"step_matrix: of {rule} at z = {z}, it takes (x, x') elsewhere than a step does"
         need(not np.allclose(x @ mine, after), f"{said}: it is transposed")
         need(np.allclose(mine @ x, after), said)
-        cliff, tried = exercise.cliffs(rule)
-        said = f"the runs of {rule} break at z = {tried:.3f}, theory says {cliff:.3f}"
-        need(near(tried, cliff, 0.01), said)
-        guess, so = exercise.answer().get(rule), "sooner" if cliff < full else "later"
+        so, guess = "sooner" if exercise.cliffs(rule)[0] < full else "later", found.get(rule)
         need(guess == so, f"{rule}: not {guess!r}: compare its z with that of full damping")
 
 
