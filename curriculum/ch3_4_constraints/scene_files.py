@@ -25,8 +25,7 @@ FIT = 1e-6  # relative: how far a length in a file may be from the distance of t
 ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
 LARGEST, MOST = 1e7, 1000  # bytes of a file; particles, rods or anchors in it
 CROWD = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
-HUGE = 1e12  # beyond, and for divisors below 1 / HUGE, doubles have no digits left for the rods
-UNLIKE = 1e12  # heaviest mass over lightest: beyond, the heavy one's share of A is rounded away
+HUGE = 1e12  # beyond (divisors: below 1 / HUGE; masses: times another) rods have no digits left
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
 DIVISOR = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
@@ -155,7 +154,7 @@ def checked(raw, of_file, bare):
     need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
     for key, shape in ("v0", q0.shape), ("m", (n, 1)), ("lengths", (rods,)):
         need(clean[key].shape == shape, f"the shape of {key}", clean[key].shape, shape)
-    refuse("m", m[:, 0] > UNLIKE * m.min(), lambda _: f"at most {UNLIKE:g} times {m.min():g} kg")
+    refuse("m", m[:, 0] > HUGE * m.min(), lambda _: f"at most {HUGE:g} times {m.min():g} kg")
     i, j = pairs.T
     wrong = (i < 0) | (i >= n) | (j < -fixed) | (j >= n) | (i == j)
     ends = f" or to an anchor -1..-{fixed}" if fixed else "; there are no anchors"
