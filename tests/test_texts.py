@@ -120,8 +120,9 @@ def test_an_unedited_exercise_ends_by_what_it_wants_next(name):
 
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
 def test_a_wrong_answer_is_told_of(name, right, wrong, says):
+    exercise = load(name, right, wrong)
     with pytest.raises(Wrong, match=says):
-        checks.judge(name, load(name, right, wrong))
+        CHECKS[name](exercise, exercise.main())
 
 
 def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path):
@@ -142,7 +143,7 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(t
     ):
         solution.SCENE.write_text(json.dumps(json.loads(scene) | changed), "utf-8")
         with pytest.raises(error, match=says):
-            checks.judge(FIVE, solution)
+            CHECKS[FIVE](solution, solution.main())
     broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
     assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
 

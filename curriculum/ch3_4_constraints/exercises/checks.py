@@ -150,13 +150,6 @@ CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check
 CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
 
 
-def judge(name, exercise):
-    """Run an exercise, and check it; and of its reason what can be checked: it is a sentence."""
-    CHECKS[name](exercise, exercise.main())
-    why = exercise.why()
-    need(len(str(why).split()) > 5, f"why: {why!r} is no sentence; use your own words")
-
-
 def noted(note, guess):
     """What was guessed before the first run: the file `note` keeps it, whatever follows."""
     if not note.exists():
@@ -171,7 +164,7 @@ def solved(exercise, answers):
 
 
 def run(main):
-    """As a script: the guess is noted, then the judge runs it, up to the first blank or mistake.
+    """As a script: the guess is noted, then it is run and judged, up to the first blank or mistake.
 
     With --solved it is done with the answers, and nothing is noted. The exit status is 1 after a
     mistake, or else 0.
@@ -186,11 +179,12 @@ def run(main):
             if hasattr(exercise, "answer"):
                 note, guess = c.HERE / f"outputs/guess_{name}.json", exercise.answer()
                 print(f"you wrote down {guess if told else noted(note, guess)}\n")
-            judge(name, exercise)
+            CHECKS[name](exercise, exercise.main())
         except (Blank, Wrong, SceneError) as message:
             print(message)
             return int(not isinstance(message, Blank))
-        print(f"{name}.py: solved. Compare your sentence with the one in solutions/{name}.py.")
+        print(f"{name}.py: solved. One question is left, and solutions/README.md answers it:")
+        print(exercise.WHY)
         return 0
 
     run_script(script)

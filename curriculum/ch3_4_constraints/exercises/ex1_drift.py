@@ -9,6 +9,8 @@ import constraints as c
 from curriculum.ch3_4_constraints.exercises.checks import blank, run
 from curriculum.ch3_4_constraints.studies import _runs
 
+WHY = "Why can the error of the naive rod do nothing else?"
+
 
 def answer():
     """Guess before the first run: it is noted, and costs nothing. Then put right what was wrong."""
@@ -17,10 +19,6 @@ def answer():
         "factor": blank("guess: half the step divides the worst rod error under rk4 by what?"),
         "heavy": blank("guess: a bob ten times as heavy makes it 'smaller', 'the same', 'larger'"),
     }
-
-
-def why():
-    return blank("one sentence: why can the error of the naive rod do nothing else?")
 
 
 def expected_g(speeds, dt):

@@ -10,6 +10,8 @@ from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
+WHY = "How do the rods know of a drag that nobody told them about?"
+
 
 def turning(d, rate):
     """Jdot v of one rod in m^2/s^2; d (3,) in m along the rod, rate (3,) in m/s its derivative."""
@@ -24,10 +26,6 @@ def mobility(jac, inverse_m):
 def wanted(g, gdot, w):
     """What gddot is to be, in m^2/s^2, so that an error in g dies like e^(-wt) without swinging."""
     return blank("what Baumgarte asks gddot to be; at w = 0 that is nothing")
-
-
-def why():
-    return blank("one sentence: how do the rods know of a drag that nobody told them about?")
 
 
 def rod_force(system, q, v, f, w):

@@ -11,6 +11,7 @@ from curriculum.ch3_4_constraints.exercises.checks import blank, run
 import numpy as np
 
 DT, STEPS = 0.005, 8000  # s; 40 s in all
+WHY = "Why does a thousand times the precision buy so little?"
 
 
 def answer():
@@ -19,10 +20,6 @@ def answer():
         "1e-12": blank("guess: an angle 1e-3 rad off takes 13.6 s, and one 1e-12 rad off?"),
         "1e-24": blank("guess: and one 1e-24 off? No double has 24 digits: what does each buy?"),
     }
-
-
-def why():
-    return blank("one sentence: why does a thousand times the precision buy so little?")
 
 
 def same(a, b):

@@ -14,6 +14,7 @@ from curriculum.ch3_4_constraints.exercises.checks import blank, run
 import numpy as np
 
 DT, STEPS, OFF = 0.005, 4000, 1e-9  # s; OFF, in m: how much too long the rod is at the start
+WHY = "What does a step do beyond the cliff that the spring would not?"
 
 
 def answer():
@@ -32,10 +33,6 @@ def step_matrix(rule, z):
     The rule is c.INTEGRATORS[rule], which takes (x, v, m, force, dt), numbers as well as arrays.
     """
     return blank("its columns are what a step makes of (1, 0) and of (0, 1)")
-
-
-def why():
-    return blank("one sentence: what does a step do beyond the cliff that the spring would not?")
 
 
 def mends(rule, w):

@@ -15,6 +15,7 @@ from curriculum.ch3_4_constraints.studies import _runs
 SCENE = Path(__file__).with_name("my_linkage.json")
 DT, STEPS = 0.005, 400  # s; 2 s in all
 SHARE = 0.01  # of the shortest rod: a remedy holds a scene if no rod is ever off by more
+WHY = "What in your scene hurts one remedy and not the other?"
 
 
 def ship():
@@ -23,10 +24,6 @@ def ship():
     See what the modes make of it: python constraints.py --system jansen_leg --no-rerun
     """
     return blank("a mode for Jansen's leg: 'none', 'baumgarte', 'impulse', 'soft' or 'project'")
-
-
-def why():
-    return blank("one sentence: what in your scene hurts one remedy and not the other?")
 
 
 def worst(system, mode):

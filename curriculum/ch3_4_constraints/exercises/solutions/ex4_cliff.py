@@ -17,7 +17,3 @@ def bisect(holds, low, high, width):
 def step_matrix(rule, z):
     x, v = np.eye(2)  # both starts at once
     return np.array(c.INTEGRATORS[rule](x, v, 1.0, lambda x, v: -z * v - z**2 * x, 1.0))
-
-
-def why():
-    return "A step goes so far with the force of its start that it ends beyond zero, farther off."
