@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 from curriculum.ch3_4_constraints import publish
 from curriculum.common import files
@@ -99,19 +100,19 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
 def test_a_run_leaves_all_its_files_and_none_older_or_on_a_full_disk_all_as_it_was(
     tmp_path, monkeypatch
 ):
-    def published(**writers):
-        flags = dict.fromkeys((*publish.DECIDE, "picture", "rerun"), 0) | writers
-        args = SimpleNamespace(**flags, system="double", out=tmp_path)
-        for flag, name in (("picture", "write_motion"), ("rerun", "record")):
-            monkeypatch.setattr(publish, name, lambda path, *_, flag=flag: writers[flag](path))
+    def published(picture, rerun=None):
+        args = SimpleNamespace(system="double", out=tmp_path, picture=picture, rerun=rerun)
+        vars(args).update(dict.fromkeys(publish.DECIDE))
+        monkeypatch.setattr(publish, "motion", picture)
+        monkeypatch.setattr(publish, "record", rerun)
         publish.publish(args, {"steps": 7}, None, {}, {}, 1.0, {}, (), None)
 
     old = dict.fromkeys(("metrics.json", "constraints.rrd", "motion.svg"), "old")
     files.write_together(tmp_path, dict.fromkeys(old, partial(write, "old")))
     with pytest.raises(OSError, match="No space left on device: .*constraints.rrd"):
-        published(picture=partial(write, "new"), rerun=partial(write, "half", error=FULL))
+        published(mock.Mock(return_value="new"), mock.Mock(side_effect=FULL))
     assert contents(tmp_path) == old
-    published(picture=partial(write, "new"))
+    published(mock.Mock(return_value="new"))
     numbers = contents(tmp_path)
     assert json.loads(numbers.pop("metrics.json"))["steps"] == 7
     assert numbers == {"motion.svg": "new"}

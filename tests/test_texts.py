@@ -10,7 +10,8 @@ from pathlib import Path
 from types import ModuleType
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import Blank, Wrong, checks, noted, solved
+from curriculum.ch3_4_constraints.exercises import checks
+from curriculum.ch3_4_constraints.exercises.checks import Blank, Wrong, noted, solved
 from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import figures
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -106,7 +107,7 @@ def load(name, right="\n", wrong="\n"):
     source, answers.__file__ = path.read_text(encoding="utf-8"), str(path)
     assert right in source
     exec(compile(source.replace(right, wrong), path, "exec"), vars(answers))
-    return solved(name, answers)
+    return solved(importlib.reload(importlib.import_module(f"{FOLDER}.{name}")), answers)
 
 
 @pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
@@ -119,8 +120,9 @@ def test_an_unedited_exercise_ends_by_what_it_wants_next(name):
 
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
 def test_a_wrong_answer_is_told_of(name, right, wrong, says):
+    exercise = load(name, right, wrong)
     with pytest.raises(Wrong, match=says):
-        checks.judge(name, load(name, right, wrong))
+        CHECKS[name](exercise, exercise.main())
 
 
 def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path):
@@ -141,7 +143,7 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(t
     ):
         solution.SCENE.write_text(json.dumps(json.loads(scene) | changed), "utf-8")
         with pytest.raises(error, match=says):
-            checks.judge(FIVE, solution)
+            CHECKS[FIVE](solution, solution.main())
     broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
     assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
 

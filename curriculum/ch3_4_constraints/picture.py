@@ -1,8 +1,6 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
-from pathlib import Path
-
-from curriculum.ch3_4_constraints.recording import box, columns, rod_ends, title, verdict
+from curriculum.ch3_4_constraints.recording import box, columns, outcome, rod_ends, title
 from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, Drawing, element
 
@@ -43,23 +41,15 @@ def moving(traces, seconds, total, **style):
     return element("path", shape, hide, fill="none", **style)
 
 
-def write_motion(path, args, used, system, runs, keep, ghost=None):
-    """Write `path`, an SVG that moves: `runs` {mode: Run} side by side, of whose kept states those
+def motion(args, used, system, runs, keep, ghost, rates=RATES):
+    """The text of an SVG that moves: `runs` {mode: Run} side by side, of whose kept states those
     of the steps `keep`, a range, are shown at the pace of the simulated time.
 
     `args`, `used`, `ghost`: as recording.record takes them; of `ghost` 20 evenly spaced frames a
-    second will do. The first of RATES is taken whose file has no more than BYTES, or else the last.
-    Equal runs are equal bytes.
+    second will do. The first of `rates` is taken whose text has no more than BYTES, or else the
+    last. Equal runs are equal bytes.
     """
-    for rate, most in RATES:
-        text = draw(args, used, system, runs, keep, ghost, rate, most)
-        if len(text) <= BYTES:
-            break
-    Path(path).write_text(text, encoding="utf-8")
-
-
-def draw(args, used, system, runs, keep, ghost, rate, most):
-    """The text of the picture, of `rate` frames a second and the first `most` s."""
+    (rate, most), *slower = rates
     (low, high, bar), dt, lines = box(system, runs), used["dt"], pens(system["pairs"])
     size = (high - low)[:2]
     across, wide, room = columns(len(runs), SHEET, size, WORDS)
@@ -104,8 +94,11 @@ def draw(args, used, system, runs, keep, ghost, rate, most):
         sheet.add("svg", *parts, x=round(middle - width / 2, 1), **at, **view)
         said = EXCESS if run.stopped else INK
         sheet.words(middle, top + tall + 22, mode, color, "middle", 22, "bold")
-        sheet.words(middle, top + tall + 44, verdict(run, dt), said, "middle", 19)
+        sheet.words(middle, top + tall + 44, outcome(run, dt), said, "middle", 19)
     sheet.line([(16, bottom + 14), (16 + scale * bar, bottom + 14)], GREY, 3)
     legend = f"{bar:g} m; red: what a rod has too much" + "; dashed: the true motion" * bool(ghost)
     sheet.words(26 + scale * bar, bottom + 20, legend, size=17)
-    return sheet.text()
+    text = sheet.text()
+    if slower and len(text) > BYTES:
+        return motion(args, used, system, runs, keep, ghost, slower)
+    return text

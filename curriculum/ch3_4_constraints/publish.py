@@ -8,7 +8,7 @@ import textwrap
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.picture import write_motion
+from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
 from curriculum.common.cli import writable
 from curriculum.common.files import dump_json, write_together
@@ -28,7 +28,7 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(args, used, system, runs, rows, fall, pulls, shown, ghost):
+def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
     """Write metrics.json and, if they are asked for, the picture and the recording; in words.
 
     The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
@@ -40,10 +40,10 @@ def publish(args, used, system, runs, rows, fall, pulls, shown, ghost):
     files = {METRICS: metrics, PICTURE: None, RECORDING: None}
     scene = args, used, system, runs
     if args.picture:
-        files[PICTURE] = lambda path: write_motion(path, *scene, shown, ghost)
+        files[PICTURE] = lambda path: path.write_text(motion(*scene, shown, ghost), "utf-8")
     if args.rerun:
-        newtons = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
-        files[RECORDING] = lambda path: record(path, *scene, rows, fall, newtons, ghost)
+        found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
+        files[RECORDING] = lambda path: path.write_bytes(record(*scene, rows, scale, found, ghost))
     write_together(args.out, files)
     text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")

@@ -38,7 +38,7 @@ def title(args, used):
     return f"{Path(args.system).stem}, {args.integrator}, steps of {used['dt']:.4g} s"
 
 
-def verdict(run, dt):
+def outcome(run, dt):
     """What became of a mode, in a few words."""
     if run.stopped:
         return f"lost at {run.kept[-1] * dt:.3g} s"
@@ -112,14 +112,14 @@ def draw(system, run, pulls, full, color, ball):
     }
 
 
-def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
-    """Write `path`: the kept states of `runs` {mode: Run}, beside `rows` {mode: summary}.
+def record(args, used, system, runs, rows, scale, pulls, ghost):
+    """The bytes of a recording: kept states of `runs` {mode: Run}, beside `rows` {mode: summary}.
 
     `args.system` and `args.integrator` name them; `used["dt"]` in s; `pulls` {mode: (F, C)}:
-    newtons of the rods in the F kept states; `fall`: the unit of energy errors in J; `ghost`: the
-    true motion as long as it is known, (seconds (T,), positions (T, N, 3)). Axes fit the modes that
-    survive, and one that is lost leaves the picture. The id is made of what was found, and no wall
-    clock is written: the same run is the same recording, another run another one.
+    newtons of the rods in the F kept states; `scale`: the unit of energy errors in J; `ghost`: the
+    true motion as long as it is known, (seconds (T,), positions (T, N, 3)), or nothing. Axes fit
+    the modes that survive, and one that is lost leaves the picture. The id is made of what was
+    found, and no wall clock is written: the same run is the same recording, another run another.
     """
     import rerun as rr
 
@@ -131,68 +131,55 @@ def record(path, args, used, system, runs, rows, fall, pulls, ghost=None):
     curves = {
         FORCES: {mode: pulls[mode][:, 0] for mode in runs},
         RODS: {m: np.log10(np.maximum(run.violations[run.kept], FLOOR)) for m, run in runs.items()},
-        ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / fall for m, run in runs.items()},
+        ENERGY: {m: (run.energies[run.kept] - run.energies[0]) / scale for m, run in runs.items()},
     }
-    ranges = {}
-    for plot, curve in curves.items():
-        part = (0.005, 0.995) if plot == FORCES else (0.0, 1.0)  # a spike of force may be cut off
-        lively = np.concatenate([curve[mode] for mode in alive])
-        least, most = np.quantile(lively, part).tolist()
-        room = 0.05 * (most - least) + 1e-12
-        if plot == RODS:
-            most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
-        ranges[plot] = least - room, most + room
+    lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
+    found = zlib.crc32(repr((dt, rows)).encode())
+    settings = {"recording_id": f"{name}-{found:08x}", "send_properties": False}
+    recording = rr.RecordingStream(f"constraints: {name}", **settings)
+    memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
+    layout = blueprint(runs, dt, low, high, lively)
+    recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
+
+    def send(entity, style, columns=None, seconds=None):
+        """Send what stays of an entity, if anything does, and its columns at `seconds` (F,)."""
+        if style:
+            recording.log(entity, style, static=True)
+            recording.flush()  # columns take another way and must not overtake
+        if columns is not None:
+            time = np.round(1e9 * seconds).astype("timedelta64[ns]")
+            recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], columns)
+
+    text, anchors = GUIDE.format(title=title(args, used), full=full), system["anchors"][::-1]
     begin = low + [0.03 * (high - low)[0], 0.0, 0.0]
     line = [begin, begin + [bar, 0.0, 0.0]]
-    text = GUIDE.format(title=title(args, used), full=full)
-    still = [
-        ("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP),
-        ("scene/anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(GREY))),
-        ("scene/bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL])),
-        ("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)),
-    ]
-    moving = []  # (entity, seconds (F,), a style that stays, rows)
+    send("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+    send("scene", rr.ViewCoordinates.RIGHT_HAND_Y_UP)
+    send("scene/anchors", rr.Points3D(anchors, radii=0.8 * ball, colors=rgb(GREY)))
+    send("scene/bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL]))
     if ghost:
         seconds, q = np.append(ghost[0], ghost[0][-1] + dt), np.append(ghost[1], ghost[1][-1:], 0)
         tails, _, heads = rod_ends(system, q)
         shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
-        moving.append(("scene/truth", seconds, *lines(tails, heads, shown, 1.0, rgb(GREY))))
+        send("scene/truth", *lines(tails, heads, shown, 1.0, rgb(GREY)), seconds)
     for k, (mode, run) in enumerate(runs.items()):
         key, color, seconds = f"{k + 1}_{mode}", rgb(MODES[mode]), run.kept * dt  # sorted by key
         for entity, drawn in draw(system, run, pulls[mode], full, color, ball).items():
-            moving.append((f"scene/{key}/{entity}", seconds, *drawn))
+            send(f"scene/{key}/{entity}", *drawn, seconds)
         if run.stopped:
-            end, gone = seconds[-1:] + dt, rr.Clear.columns(is_recursive=[True])
-            words = {"labels": [verdict(run, dt)], "colors": [LABEL], "radii": [0.0]}
+            words = {"labels": [outcome(run, dt)], "colors": [LABEL], "radii": [0.0]}
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
-            moving.append((f"scene/{key}", end, None, gone))
-            moving.append((f"scene/lost_{key}", end, None, said))
+            send(f"scene/{key}", None, rr.Clear.columns(is_recursive=[True]), seconds[-1:] + dt)
+            send(f"scene/lost_{key}", None, said, seconds[-1:] + dt)
         for plot, curve in enumerate(curves.values()):
             style = rr.SeriesLines(colors=color, names=mode)
-            drawn = rr.Scalars.columns(scalars=curve[mode])
-            moving.append((f"curves/{plot}/{key}", seconds, style, drawn))
-
-    at_once = rr.ChunkBatcherConfig(flush_num_rows=1)  # to the file as it comes, not in a heap
-    settings = {"send_properties": False, "batcher_config": at_once}
-    settings["recording_id"] = f"{name}-{zlib.crc32(repr((dt, rows)).encode()):08x}"
-    recording = rr.RecordingStream(f"constraints: {name}", **settings)
-    memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
-    layout = blueprint(runs, dt, low, high, ranges)
-    recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
-    for entity, what in still + [(entity, style) for entity, _, style, _ in moving if style]:
-        recording.log(entity, what, static=True)
-    recording.flush()  # columns take another way and must not overtake
-    for entity, seconds, _, drawn in moving:
-        time = np.round(1e9 * seconds).astype("timedelta64[ns]")
-        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], drawn)
-    recording.flush()
-    Path(path).write_bytes(memory.drain_as_bytes())
-    recording.disconnect()
+            send(f"curves/{plot}/{key}", style, rr.Scalars.columns(scalars=curve[mode]), seconds)
+    return memory.drain_as_bytes()
 
 
-def blueprint(runs, dt, low, high, ranges):
+def blueprint(runs, dt, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
-    what to look at; beside them plots, `ranges` {title: y}."""
+    what to look at; beside them plots, whose axes fit `lively` {title: values}."""
     import rerun.blueprint as rrb
 
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
@@ -209,15 +196,21 @@ def blueprint(runs, dt, low, high, ranges):
     shared = ["$origin/**", "scene/anchors", "scene/bar", "scene/truth"]
     left, right = [], []
     for k, (mode, run) in enumerate(runs.items()):
-        key, name = f"{k + 1}_{mode}", f"{mode}, {verdict(run, dt)}"
+        key, name = f"{k + 1}_{mode}", f"{mode}, {outcome(run, dt)}"
         seen |= {"origin": f"scene/{key}", "contents": [*shared, f"scene/lost_{key}"]}
         seen["overrides"] = {f"scene/{key}/path": trail}
         left.append(rrb.Spatial3DView(name=name, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    for plot, (name, ends) in enumerate(ranges.items()):
+    for plot, (name, values) in enumerate(lively.items()):
+        part = (0.005, 0.995) if name == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+        least, most = np.quantile(values, part).tolist()
+        room = 0.05 * (most - least) + 1e-12
+        if name == RODS:
+            most = max(most, np.floor(most + room))  # a power of ten whose label needs room, too
         # one legend will do: at first energy is right, and leaves room there
         legend = rrb.PlotLegend(rrb.Corner2D.LeftBottom, visible=name == ENERGY)
-        axes = {"axis_x": time, "axis_y": rrb.ScalarAxis(range=ends), "plot_legend": legend}
+        y = rrb.ScalarAxis(range=(least - room, most + room))
+        axes = {"axis_x": time, "axis_y": y, "plot_legend": legend}
         right.append(rrb.TimeSeriesView(name=name, origin=f"curves/{plot}", **axes))
     play = {"state": "collapsed", "play_state": "playing", "loop_mode": "all"}
     both = rrb.Grid(*left, grid_columns=across), rrb.Vertical(*right)

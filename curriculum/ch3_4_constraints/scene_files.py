@@ -25,18 +25,17 @@ FIT = 1e-6  # relative: how far a length in a file may be from the distance of t
 ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
 LARGEST, MOST = 1e7, 1000  # bytes of a file; particles, rods or anchors in it
 CROWD = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
-HUGE = 1e12  # beyond, and for divisors below 1 / HUGE, doubles have no digits left for the rods
-UNLIKE = 1e12  # heaviest mass over lightest: beyond, the heavy one's share of A is rounded away
+HUGE = 1e12  # beyond (divisors: below 1 / HUGE; masses: times another) rods have no digits left
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
 DIVISOR = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
-COLUMNS = {  # a system's keys: shape of a row, of all in words, a row's name in a file, what it is
-    "q0": ((3,), "(N, 3)", "particles[{}].position", POINT),
-    "v0": ((3,), "(N, 3)", "particles[{}].velocity", POINT),
-    "m": ((1,), "(N, 1)", "particles[{}].mass", DIVISOR.format("kilograms")),
-    "anchors": ((3,), "(K, 3)", "anchors[{}]", POINT),
-    "pairs": ((2,), "(C, 2)", "rods[{}].pair", "two whole numbers [i, j]"),
-    "lengths": ((), "(C,)", "rods[{}].length", DIVISOR.format("metres")),
+COLUMNS = {  # type, shape and bound of a row; the shape of all; a row's name in a file, what it is
+    "q0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].position", POINT),
+    "v0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].velocity", POINT),
+    "m": (float, (1,), 1 / HUGE, "(N, 1)", "particles[{}].mass", DIVISOR.format("kilograms")),
+    "anchors": (float, (3,), -HUGE, "(K, 3)", "anchors[{}]", POINT),
+    "pairs": (int, (2,), -HUGE, "(C, 2)", "rods[{}].pair", "two whole numbers [i, j]"),
+    "lengths": (float, (), 1 / HUGE, "(C,)", "rods[{}].length", DIVISOR.format("metres")),
 }
 
 
@@ -46,8 +45,7 @@ class SceneError(ArgumentTypeError, ValueError):
 
 def direction(angle):
     """(cos, sin, 0) of an angle in rad, a few turns at most: libm's depend on the processor."""
-    with localcontext() as context:
-        context.prec = 50  # of the series of exp(i angle), whose terms turn by i
+    with localcontext(prec=50):  # for the series of exp(i angle), whose terms turn by i
         steps = (Decimal(angle) / k for k in range(1, 100))
         terms = list(accumulate(steps, mul, initial=Decimal(1)))
         cosine, sine = (sum(terms[k::4]) - sum(terms[k + 2 :: 4]) for k in (0, 1))
@@ -110,7 +108,7 @@ def parse_scene(data):
     only(data, "the file", ("about", "anchors", "particles", "rods"))
     particles = entries(data, "particles", ("position", "velocity", "mass"))
     rods = entries(data, "rods", ("pair", "length"))
-    raw = {
+    rows = {
         "q0": [particle.get("position") for particle in particles],
         "v0": [particle.get("velocity", [0, 0, 0]) for particle in particles],
         "m": [particle.get("mass", 1) for particle in particles],
@@ -118,14 +116,9 @@ def parse_scene(data):
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
     }
-    for key, (row, _, place, allowed) in COLUMNS.items():
-        kinds, most = ((int,), 2**31) if key == "pairs" else ((int, float), HUGE)
-        for k, x in enumerate(raw[key]):
-            numbers = np.array(x, object)  # as they stand there: true is no number
-            right = numbers.shape == (() if key == "m" else row)
-            right = right and all(type(y) in kinds and abs(y) < most for y in numbers.flat)
-            need(right, place.format(k), x, allowed)
-    return checked(raw, True, [k for k, rod in enumerate(rods) if "length" not in rod])
+    system = {key: read(key, rows[key]) for key in COLUMNS}
+    bare = [k for k, rod in enumerate(rods) if "length" not in rod]
+    return checked(system, FIT, lambda key, k: COLUMNS[key][4].format(k), bare)
 
 
 def check_system(system):
@@ -134,29 +127,54 @@ def check_system(system):
     q0 and v0 (..., N, 3) may be many starts. A length may be a tenth off. Raises SceneError.
     """
     need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
-    return system | checked(system, False, [])
+    typed = {key: column(key, system[key]) for key in COLUMNS}
+    return system | checked(typed, ROUGH, "{}[{}]".format, [])
 
 
-def checked(raw, of_file, bare):
-    """The columns of a system, checked; the lengths of the rods `bare` are measured."""
+def read(key, rows):
+    """The array of one of a system's keys, whose rows are JSON."""
+    dtype, row, low, _, place, allowed = COLUMNS[key]
+    for k, x in enumerate(rows):
+        numbers = np.array(x, object)  # as they stand there: true is no number
+        right = numbers.shape == (() if key == "m" else row)
+        right = right and all(type(y) in (int, dtype) and low < y < HUGE for y in numbers.flat)
+        need(right, place.format(k), x, allowed)
+    return np.array(rows, dtype).reshape(-1, *row)
+
+
+def column(key, typed):
+    """The array of one of a system's keys, that was typed as an array or a list."""
+    dtype, row, low, shape, _, allowed = COLUMNS[key]
+    try:
+        array = np.asarray(typed)
+    except ValueError:
+        array = np.array(None)  # rows of several lengths
+    axes = array.ndim - len(row)  # one of rows; starts may have more, of members
+    right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
+    right = right and array.shape[axes:] == row and array.dtype.kind in ("iuf", "iu")[dtype is int]
+    need(right, key, typed, f"a list or an array {shape}, each row {allowed}")
+    bad = ~((array > low) & (array < HUGE))
+    for at in np.argwhere(bad)[:1, :axes].tolist():  # of the first bad row
+        need(False, f"{key}{at}", array[tuple(at)], allowed)
+    return array.astype(dtype)
+
+
+def checked(system, fit, name, bare):
+    """The arrays of a system, checked against each other. Lengths may be off by a share `fit`, and
+    those of the rods `bare` are measured; name(key, k): what row k is called."""
 
     def refuse(key, bad, allowed):
-        """Raise SceneError for the first bad row of raw[key]; allowed(its index): words."""
-        if np.count_nonzero(bad):
-            at, found = np.argwhere(bad)[0].tolist(), raw[key]
-            at = at[-1:] if key in ("pairs", "lengths") else at  # not which start
-            for k in at:
-                found = found[k]
-            field = COLUMNS[key][2] if of_file else key + "[{}]"
-            need(False, field.format(", ".join(map(str, at))), found, allowed(at[-1]))
+        """Raise SceneError for the first bad row of system[key]; allowed(its index): words."""
+        if np.any(bad):
+            k = int(np.argwhere(bad)[0][-1])  # whatever start it is bad in
+            need(False, name(key, k), np.squeeze(system[key][k]), allowed(k))
 
-    clean = {key: column(raw[key], key, of_file, refuse) for key in COLUMNS}
-    q0, _, m, anchors, pairs, lengths = clean.values()
+    q0, _, m, anchors, pairs, lengths = (system[key] for key in COLUMNS)
     n, fixed, rods = q0.shape[-2], len(anchors), len(pairs)
     need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
     for key, shape in ("v0", q0.shape), ("m", (n, 1)), ("lengths", (rods,)):
-        need(clean[key].shape == shape, f"the shape of {key}", clean[key].shape, shape)
-    refuse("m", m[:, 0] > UNLIKE * m.min(), lambda _: f"at most {UNLIKE:g} times {m.min():g} kg")
+        need(system[key].shape == shape, f"the shape of {key}", system[key].shape, shape)
+    refuse("m", m[:, 0] > HUGE * m.min(), lambda _: f"at most {HUGE:g} times {m.min():g} kg")
     i, j = pairs.T
     wrong = (i < 0) | (i >= n) | (j < -fixed) | (j >= n) | (i == j)
     ends = f" or to an anchor -1..-{fixed}" if fixed else "; there are no anchors"
@@ -169,28 +187,9 @@ def checked(raw, of_file, bare):
     found = np.linalg.norm(differences(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[0, bare]
-    fit = FIT if of_file else ROUGH
     off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
     refuse("lengths", off, lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
-    return clean | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}
-
-
-def column(raw, key, of_file, refuse):
-    """raw, an array or a list of a system's rows, as an array of numbers in range."""
-    row, shape, _, allowed = COLUMNS[key]
-    letters, dtype = ("iu", int) if key == "pairs" else ("iuf", float)
-    low = 1 / HUGE if key in ("m", "lengths") else -HUGE
-    try:
-        array = np.array(raw, dtype).reshape(-1, *row) if of_file else np.asarray(raw)
-    except ValueError:
-        array = np.array(None)  # rows of several lengths
-    axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-    right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
-    right = right and array.dtype.kind in letters and array.shape[axes:] == row
-    need(right, key, raw, f"a list or an array {shape}, each row {allowed}")
-    bad = ~((array > low) & (array < HUGE))
-    refuse(key, bad.any(axis=-1) if row else bad, lambda _: allowed)
-    return array.astype(dtype)
+    return system | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}
 
 
 def chosen(name, table):

@@ -57,10 +57,7 @@ def refusal(system, gravity):
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if not has_loop(tuple(pairs)):
-        return None
-    k = torn(system, gravity, unit, rate, slow)
-    if k is None:
+    if not has_loop(tuple(pairs)) or (k := torn(system, gravity, unit, rate, slow)) is None:
         return None
     pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
     return f"{pose}; give the loop some slack, or leave a rod out"
@@ -86,11 +83,9 @@ def torn(system, gravity, unit, rate, slow):
     A cable that sags ever so little has no self-stress, and a tension that is large, but finite. It
     is let through until A cannot be told from a singular matrix: at 1e-8 of the span.
     """
-    lengths, every, (i, j) = system["lengths"], np.arange(len(unit)), np.transpose(system["pairs"])
-    rows = np.zeros((len(unit), len(system["m"]) + 1, 3))  # J of unit vectors; anchors come last
-    rows[every, i] = unit
-    rows[every, np.maximum(j, -1)] = -unit
-    rows = rows[:, :-1].reshape(len(unit), -1)
+    lengths, pairs, fixed = (system[key] for key in ("lengths", "pairs", "anchors"))
+    ends = differences(np.eye(len(system["m"])), np.zeros((len(fixed), len(system["m"]))), pairs)
+    rows = (ends[..., None] * unit[:, None]).reshape(len(unit), -1)  # J of unit vectors
     stresses, bend = self_stresses(rows), np.sum(rate**2, axis=1) / lengths
     k = worked_on(stresses, bend, 1e-12 * bend.max())
     rest = np.flatnonzero(np.abs(rate).max(axis=1) < slow)
@@ -103,7 +98,7 @@ def torn(system, gravity, unit, rate, slow):
     held = np.linalg.lstsq(scaled / size[:, None], wanted, rcond=LOST)[0]
     accel = ((free + held) / root).reshape(-1, 3)
     floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 / lengths.min()  # of rounding
-    accel = differences(accel, np.zeros_like(system["anchors"]), system["pairs"])
+    accel = differences(accel, np.zeros_like(fixed), pairs)
     k = worked_on(self_stresses(rows[rest]), np.sum(accel**2, axis=1)[rest] / lengths[rest], floor)
     return None if k is None else rest[k]
 

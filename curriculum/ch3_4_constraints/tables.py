@@ -64,12 +64,8 @@ def verdict(rows):
 
 def in_turns(jobs, repeats):
     """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
-    found = {name: [] for name in jobs}
-    for turn in range(repeats + 1):
-        for name, job in jobs.items():
-            result = job()
-            found[name] += [result] if turn else []
-    return found
+    rounds = [{name: job() for name, job in jobs.items()} for _ in range(repeats + 1)]
+    return {name: [found[name] for found in rounds[1:]] for name in jobs}
 
 
 def spread(samples, unit):

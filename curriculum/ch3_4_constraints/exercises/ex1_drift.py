@@ -6,8 +6,10 @@ All runs here are of the naive solve: gddot = 0, and nothing else.
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 from curriculum.ch3_4_constraints.studies import _runs
+
+WHY = "Why can the error of the naive rod do nothing else?"
 
 
 def answer():
@@ -17,11 +19,6 @@ def answer():
         "factor": blank("guess: half the step divides the worst rod error under rk4 by what?"),
         "heavy": blank("guess: a bob ten times as heavy makes it 'smaller', 'the same', 'larger'"),
     }
-
-
-def why():
-    """Why the naive rod does what it does."""
-    return blank("one sentence: why can the error of the naive rod do nothing else?")
 
 
 def expected_g(speeds, dt):
@@ -39,7 +36,7 @@ def naive(system, rule, dt, seconds):
 
 
 def main():
-    """What the guess was about."""
+    """What the guess was about. Returns g in m^2, as it is and by your line."""
     pendulum, heavy, double = (c.build_system(name) for name in ("pendulum", "pendulum", "double"))
     heavy["m"] = 10.0 * heavy["m"]
     runs = [naive(system, "semi_implicit", 0.005, 20) for system in (pendulum, heavy)]
@@ -52,6 +49,7 @@ def main():
     g = c.constraint_terms(pendulum, runs[0].q[-1], runs[0].v[-1])[1][0]
     line = expected_g(c.dot(runs[0].v, runs[0].v)[1:, 0] ** 0.5, 0.005)
     print(f"\ng of the first run after 20 s, in m^2: {g:.9f}; by your line: {line:.9f}")
+    return g, line
 
 
 if __name__ == "__main__":

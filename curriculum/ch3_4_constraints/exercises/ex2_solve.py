@@ -6,9 +6,11 @@ Find them on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what hol
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
+
+WHY = "How do the rods know of a drag that nobody told them about?"
 
 
 def turning(d, rate):
@@ -24,11 +26,6 @@ def mobility(jac, inverse_m):
 def wanted(g, gdot, w):
     """What gddot is to be, in m^2/s^2, so that an error in g dies like e^(-wt) without swinging."""
     return blank("what Baumgarte asks gddot to be; at w = 0 that is nothing")
-
-
-def why():
-    """Why the rods hold although nobody told them of the drag."""
-    return blank("one sentence: how do the rods know of a drag that nobody told them about?")
 
 
 def rod_force(system, q, v, f, w):

@@ -6,11 +6,12 @@ The double pendulum, by rk4 with Baumgarte's spring, from starts that are equal,
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
 DT, STEPS = 0.005, 8000  # s; 40 s in all
+WHY = "Why does a thousand times the precision buy so little?"
 
 
 def answer():
@@ -19,11 +20,6 @@ def answer():
         "1e-12": blank("guess: an angle 1e-3 rad off takes 13.6 s, and one 1e-12 rad off?"),
         "1e-24": blank("guess: and one 1e-24 off? No double has 24 digits: what does each buy?"),
     }
-
-
-def why():
-    """Why seconds are so dear."""
-    return blank("one sentence: why does a thousand times the precision buy so little?")
 
 
 def same(a, b):
@@ -49,7 +45,7 @@ def tip(system):
 
 
 def main():
-    """Equal starts, two seeds, and launch angles ever nearer to each other."""
+    """Equal starts, two seeds, and launch angles ever nearer to each other: {start: seconds}."""
     first, again, other = (tip(c.build_system("double", seed)) for seed in (0, 0, 1))
     print(f"seed 0, twice: the same to the last bit: {same(first, again)}")
     print(f"seeds 0 and 1: the same to the last bit: {same(first, other)}")
@@ -57,8 +53,10 @@ def main():
     for angle in (1e-3, 1e-6, 1e-9, 1e-12):
         starts[f"{angle:.0e} rad higher"] = tip(turned(c.build_system("double"), angle))
     print("\nbeside seed 0       a metre apart after")
-    for name, other in starts.items():
-        print(f"{name:<18} {parted(np.linalg.norm(first - other, axis=1), DT):18.1f} s")
+    found = {name: parted(np.linalg.norm(first - x, axis=1), DT) for name, x in starts.items()}
+    for name, seconds in found.items():
+        print(f"{name:<18} {seconds:18.1f} s")
+    return found
 
 
 if __name__ == "__main__":

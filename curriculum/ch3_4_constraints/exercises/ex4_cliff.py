@@ -6,12 +6,15 @@ The chapter's table knows where Baumgarte's spring falls off it: gddot = -2 w gd
 has half the damping, gddot = -w gdot - w^2 g, and no table knows its cliffs.
 """
 
+from functools import partial
+
 import constraints as c
-from curriculum.ch3_4_constraints.exercises import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
 DT, STEPS, OFF = 0.005, 4000, 1e-9  # s; OFF, in m: how much too long the rod is at the start
+WHY = "What does a step do beyond the cliff that the spring would not?"
 
 
 def answer():
@@ -32,11 +35,6 @@ def step_matrix(rule, z):
     return blank("its columns are what a step makes of (1, 0) and of (0, 1)")
 
 
-def why():
-    """Why there is a cliff."""
-    return blank("one sentence: what does a step do beyond the cliff that the spring would not?")
-
-
 def mends(rule, w):
     """Experiment: a bob hangs on a rod that is OFF too long. Is that less after STEPS steps?"""
     system = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.0 - OFF, 0.0]])}
@@ -50,18 +48,15 @@ def decays(rule, z):
     return bool(np.abs(np.linalg.eigvals(step_matrix(rule, z))).max() <= 1.0)
 
 
-def cliffs(rule):
-    """The cliff of a rule as z = dt w, by theory and by experiment."""
-    z = bisect(lambda z: decays(rule, z), 0.01, 5.0, 1e-9)
-    return z, DT * bisect(lambda w: mends(rule, w), 1.0, 1000.0, 0.1)
-
-
 def main():
-    """Both cliffs of each rule, and the chapter's beside them."""
+    """Both cliffs of each rule, z = dt w, and the chapter's beside them: {rule: z of theory}."""
+    found = {}
     print("                 w, experiment         z, theory    full damping")
     for rule, full in c.STABILITY_LIMIT.items():
-        z, tried = cliffs(rule)
-        print(f"{rule:<14} {tried / DT:8.1f} {tried:11.4f} {z:10.6f} {full:15.6f}")
+        w = bisect(partial(mends, rule), 1.0, 1000.0, 0.1)
+        found[rule] = bisect(partial(decays, rule), 0.01, 5.0, 1e-9)
+        print(f"{rule:<14} {w:8.1f} {DT * w:11.4f} {found[rule]:10.6f} {full:15.6f}")
+    return found
 
 
 if __name__ == "__main__":

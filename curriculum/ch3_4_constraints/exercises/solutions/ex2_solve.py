@@ -8,7 +8,3 @@ def mobility(jac, inverse_m):
 
 def wanted(g, gdot, w):
     return -2.0 * w * gdot - w**2 * g
-
-
-def why():
-    return "The solve asks for gddot under the sum of all other forces, and drag is in that sum."

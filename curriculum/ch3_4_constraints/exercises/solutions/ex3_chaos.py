@@ -5,10 +5,6 @@ def answer():
     return {"1e-12": 34.4, "1e-24": 60.0}
 
 
-def why():
-    return "A gap grows by the same factor in every second, so a factor buys seconds, not a share."
-
-
 def same(a, b):
     return a.tobytes() == b.tobytes()
 
