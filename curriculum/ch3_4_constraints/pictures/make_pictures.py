@@ -135,7 +135,6 @@ def main(argv=None):
         made = PICTURES[name]().encode()
         write_whole(FOLDER / name, lambda path, made=made: path.write_bytes(made))
         print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
-    return 0
 
 
 if __name__ == "__main__":
