@@ -92,10 +92,9 @@ def run_hinges(task, per, integrator="RK4"):
     import mujoco
 
     system, body = task.system, ""
-    places = [0.0, *system["lengths"].tolist()[:-1]]  # of the joints, each along the rod before it
-    for (m, length), x in reversed([*zip(masses_and_lengths(system), places, strict=True)]):
-        joint = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
-        body = f'<body pos="{x!r} 0 0">{joint}{body}</body>'
+    for m, length in reversed(masses_and_lengths(system)):  # each hangs on the end of the one before
+        rod = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
+        body = f'<body>{rod}<frame pos="{length!r} 0 0">{body}</frame></body>'
     model = mjcf(body, off=OFF, timestep=task.every / per, integrator=integrator)
     data, seconds, found = mujoco.MjData(model), 0.0, []
     data.qpos[:] = np.diff(start_angles(system), prepend=0.0)

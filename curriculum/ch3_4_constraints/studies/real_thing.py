@@ -5,10 +5,9 @@ given error: the double pendulum, 5 s, beside reference.json.  (c) Time to high
 precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
 Each rule climbs a ladder of settings to the first that reaches the error. These are timed in turns,
 A B A B, and of each engine the quickest is shown. Bars and `ours/it` are of least times, to which a
-busy machine can only add. `ms` counts steps alone, inside the engine's own call where it has one
-for many; `build` is all around them: tracing, compiling, building a model, measuring; `in all` is
-both. MuJoCo runs RK4 in joint angles, heyoka a Taylor series in angles. Who is missing at an error
-did not reach it.
+busy machine can only add. `ms` counts steps alone; `build` is all around them: tracing, compiling,
+building a model, measuring; `in all` is both. MuJoCo runs RK4 in joint angles, heyoka a Taylor
+series in angles. Who is missing at an error did not reach it.
 """
 
 import math
