@@ -121,8 +121,7 @@ def moving(name):
         return Path(folder, "motion.svg").read_text(encoding="utf-8")
 
 
-DRAWINGS = two_pendulums, eigenvalue, forces, drift, cost
-PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS}
+PICTURES = {f"{x.__name__}.svg": x for x in (two_pendulums, eigenvalue, forces, drift, cost)}
 PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *SCENES)}
 
 

@@ -92,7 +92,7 @@ def run_hinges(task, per, integrator="RK4"):
     import mujoco
 
     system, body = task.system, ""
-    for m, length in reversed(masses_and_lengths(system)):  # each hangs on the end of the one before
+    for m, length in reversed(masses_and_lengths(system)):  # from the tip inwards
         rod = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
         body = f'<body>{rod}<frame pos="{length!r} 0 0">{body}</frame></body>'
     model = mjcf(body, off=OFF, timestep=task.every / per, integrator=integrator)
