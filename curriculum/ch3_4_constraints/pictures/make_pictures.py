@@ -121,8 +121,7 @@ def moving(name):
         return Path(folder, "motion.svg").read_text(encoding="utf-8")
 
 
-DRAWINGS = two_pendulums, eigenvalue, forces, drift, cost
-PICTURES = {f"{drawing.__name__}.svg": drawing for drawing in DRAWINGS}
+PICTURES = {f"{x.__name__}.svg": x for x in (two_pendulums, eigenvalue, forces, drift, cost)}
 PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *SCENES)}
 
 
@@ -135,7 +134,6 @@ def main(argv=None):
         made = PICTURES[name]().encode()
         write_whole(FOLDER / name, lambda path, made=made: path.write_bytes(made))
         print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
-    return 0
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from curriculum.common.steps import followed
 import numpy as np
 
 OFF = """contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp
-nativeccd autoreset"""  # of MuJoCo: what these systems do not need
+nativeccd autoreset constraint"""  # of MuJoCo: what joint angles do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show
 POINT = 1e-14
 
@@ -43,10 +43,10 @@ def timed(step, system, steps, dt):
     return seconds, step.traced.states(rows[:, :, None])[0]
 
 
-def run_ours(task, per, rule, mode, machine=NATIVE, best=True):
+def run_ours(task, per, rule, mode, machine=NATIVE):
     """Our run, `per` steps a sample: (seconds, positions (samples, N, 2))."""
     steps, dt = per * task.samples, task.every / per
-    step = compiled_step(task.system, rule, mode, dt, machine, best)
+    step = compiled_step(task.system, rule, mode, dt, machine)
     seconds, q = timed(step, task.system, steps, dt)
     return seconds, q[per - 1 :: per, :, :2]
 
@@ -64,8 +64,8 @@ def placed(system, angles):
 
 
 # --- MuJoCo ---
-def mjcf(world, rest="", off=OFF, **option):
-    """A MuJoCo model from XML, with everything switched off that these systems do not need."""
+def mjcf(world, rest="", off="", **option):
+    """A MuJoCo model from XML, with what is called `off` switched off."""
     import mujoco
 
     flags = " ".join(f'{name}="disable"' for name in off.split())
@@ -92,12 +92,10 @@ def run_hinges(task, per, integrator="RK4"):
     import mujoco
 
     system, body = task.system, ""
-    places = [0.0, *system["lengths"].tolist()[:-1]]  # of the joints, each along the rod before it
-    for (m, length), x in reversed([*zip(masses_and_lengths(system), places, strict=True)]):
-        joint = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
-        body = f'<body pos="{x!r} 0 0">{joint}{body}</body>'
-    settings = {"timestep": task.every / per, "integrator": integrator}
-    model = mjcf(body, off=f"{OFF} constraint", **settings)
+    for m, length in reversed(masses_and_lengths(system)):  # from the tip inwards
+        rod = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
+        body = f'<body>{rod}<frame pos="{length!r} 0 0">{body}</frame></body>'
+    model = mjcf(body, off=OFF, timestep=task.every / per, integrator=integrator)
     data, seconds, found = mujoco.MjData(model), 0.0, []
     data.qpos[:] = np.diff(start_angles(system), prepend=0.0)
     for _ in range(task.samples):

@@ -12,7 +12,6 @@ import shlex
 import subprocess
 import sys
 import time
-from functools import cache
 from pathlib import Path
 
 from curriculum.common.cli import Parser, run_script
@@ -27,7 +26,6 @@ BLOCK = re.compile(HEAD + r"(?P<body>.*?)(```\n)", re.S)
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
-@cache
 def printed(command):
     """What `command`, a line that starts with `python`, prints; None if it fails."""
     words, clock = [sys.executable, *shlex.split(command)[1:]], time.perf_counter()
@@ -60,10 +58,10 @@ def main(argv=None):
     args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
-    asked = [(path, match) for path, match in blocks if args.only in match["command"]]
-    if not asked:
+    blocks = [block for block in blocks if args.only in block[1]["command"]]
+    if not blocks:
         parser.error(f"argument --only: no command in a text contains {args.only!r}")
-    for path, match in asked:
+    for path, match in blocks:
         command, body = match["command"], match["body"]
         output = printed(command)
         failed |= output is None

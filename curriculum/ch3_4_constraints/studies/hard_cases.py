@@ -19,7 +19,6 @@ from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import progress
 from curriculum.common.cli import Parser, number, run_script
-from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import once_for_all
 
 import numpy as np
@@ -52,9 +51,9 @@ def starts(system, count, seed=0):
     return found
 
 
-def held(system, rule, mode, dt, seconds, way=Compiled):
+def held(system, rule, mode, dt, seconds):
     """Whether a method holds a start; most that it loses it loses soon."""
-    v = system["v0"]
+    v, way = system["v0"], once_for_all()  # compiled once for both of the runs below
     scale = max(energy_scale(system), 0.5 * float(np.sum(system["m"] * v * v)))
     for steps in (round(0.1 * seconds / dt), round(seconds / dt)):
         found = run(system, rule, mode, dt, steps, way=way)
@@ -67,33 +66,25 @@ def held(system, rule, mode, dt, seconds, way=Compiled):
 
 def cell(crowd, rule, mode, seconds, ladder=LADDER):
     """What the table says of a method and the starts of a scene."""
-    any_step = c.hold_table()[mode].dt is None  # then each start is compiled once for the ladder
-    ways = [once_for_all() for _ in crowd]
-
-    def each_held(dt):
-        for start, way in zip(crowd, ways, strict=True):
-            yield held(start, rule, mode, dt, seconds, way if any_step else once_for_all())
-
     for dt in ladder:
-        if all(each_held(dt)):
+        if all(held(start, rule, mode, dt, seconds) for start in crowd):
             return f"{dt:g}"
-    share = sum(each_held(ladder[-1]))
+    share = sum(held(start, rule, mode, ladder[-1], seconds) for start in crowd)
     return f"{share}/{len(crowd)}" if share else "-"
 
 
 def job(where, args):
     """A cell of (scene, title of a method)."""
     name, title = where
-    return cell(starts(c.build_system(name), args.starts, args.seed), *TITLES[title], args.seconds)
+    return cell(starts(c.build_system(name), args.starts), *TITLES[title], args.seconds)
 
 
 def main(argv=None):
     """Print the table, all processors at work."""
     parser = Parser(prog="hard_cases", description=__doc__)
-    add, whole = parser.add_argument, partial(number, int)
+    add = parser.add_argument
     add("scenes", nargs="*", choices=[*NAMES, []], help="only these; all of them by default")
-    add("--starts", type=whole(1, 10**4), default=40, help="of each scene (40)")
-    add("--seed", type=whole(0), default=0, help="draws them (0)")
+    add("--starts", type=number(int, 1, 10**4), default=40, help="of each scene (40)")
     add("--seconds", type=number(float, 0.1, 1e4), default=10.0, help="to be held (10)")
     add("--methods", default="", metavar="WORD", help="only those that contain this word")
     args = parser.parse_args(argv)

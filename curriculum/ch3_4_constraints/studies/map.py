@@ -55,9 +55,10 @@ def angle(size):
     return math.pi * (2.0 * np.arange(size) + 1.0 - size) / size
 
 
-def lights(size, rows, mode, seconds, tick):
+def lights(size, rows, mode, seconds):
     """Palette entries (rows, size) of the lowest rows of a map, the lowest first."""
     pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * DT))
+    tick = progress(f"turning, {mode}", rows * size)
     for begin in range(0, rows * size, BATCH):
         place = np.arange(begin, min(begin + BATCH, rows * size))
         angles = angle(size)[np.stack([place // size, place % size], axis=1)]
@@ -94,9 +95,7 @@ def main(argv=None):
     size, seconds = args.size, args.seconds
     _runs.host(size=size, seconds=seconds, dt=DT)
     half, strip = (size + 1) // 2, max(1, size // STRIP)
-    tick = progress("turning", (half + strip) * size)
-    low = lights(size, half, MODE, seconds, tick)
-    leaky = lights(size, strip, "none", seconds, lambda k: tick(k + half * size))
+    low, leaky = lights(size, half, MODE, seconds), lights(size, strip, "none", seconds)
     # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
     whole = np.concatenate([low, low[size // 2 - 1 :: -1, ::-1]])
     # who has less energy than the lowest pose with the second rod up, and who of them is outermost
@@ -109,7 +108,6 @@ def main(argv=None):
     show(f"share of starts at rest that turn over within {seconds:g} s", rows)
     line = np.full((max(1, size // 200), size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
-    args.out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(args.out, lambda path: path.write_bytes(png(image)))
     print(f"wrote {args.out}")
 

@@ -3,12 +3,11 @@
 (a) The same quantity, two names: `soft` is MuJoCo's equality constraint of a tendon.  (b) Time to a
 given error: the double pendulum, 5 s, beside reference.json.  (c) Time to high
 precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
-Each rule climbs a ladder of settings to the first that reaches the error, and the quickest rule of
-each engine is timed in turns with the others, A B A B. Bars and `ours/it` are of least times, to
-which a busy machine can only add. `ms` counts steps alone, inside the engine's own call where it
-has one for many; `build` is all around them: tracing, compiling, building a model, measuring;
-`in all` is both. MuJoCo runs RK4 in joint angles, heyoka a Taylor series in angles. Who is missing
-at an error did not reach it.
+Each rule climbs a ladder of settings to the first that reaches the error. These are timed in turns,
+A B A B, and of each engine the quickest is shown. Bars and `ours/it` are of least times, to which a
+busy machine can only add. `ms` counts steps alone; `build` is all around them: tracing, compiling,
+building a model, measuring; `in all` is both. MuJoCo runs RK4 in joint angles, heyoka a Taylor
+series in angles. Who is missing at an error did not reach it.
 """
 
 import math
@@ -27,32 +26,29 @@ from curriculum.common.cli import Parser, run_script
 import numpy as np
 
 DT, REPEATS = 0.005, 9  # s, of (a); timings
-OURS, QUICK, PYTHON = "ours", "ours, at once", "ours, Python"
+OURS, PYTHON = "ours", "ours, Python"
 HINGES, TAYLOR = "MuJoCo hinges", "heyoka"
 STEPS, ALL = 0, 1  # the first two that `around` measures
 # of (b), {error in m: (who, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
-    error: (
-        (OURS, HINGES, STEPS, share),
-        (OURS, TAYLOR, STEPS, 1.2),
-        (QUICK, TAYLOR, ALL, 0.5),
-        (PYTHON, TAYLOR, ALL, 0.5),
-    )
+    error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 1.2), (PYTHON, TAYLOR, ALL, 0.5))
     for error, share in ((1e-3, 0.06), (1e-6, 0.02), (1e-9, 0.01), (1e-12, 0.004))
 }
 HIGH = 1e-3  # what A01 calls high precision
 
 
 # --- (a) the same quantity, two names ---
-def ours_named(system, dt):
-    """{MuJoCo's field: (our name, value)}. Its row of J is ours over |d|, and its force ours times
-    |d|: newtons."""
+def names(system, dt=DT):
+    """(a) Rows of our and MuJoCo's names for a chain, the last number of each, the largest gap.
+
+    Its row of J is ours over |d|, and its force ours times |d|: newtons.
+    """
     q, v, hold = system["q0"], system["v0"], c.hold_table(dt)["soft"]
     jac, _, gdot, _ = c.constraint_terms(system, q, v)
     stretch, a = c.rod_errors(system, q), c.mobility(system, jac)
     size, soft = stretch + system["lengths"], hold.softness * np.diag(a)
     asked = -hold.damping * gdot / size - hold.stiffness * stretch
-    return {
+    found = {
         "efc_J": ("row of J over |d|", jac / size[:, None]),
         "efc_pos": ("|d| - L", stretch),
         "efc_vel": ("gdot/|d|", gdot / size),
@@ -62,12 +58,7 @@ def ours_named(system, dt):
         "efc_force": ("lambda |d|", -c.tensions(system, q, v, hold)),
         "qacc": ("acceleration", c.make_force(system, hold)(q, v) / system["m"]),
     }
-
-
-def names(system, dt=DT):
-    """(a) Rows of our and MuJoCo's names for a chain, the last number of each, the largest gap."""
-    rows, found = [], ours_named(system, dt)
-    theirs = peers.named(system, dt, found)
+    rows, theirs = [], peers.named(system, dt, found)
     for field, (name, x) in found.items():
         its = theirs[field].reshape(x.shape)
         row = {"ours": name, "MuJoCo's": field, "ours is": x.flat[-1], "its": its.flat[-1]}
@@ -91,14 +82,11 @@ def ladders(task):
     if find_spec(TAYLOR):
         tols = 10.0 ** -np.arange(1.0, 16.0, 0.25)
         found[TAYLOR] = [{f"tol {tol:.1e}": partial(peers.run_heyoka, task, tol) for tol in tols}]
-    kinds = {PYTHON: {"machine": False}}
-    if _runs.NATIVE:
-        kinds[QUICK] = {"best": False}
-    for who, how in (kinds | {OURS: {}}).items():
-        high = ("midpoint", "gauss") if who == OURS else "midpoint"
-        mine = partial(ladder, task, partial(peers.run_ours, **how))
+    high = [rule for rule in _runs.RULES if rule.startswith(("midpoint", "gauss"))]
+    for who, machine in ((PYTHON, False), (OURS, _runs.NATIVE)):
+        mine = partial(ladder, task, partial(peers.run_ours, machine=machine))
         found[who] = [mine(5, 600, "rk4", mode) for mode in ("none", "project")]
-        found[who] += [mine(1, 17, rule, "none") for rule in _runs.RULES if rule.startswith(high)]
+        found[who] += [mine(1, 17, rule, "none") for rule in high]
     return found
 
 
@@ -110,35 +98,31 @@ def around(task, job):
     return seconds, time.perf_counter() - clock, np.nan_to_num(task.error(q), nan=np.inf)
 
 
-def quickest(task, found, clock):
-    """Of (setting, job) the one with the least time of six, its steps or in all."""
-    return min(found, key=lambda one: min(around(task, one[1])[clock] for _ in range(6)))
-
-
 def race(task, racers, targets):
     """Rows and bars: who of `racers` (see `ladders`) takes how long to each of `targets`."""
     jobs, rows, bars = {}, [], []
     error_of = cache(lambda job: around(task, job)[-1])  # no rung is tried for a second time
     for error, who in product(targets, racers):
-        there = []  # the first rung of each ladder that reaches the error
-        for rungs in racers[who]:
-            there += islice((rung for rung in rungs.items() if error_of(rung[1]) <= error), 1)
-        if there:
-            setting, job = quickest(task, there, STEPS if who in (OURS, HINGES, TAYLOR) else ALL)
-            jobs[error, who, setting] = partial(around, task, job)
+        for rungs in racers[who]:  # of each ladder goes the first rung that reaches the error
+            there = (rung for rung in rungs.items() if error_of(rung[1]) <= error)
+            for setting, job in islice(there, 1):
+                jobs[error, who, setting] = partial(around, task, job)
     clocks = in_turns(jobs, REPEATS)
     for error, limits in targets.items():
-        took = {key[1:]: np.array(x).T for key, x in clocks.items() if key[0] == error}
-        least = {who: x.min(axis=1) for (who, _), x in took.items()}
-        for (who, setting), (steps, whole, off) in took.items():
+        best = {}  # of the ladders of each
+        for (at, who, setting), samples in clocks.items():
+            steps, whole, off = np.array(samples).T
+            if at == error and (who not in best or steps.min() < best[who][STEPS].min()):
+                best[who] = steps, whole, off, setting
+        for who, (steps, whole, off, setting) in best.items():
             row = {"to": f"{error:.0e}", "who": who, "error": off[0], **spread(1e3 * steps, "ms")}
             row |= {"build": 1e3 * np.median(whole - steps), "in all": 1e3 * np.median(whole)}
-            row["ours/it"] = least[OURS][STEPS] / least[who][STEPS]
+            row["ours/it"] = best[OURS][STEPS].min() / steps.min()
             rows.append(row | {"setting": setting})
         for who, peer, k, limit in limits:
-            if {who, peer} <= least.keys():
+            if {who, peer} <= best.keys():
                 text = f"{error:.0e}: {who}, {('its steps', 'in all')[k]}, over {peer}"
-                bars.append((text, least[who][k] / least[peer][k], limit))
+                bars.append((text, best[who][k].min() / best[peer][k].min(), limit))
     return rows, bars
 
 

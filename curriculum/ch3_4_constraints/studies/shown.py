@@ -16,20 +16,14 @@ from curriculum.common.runs import distance
 import numpy as np
 
 DT = 0.005  # s, where nothing else is said
-SHOWN = {}  # {name: what prints the table}
+SHOWN = {}  # {name: (function, [(header, format), ...])}
 
 
 def table(columns):
     """Of a function that yields rows: they are shown under `columns`, "header = format | ..."."""
-    forms = [column.split(" = ") for column in columns.split(" | ")]
 
     def register(function):
-        def show_rows():
-            rows = [zip(forms, row, strict=True) for row in function()]
-            rows = [{name: form.format(x) for (name, form), x in row} for row in rows]
-            show(function.__doc__, rows)
-
-        SHOWN[function.__name__] = show_rows
+        SHOWN[function.__name__] = function, [x.split(" = ") for x in columns.split(" | ")]
         return function
 
     return register
@@ -171,24 +165,6 @@ def way_back():
         yield what, found.violations.max(), *(off[round(t / DT)] for t in (1, 5, 10, 20))
 
 
-@table("pull of = {} | N = {:.2f}")
-def catenary():
-    """tight_cable: 11 bobs of 1 kg on 12 m of rods, between anchors 0.1 % nearer"""
-    system = c.build_system("tight_cable")
-    span, rope = system["anchors"][1, 0], system["lengths"].sum()
-    # by hand: half of the weight hangs on an end rod, which points along (x, y)
-    x, y, _ = np.abs(system["q0"][0])
-    bobs = 0.5 * system["m"].sum() * G * math.hypot(x, y) / y
-    # a rope of 1 kg/m is the curve y = a cosh(x / a); u = span / 2a, and sinh(u) / u is known
-    u, last = math.sqrt(6.0 * (rope / span - 1.0)), math.inf
-    while u < last:  # Newton's method, from above
-        last, off = u, math.sinh(u) - u * rope / span
-        u -= off / (math.cosh(u) - rope / span)
-    yield "end rods, solved", c.tensions(system, system["q0"], system["v0"])[[0, -1]].max()
-    yield "end rods, by hand", bobs
-    yield "a rope's ends", G * 0.5 * span / u * math.cosh(u)
-
-
 def below(x):
     """The power of ten that x is below: rounding is told no finer."""
     return f"< 1e{math.floor(math.log10(x)) + 1:03d}" if x else "0"
@@ -231,7 +207,10 @@ def main(argv=None):
     names = {"nargs": "*", "metavar": "NAME", "choices": [*SHOWN, []]}
     parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; all but hour")
     for name in parser.parse_args(argv).names or [name for name in SHOWN if name != "hour"]:
-        SHOWN[name]()
+        function, columns = SHOWN[name]
+        rows = [zip(columns, row, strict=True) for row in function()]
+        rows = [{header: form.format(x) for (header, form), x in row} for row in rows]
+        show(function.__doc__, rows)
 
 
 if __name__ == "__main__":

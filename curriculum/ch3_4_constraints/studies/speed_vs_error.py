@@ -14,8 +14,6 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import RULES, double, run
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.cli import Parser, run_script
-from curriculum.common.compiled import Compiled
-from curriculum.common.ruler import once_for_all
 from curriculum.common.steps import Plain
 
 FAR, ROUNDING = 0.3, 1e-13  # m: who is so far off is not listed; under that all errors are equal
@@ -44,11 +42,9 @@ def ladder(task, rule, mode):
     """The rows of one method: the number of steps doubles until it costs too much or the error
     stops to fall."""
     rows, per, count, system = [], 1, 0.0, task.system
-    # compiled once, but for holds that are for one step alone
-    way = Compiled if c.hold_table()[mode].dt else once_for_all()
     while count < MOST and (len(rows) < 4 or rows[-1]["error"] < 0.9 * rows[-4]["error"]):
         dt, steps = task.every / per, per * task.samples
-        found = run(system, rule, mode, dt, steps, range(per, steps + 1, per), way)
+        found = run(system, rule, mode, dt, steps, range(per, steps + 1, per))
         if not found.stopped:
             count = solves(system, rule, mode, dt, steps) / dt
             row = {"method": f"{rule} {mode}", "dt": dt, "error": task.error(found.q[..., :2])}
