@@ -157,16 +157,6 @@ def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
     assert np.isnan(both[:, 0]).all() and np.all(both[:, 1] == 1.0)  # of many, who is lost is NaN
 
 
-def test_a_routine_is_traced_once_for_each_pattern_of_zeros(monkeypatch):
-    calls = []
-    routine = Routine(lambda a: calls.append(1) or np.sin(a) - a)
-    for inline, parts in ((0, 4), (trace.INLINE, 0)):
-        monkeypatch.setattr(trace, "INLINE", inline)
-        program = program_of(lambda x: routine(routine(x)) + routine(x * KEPT) - routine(KEPT * x))
-        assert len(program.tape.parts) == parts and len(calls) == 2
-        calls.clear()
-
-
 def test_a_knob_is_an_input_and_what_lasts_is_done_once():
     def function(x, h, k):
         return x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0 - k * x
@@ -206,7 +196,6 @@ KEEP = []
 BRANCHES = "branches on a value, or wants one"
 REFUSED = [  # the reason that is given, and a function
     (BRANCHES, lambda x: np.where(x == 0.0, x, 1.0)),
-    (BRANCHES, lambda x: np.maximum(x, 0.0)),
     (BRANCHES, lambda x: float(x[0, 0]) * x),
     (BRANCHES, careful),
     ("makes a complex number", lambda x: (1.0 + 1e-9j) * x + 1.0),
