@@ -154,5 +154,3 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     near = [("1e-03", "ours", 1.0, 1.0), ("1e-03", "heyoka", 2.0, 0.5)]
     assert found == [*near, ("1e-05", "ours", 3.0, 1.0)]
     assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (pytest.approx(1.0), 1.5)]
-
-

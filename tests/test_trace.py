@@ -66,7 +66,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "nearly": lambda x: loop(  # a size that falls no more is an end, where it is small enough
         lambda y: (0.6 * y + 0.2 * x[0], 3.0 + np.sum(abs(y - x[0, 0]))), 2.0 * x, nearly=99.0
     ),
-    "routines": lambda x: OUTER(x, x[::-1]) + OUTER(KEPT * x, -x) - OUTER(-x, x + 1.0),
+    "routines": lambda x: OUTER(KEPT * x, -x) + OUTER(x, x[::-1]) - OUTER(-x, x + 1.0),
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
@@ -171,11 +171,13 @@ def test_a_knob_is_an_input_and_what_lasts_is_done_once():
 
 
 def test_what_is_not_needed_is_not_done_nor_kept():
-    """Products with zero, with one, repeated ones and those that nobody asks for vanish."""
+    """Products with zero, with one, repeated ones and those that nobody asks for vanish, and the
+    calls of a short routine."""
     program = program_of(lambda x: x * KEPT * 1.0 + 0.0 * (x / 3.0))
     assert len(program.tape.needed(program.out)) == 2  # of 6: two products
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
+    assert not program_of(lambda x: INNER(x, x)).tape.parts
     program = program_of(partial(tangle, 0))
     function, given = Arrays(program).function, np.ones((6, 1 << 16))
     tracemalloc.start()
