@@ -184,9 +184,9 @@ def test_every_mark_and_dash_in_the_table_has_its_sentence():
 
 
 VERDICTS = {
-    "": "as expected, ",
-    "--system pendulum": "as expected, ",
-    "--baumgarte 0.5": "UNEXPECTED, not ",
+    "": "as expected",
+    "--system pendulum": "as expected",
+    "--baumgarte 0.5": "UNEXPECTED",
     "--steps 799": None,  # too short to tell
     "--stabilization baumgarte": None,  # nothing to compare with
     "--system chain --links 3": None,  # not the chapter's
@@ -196,18 +196,15 @@ VERDICTS = {
 }
 
 
-@pytest.mark.parametrize(("flags", "verdict"), VERDICTS.items())
-def test_the_verdict_is_the_ratio_of_the_worst_rod_errors_where_that_means_something(
-    flags, verdict
-):
+@pytest.mark.parametrize(("flags", "word"), VERDICTS.items())
+def test_the_verdict_is_the_ratio_of_the_worst_rod_errors_where_that_tells_something(flags, word):
     found, lines = results(flags, c.SMOKE_STEPS)
-    if verdict:
+    said = marked(lines, "verdict: worst rod error, none / baumgarte = ")
+    assert len(said) == bool(word)
+    for line in said:
         none, helped = (found["results"][mode]["max_violation"] for mode in ("none", "baumgarte"))
-        assert (none > 3.0 * helped) == (verdict == "as expected, ")
-        verdict = (
-            f"verdict: worst rod error, none / baumgarte = {none / helped:.1f}: {verdict}over 3"
-        )
-    assert marked(lines, "verdict: ") == ([verdict] if verdict else [])
+        assert f" = {none / helped:.1f}: {word}" in line
+        assert (none > 3.0 * helped) == (word == "as expected")
 
 
 # --- the same bytes, whatever numpy and its BLAS choose, and without llvmlite, too ---
