@@ -2,7 +2,6 @@
 
 import tracemalloc
 from functools import partial
-from itertools import pairwise
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -80,10 +79,10 @@ def program_of(function, *knobs):
     return Program(lambda x, *k: (function(x, *k),), np.zeros((2, 3), dtype=bool), knobs=knobs)
 
 
-def by_python(program, x, count, *knobs):
+def by_python(program, x, count):
     """`count` turns of a program, as Python: the states after each."""
     states = []
-    number_function(program)[0](tuple(x.ravel().tolist()), count, states.append, *knobs)
+    number_function(program)[0](tuple(x.ravel().tolist()), count, states.append)
     return np.reshape(states, (count, 2, 3))
 
 
@@ -157,27 +156,16 @@ def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
     assert np.isnan(both[:, 0]).all() and np.all(both[:, 1] == 1.0)  # of many, who is lost is NaN
 
 
-def test_a_knob_is_an_input_and_what_lasts_is_done_once():
-    def function(x, h, k):
-        return x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0 - k * x
-
-    program = program_of(function, "h", "k")
-    assert len(program.lasting()) == 3
-    head, loop = number_function(program)[1].split("for _ in range(count):")
-    assert "3.0" in head and "2.0" in head and "h" not in loop.split()
-    for knobs in ((0.1, 0.7), (-3.0, 0.2)):
-        states = [CROWD[0], *by_python(program, CROWD[0], 3, *knobs)]
-        assert all(np.array_equal(function(x, *knobs), after) for x, after in pairwise(states))
-
-
 def test_what_is_not_needed_is_not_done_nor_kept():
     """Products with zero, with one, repeated ones and those that nobody asks for vanish, and the
-    calls of a short routine."""
+    calls of a short routine. What is the same in all turns is done once, before them."""
     program = program_of(lambda x: x * KEPT * 1.0 + 0.0 * (x / 3.0))
     assert len(program.tape.needed(program.out)) == 2  # of 6: two products
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     assert not program_of(lambda x: INNER(x, x)).tape.parts
+    program = program_of(lambda x, h: x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0, "h")
+    assert "h" not in number_function(program)[1].split("for _ in range(count):")[1].split()
     program = program_of(partial(tangle, 0))
     function, given = Arrays(program).function, np.ones((6, 1 << 16))
     tracemalloc.start()
