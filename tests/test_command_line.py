@@ -50,17 +50,16 @@ def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch)
     c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"])  # it is not needed
 
 
-def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(tmp_path):
+def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_asked_for(
+    tmp_path, monkeypatch
+):
     code = f"import os, sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
     code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {publish.METRICS, publish.PICTURE}
-
-
-def test_without_rerun_there_is_a_recording_only_if_it_is_asked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     flags = ["--out", str(tmp_path)]
     assert [c.parse([*flags, *more])[0].rerun for more in ([], ["--rerun"])] == [False, True]
 

@@ -177,14 +177,6 @@ def test_a_lost_mode_leaves_the_picture_and_bends_no_axis(recorded):
     assert np.allclose(np.linalg.norm(heads - marks, axis=1), c.rod_errors(lost.system, none.q[-1]))
 
 
-def test_frames_are_sixty_a_second_or_every_step_and_have_a_cap():
-    assert list(recording.frames(100, 0.05, 2)) == list(range(101))
-    assert len(recording.frames(20_000, 0.001, 2)) == pytest.approx(20 * recording.FRAME_RATE, 0.1)
-    for particles, steps in itertools.product([1, 7, 1000, 99_999], [1, 999, 100_000, 3_000_001]):
-        kept = {*recording.frames(steps, 1.0, particles), steps // 3, steps}  # a run keeps two more
-        assert 0 in kept and len(kept) * particles <= recording.MAX_RECORDED
-
-
 def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(recorded):
     default, command = recorded["default"], [sys.executable, "-m", "rerun", "rrd"]
     assert default.id != recorded["lost"].id  # or a viewer that opens both takes them for one
@@ -219,8 +211,14 @@ def test_the_picture_moves_as_the_run_did(recorded):
     assert f"lost at {0.05 * at:.3g} s" in [words.text for words in lost.drawn.iter(f"{SVG}text")]
 
 
-def test_no_scene_makes_a_large_picture(tmp_path):
-    """Rods that turn at random are drawn as if they were the modes and the true motion."""
+def test_no_scene_makes_a_large_recording_or_picture(tmp_path):
+    """Frames are sixty a second or every step, or fewer; and rods that turn at random are drawn as
+    if they were the modes and the true motion."""
+    assert list(recording.frames(100, 0.05, 2)) == list(range(101))
+    assert len(recording.frames(20_000, 0.001, 2)) == pytest.approx(20 * recording.FRAME_RATE, 0.1)
+    for particles, steps in itertools.product([1, 7, 1000, 99_999], [1, 999, 100_000, 3_000_001]):
+        kept = {*recording.frames(steps, 1.0, particles), steps // 3, steps}  # a run keeps two more
+        assert 0 in kept and len(kept) * particles <= recording.MAX_RECORDED
     args, seconds = SimpleNamespace(system="chain", integrator="rk4"), 0.01 * np.arange(1001)
     for links, steps in ((1, 1000), (11, 1000), (900, 50)):
         angles = np.random.default_rng(0).normal(size=(steps + 1, links)).cumsum(axis=0)

@@ -12,7 +12,7 @@ from types import ModuleType
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import Blank, Wrong, checks, noted, solved
 from curriculum.ch3_4_constraints.scene_files import SceneError
-from curriculum.ch3_4_constraints.studies import figures
+from curriculum.ch3_4_constraints.studies import figures, hard_cases
 from curriculum.ch3_4_constraints.studies._runs import run
 
 import pytest
@@ -40,7 +40,7 @@ def test_a_figure_in_a_text_is_what_its_command_prints(block, tmp_path, capsys):
     assert figures.machine_free(printed) == figures.machine_free(said)
 
 
-def test_figures_goes_on_after_a_failure_and_refuses_what_no_text_asks(tmp_path, monkeypatch):
+def test_figures_goes_on_after_a_failure_and_no_study_does_what_nobody_knows(tmp_path, monkeypatch):
     block = "<!-- printed by: {0} -->\n```text\n$ {0}\n{1}\n```\n"
     page, fails, works = tmp_path / "page.md", "python -c raise", "python -c print(1)"
     page.write_text(block.format(fails, "old") + block.format(works, "old"), encoding="utf-8")
@@ -48,8 +48,9 @@ def test_figures_goes_on_after_a_failure_and_refuses_what_no_text_asks(tmp_path,
     monkeypatch.setattr(figures, "ROOT", tmp_path)
     assert figures.main([]) == 1
     assert page.read_text() == block.format(fails, "old") + block.format(works, "1")
-    with pytest.raises(SystemExit):
-        figures.main(["--only", "zzz"])
+    for study, flag in ((figures, "--only"), (hard_cases, "--methods")):
+        with pytest.raises(SystemExit, match="2"):
+            study.main([flag, "zzz"])
 
 
 @pytest.mark.parametrize("name", TEXTS)
