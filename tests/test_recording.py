@@ -34,8 +34,7 @@ def chunks(reader, **store):
     found = defaultdict(dict)
     for chunk in reader.stream(**store).to_chunks():
         batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            rows = batch.column(name)
+        for name, rows in zip(batch.schema.names, batch.columns, strict=True):
             if name == recording.TIMELINE:
                 found[chunk.entity_path]["seconds"] = rows.to_numpy() / np.timedelta64(1, "s")
             elif ":" in name:
@@ -46,11 +45,11 @@ def chunks(reader, **store):
 def made(folder, *flags):
     """What a run was recorded of, and its files read again: `found` {entity: {column: rows}},
     `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
-    path, record, views = folder / publish.RECORDING, recording.record, {}
+    record, views = recording.record, {}
     with mock.patch.object(publish, "record", wraps=record) as noted:
         c.main([*flags, "--out", str(folder)])
-    what = inspect.signature(record).bind(*noted.call_args.args).arguments | {"path": path}
-    reader = RrdReader(str(path))
+    what = inspect.signature(record).bind(*noted.call_args.args).arguments
+    reader = RrdReader(str(folder / publish.RECORDING))
     (store,), (blueprint,) = reader.recordings(), reader.blueprints()
     pages = chunks(reader, store=blueprint)
     for entity, page in pages.items():
@@ -58,8 +57,8 @@ def made(folder, *flags):
             inside = [some for name, some in pages.items() if name.startswith(f"{entity}/")]
             view = {name: x[0] for some in (*inside, page) for name, x in some.items()}
             views[f"/{view['space_origin'][0]}"] = view
-    drawn = ElementTree.parse(folder / publish.PICTURE).getroot()
-    what |= {"found": chunks(reader), "views": views, "drawn": drawn, "id": store.recording_id}
+    what |= {"found": chunks(reader), "views": views, "id": store.recording_id}
+    what |= {"drawn": ElementTree.parse(folder / publish.PICTURE), "path": reader.path}
     return SimpleNamespace(**what)
 
 
@@ -71,27 +70,22 @@ def colors(entity):
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """The default run; a leg, whose rods pull and push; and rods that grow beside a lost mode."""
-    flags = {
-        "default": [],
-        "leg": ["--system", "jansen_leg", "--dt", "0.01", "--steps", "200"],
-        "lost": ["--dt", "0.05", "--steps", "60", "--baumgarte", "40"],
-    }
-    return {name: made(tmp_path_factory.mktemp(name), *flags[name]) for name in flags}
+    flags = {"default": "", "leg": "--system jansen_leg --dt 0.01 --steps 200"}
+    flags["lost"] = "--dt 0.05 --steps 60 --baumgarte 40"
+    return {x: made(tmp_path_factory.mktemp(x), *flags[x].split()) for x in flags}
 
 
 def test_a_curve_shows_what_its_title_says(recorded):
     leg = recorded["leg"]
+    titles = ["pull of the first rod, N", "worst rod, powers of ten of a metre (-3: 1 mm)"]
+    titles.append("energy error, share of m g L")
+    assert titles == [leg.views[f"/curves/{plot}"]["display_name"][0] for plot in range(3)]
     for k, (mode, done) in enumerate(leg.runs.items()):
         worst = np.maximum(c.constraint_violation(leg.system, done.q), 1e-9)
         joule = c.energy(leg.system, done.q, done.v)
-        expected = {
-            "pull of the first rod, N": leg.pulls[mode][:, 0],
-            "worst rod, powers of ten of a metre (-3: 1 mm)": np.log10(worst),
-            "energy error, share of m g L": (joule - joule[0]) / energy_scale(leg.system),
-        }
-        for plot in range(3):
+        gained = (joule - joule[0]) / energy_scale(leg.system)
+        for plot, curve in enumerate((leg.pulls[mode][:, 0], np.log10(worst), gained)):
             shown = np.ravel(leg.found[f"/curves/{plot}/{k + 1}_{mode}"]["scalars"])
-            curve = expected.pop(leg.views[f"/curves/{plot}"]["display_name"][0])
             assert np.max(np.abs(shown - curve)[1:]) < 1e-6 * max(np.ptp(curve), 1e-3)
 
 

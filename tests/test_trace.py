@@ -7,12 +7,12 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
 from curriculum.common.arrays import Arrays
-from curriculum.common.crowds import Together
 from curriculum.common.python import number_function
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
 
 import numpy as np
 import pytest
+from test_steps import Machine, Python
 
 loop = partial(repeat, most=90, complaint="no end")
 
@@ -86,34 +86,22 @@ def by_python(program, x, count):
     return np.reshape(states, (count, 2, 3))
 
 
-def together(program, crowd, count, machine):
-    """The states (count, members, 2, 3) of a crowd, by machine code or numpy, each end checked."""
-    way = Together(program)
-    if machine:
-        way.to_machine(best=False)
-    state, begin = (crowd.reshape(-1, 6).T.copy() for _ in range(2))
-    rows = way.run(state, count)
-    assert np.array_equal(state, rows[-1])
-    assert way.run(begin, count, keep=False) is None and np.array_equal(begin, rows[-1])
-    return rows.transpose(0, 2, 1).reshape(count, -1, 2, 3)
-
-
 @pytest.mark.parametrize(("name", "inline"), INLINED)
 def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypatch):
     """As Python, as numpy calls, and as machine code for one member or for lanes, not all of them
     full. Each member ends its loops where it would alone; machine code has the bits of Python."""
     monkeypatch.setattr(trace, "INLINE", inline)
-    program = program_of(EXAMPLES[name])
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
-    exact = np.stack([by_python(program, x, 2) for x in CROWD], axis=1)
+
+    def turns(way, x):
+        step = way(lambda q, v, *_: (EXAMPLES[name](q), v), 2)
+        return step(x, 0.0 * x, None, None, 0.0)[0]
+
+    exact = np.stack([turns(Python, x) for x in CROWD], axis=1)
     assert near(exact[0], [EXAMPLES[name](x) for x in CROWD])
-    assert near(together(program, CROWD, 2, False), exact)
-    if native.available():
-        alone, out = native.Native(program), np.empty((2, 6, 1))
-        for k, x in enumerate(CROWD):
-            assert alone(x.reshape(6, 1).copy(), 2, out) == 2
-            assert np.array_equal(out.reshape(2, 2, 3), exact[:, k])
-        assert np.array_equal(together(program, CROWD, 2, True), exact)
+    assert near(turns(Python, CROWD), exact)
+    assert np.array_equal(np.stack([turns(Machine, x) for x in CROWD], axis=1), exact)
+    assert np.array_equal(turns(Machine, CROWD), exact) or not native.available()
 
 
 ROUTINE = Routine(heron)
