@@ -51,20 +51,6 @@ def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
     assert found.stopped == "diverged at step 1" and np.isfinite(found.energies).all()
 
 
-@pytest.mark.parametrize(("rule", "count"), [("semi_implicit", 20000), ("gauss", 300)])
-def test_every_step_is_measured_whatever_is_kept(rule, count):
-    """The three series are those of all states, from the start on and over the edges of blocks."""
-    full = run(DOUBLE, rule, steps=count, keep=range(count + 1))
-    same, some = np.array_equal, [0, 7, count - 60, count]
-    assert same(full.kept, np.arange(count + 1)) and same(full.q[0], DOUBLE["q0"])
-    assert same(full.tip, full.q[:, -1])
-    assert np.abs(full.violations - c.constraint_violation(DOUBLE, full.q)).max() < 1e-14
-    assert np.abs(full.energies - c.energy(DOUBLE, full.q, full.v)).max() < 1e-12
-    few = run(DOUBLE, rule, steps=count, keep=some)
-    assert same(few.q, full.q[some]) and same(few.v, full.v[some])
-    assert same(few.violations, full.violations)
-
-
 def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
     """By a clock that says one second has gone by, whenever it is asked for the second time."""
     clock = count()

@@ -222,8 +222,8 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
 
 
 @pytest.mark.parametrize("members", [(), (19,)])
-def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
-    """Nor does it matter where machine code takes over."""
+def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(members, monkeypatch):
+    """Whichever states are kept, and wherever machine code takes over."""
     crowd, runs = crowd_of(DOUBLE, np.random.default_rng(6).normal(size=(*members, 2, 3))), []
     for block, cost in ((1 << 17, 1e9), (100, 1e9), (100, 0.0)):
         monkeypatch.setattr(compiled, "BLOCK", block * max(1, *members, 1))
@@ -234,6 +234,14 @@ def test_the_edges_of_blocks_change_nothing(members, monkeypatch):
         assert all(map(np.array_equal, runs[-1][:6], runs[0][:6]))
     ways = ["compiled to machine code" in found.way for found in runs]
     assert ways == [False, False, native.available()]
+    full, some, same = runs[0], [0, 7, 77, 90], np.array_equal
+    few = run(crowd, "rk4", "project", 0.005, 90, some)
+    assert same(few.q, full.q[some]) and same(few.v, full.v[some])
+    assert same(few.violations, full.violations)
+    assert same(full.kept, range(91)) and same(full.q[0], crowd["q0"])
+    assert same(full.tip, full.q[..., -1, :])
+    assert np.abs(full.violations - c.constraint_violation(crowd, full.q)).max() < 1e-14
+    assert np.abs(full.energies - c.energy(crowd, full.q, full.v)).max() < 1e-12
 
 
 CASES = [  # name, rule, mode, dt, steps, how it ends
