@@ -175,7 +175,7 @@ def in_place_step(q, v, m, force, dt):
     return q, v
 
 
-@pytest.mark.parametrize("force", [motor, branching])
+@pytest.mark.parametrize("force", [motor, branching, lambda q, v: -0.1 * v])
 @pytest.mark.parametrize("mode", ["none", "project"])
 def test_members_of_a_crowd_are_as_if_alone_and_a_rule_may_work_in_place(mode, force, monkeypatch):
     """Also where one alone is at rest, in the plane, or below a limit."""
