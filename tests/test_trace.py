@@ -8,7 +8,7 @@ from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
 from curriculum.common.arrays import Arrays
 from curriculum.common.python import number_function
-from curriculum.common.steps import Plain
+from curriculum.common.steps import Plain, Single
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
 
 import numpy as np
@@ -94,8 +94,11 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
     f, (python, machine) = EXAMPLES[name], (partial(turns, way) for way in (Python, Machine))
     exact = np.stack([python(f, x) for x in CROWD], axis=1)
-    assert near(exact[0], [f(x) for x in CROWD]) and near(python(f, CROWD), exact)
+    assert near(exact[0], [f(x) for x in CROWD])
+    monkeypatch.delattr(Single, "one")  # machine code has no trouble, which Python would mend
     assert np.array_equal(np.stack([machine(f, x) for x in CROWD], axis=1), exact)
+    monkeypatch.delattr(Single, "__call__")  # nor has anybody of a crowd, who would go alone
+    assert near(python(f, CROWD), exact)
     assert np.array_equal(machine(f, CROWD), exact) or not native.available()
 
 
