@@ -8,7 +8,7 @@ from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
 from curriculum.common.arrays import Arrays
 from curriculum.common.python import number_function
-from curriculum.common.steps import Plain, Single
+from curriculum.common.steps import Single
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
 
 import numpy as np
@@ -80,10 +80,14 @@ def program_of(function, *knobs):
     return Program(lambda x, *k: (function(x, *k),), np.zeros((2, 3), dtype=bool), knobs=knobs)
 
 
-def turns(way, function, x, count=2):
-    """Where a function leads from x (..., 2, 3), turn by turn, as far as it goes."""
-    with np.errstate(all="ignore"):
-        return way(lambda q, v, *_: (function(q), v), count)(x, 0.0 * x, None, None, 0.0)[0]
+def turns(way, function, *starts, count=2):
+    """Where a function leads from starts (..., 2, 3), turn by turn, as far as it goes."""
+    step, found = way(lambda q, v, *_: (function(q), v)), []
+    for x in starts:
+        step.start(count)
+        with np.errstate(all="ignore"):
+            found.append(step(x, 0.0 * x, None, None, 0.0)[0])
+    return np.array(found)
 
 
 @pytest.mark.parametrize(("name", "inline"), INLINED)
@@ -92,14 +96,15 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     full. Each member ends its loops where it would alone; machine code has the bits of Python."""
     monkeypatch.setattr(trace, "INLINE", inline)
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
-    f, (python, machine) = EXAMPLES[name], (partial(turns, way) for way in (Python, Machine))
-    exact = np.stack([python(f, x) for x in CROWD], axis=1)
-    assert near(exact[0], [f(x) for x in CROWD])
+    python, machine = (partial(turns, way, EXAMPLES[name]) for way in (Python, Machine))
+    exact = python(*CROWD)
+    assert near(exact[:, 0], [EXAMPLES[name](x) for x in CROWD])
     monkeypatch.delattr(Single, "one")  # machine code has no trouble, which Python would mend
-    assert np.array_equal(np.stack([machine(f, x) for x in CROWD], axis=1), exact)
+    assert np.array_equal(machine(*CROWD), exact)
     monkeypatch.delattr(Single, "__call__")  # nor has anybody of a crowd, who would go alone
-    assert near(python(f, CROWD), exact)
-    assert np.array_equal(machine(f, CROWD), exact) or not native.available()
+    (numpy,), (lanes,) = python(CROWD), machine(CROWD)
+    assert near(numpy, exact.swapaxes(0, 1))
+    assert np.array_equal(lanes, exact.swapaxes(0, 1)) or not native.available()
 
 
 ROUTINE = Routine(heron)
@@ -117,10 +122,10 @@ def test_machine_code_ends_where_python_would_raise_an_error(function, start, mo
     """And one of many lanes ends in what is not finite, while its neighbours go on."""
     monkeypatch.setattr(trace, "INLINE", 0)
     x = np.full((2, 3), start)
-    alone, expected = (turns(way, function, x, 9) for way in (Machine, Python))
+    (alone,), (expected,) = (turns(way, function, x, count=9) for way in (Machine, Python))
     assert 1 <= len(alone) < 9 and np.array_equal(alone, expected, equal_nan=True)
     last = alone[np.isfinite(alone).all(axis=(1, 2))][-1]
-    (crowd,) = turns(Machine, function, np.stack([*[x] * 7, last]), 1)
+    ((crowd,),) = turns(Machine, function, np.stack([*[x] * 7, last]), count=1)
     assert np.array_equal(crowd[:7], [alone[0]] * 7) and not np.isfinite(crowd[7]).any()
 
 
@@ -128,10 +133,10 @@ def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
     """Of many, who is lost is NaN."""
     assert np.array_equal(heron(CROWD**2), [heron(x**2) for x in CROWD])
     far, one = np.full((2, 3), 1e200), np.ones((2, 3))
-    for way in (Plain, Python):
-        with pytest.raises(Stop, match="no end"):
-            turns(way, heron, far)
-    (both,) = turns(Python, heron, np.stack([one, far]), 1)
+    for attempt in (heron, partial(turns, Python, heron)):
+        with pytest.raises(Stop, match="no end"), np.errstate(all="ignore"):
+            attempt(far)
+    ((both,),) = turns(Python, heron, np.stack([one, far]), count=1)
     assert np.array_equal(both[0], one) and np.isnan(both[1]).all()
 
 
