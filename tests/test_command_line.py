@@ -22,16 +22,16 @@ SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
 REFUSED = MISTAKES["command_line"]["words"]
 for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"]["values"]):
     REFUSED.append(([f"{flag}={value}"], (f"argument {flag}: ", repr(value))))
+ENDS = dict(MISTAKES["command_line"]["ends"])
+for package, extra in cli.EXTRAS.items():
+    line = f"-c: error: {package} is not installed: pip install -e '.{extra}'"
+    ENDS[f"sys.modules[{package!r}] = None\nimport {package}"] = line
 
 
 @pytest.mark.parametrize(("words", "parts"), REFUSED)
 def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, parts, capsys):
     line = complaint(capsys, *words)
     assert all(part in line for part in parts)
-
-
-def test_a_listing_needs_no_folder_for_results():
-    assert c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"]) is None
 
 
 def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch):
@@ -47,19 +47,19 @@ def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch)
     assert {"which system:", "which method:", "results:", "for CI:"} <= set(shown["--help"])
     studies = {path.stem for path in folder.glob("studies/[!_]*.py")}
     assert studies <= set(re.findall(r"\w+", "".join(shown["--help"][-4:])))
+    c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"])  # it is not needed
 
 
-def test_importing_does_nothing_and_a_run_without_a_recording_needs_no_rerun(tmp_path):
+def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_asked_for(
+    tmp_path, monkeypatch
+):
     code = f"import os, sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
     code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {publish.METRICS, publish.PICTURE}
-
-
-def test_without_rerun_there_is_a_recording_only_if_it_is_asked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     flags = ["--out", str(tmp_path)]
     assert [c.parse([*flags, *more])[0].rerun for more in ([], ["--rerun"])] == [False, True]
 
@@ -75,22 +75,18 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
     assert "np.ones((5, 3))\n" in done.stderr.partition("external_force\n")[2]
     assert done.stderr.splitlines()[-1].startswith("ValueError: ")
     assert not any(tmp_path.rglob("*.json"))
+    assert "Traceback" in script("raise ImportError").stderr  # of no package that is missing
 
 
-def test_an_end_to_be_expected_is_one_line():
-    for lines, line in MISTAKES["command_line"]["ends"].items():
-        done = script(lines)
-        assert (done.returncode, done.stderr.strip()) == (1, line)
-    assert "Traceback" in script("raise ImportError").stderr
-
-
-@pytest.mark.parametrize(("package", "extra"), cli.EXTRAS.items())
-def test_a_missing_package_is_one_line_that_names_what_brings_it(package, extra):
+@pytest.mark.parametrize(("lines", "line"), ENDS.items())
+def test_an_end_to_be_expected_is_one_line_that_names_what_brings_a_missing_package(lines, line):
+    done = script(lines)
+    assert (done.returncode, done.stderr.strip()) == (1, line)
     project = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
     known = {"": project["dependencies"], **project["optional-dependencies"]}
-    assert any(x.startswith(package) for x in known[extra.strip("[]")])
-    done = script(f"sys.modules[{package!r}] = None\nimport {package}")
-    assert done.stderr == f"-c: error: {package} is not installed: pip install -e '.{extra}'\n"
+    if "import" in lines:
+        package, extra = re.fullmatch(r"-c: error: (\w+) .*-e '.\[?(\w*)]?'", line).groups()
+        assert any(x.startswith(package) for x in known[extra])
 
 
 @posix

@@ -1,14 +1,13 @@
 """Files appear whole or not at all, alone or as one set, whatever happens meanwhile."""
 
-import json
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 
+import constraints as c
 from curriculum.ch3_4_constraints import publish
 from curriculum.common import files
 
@@ -100,19 +99,16 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
 def test_a_run_leaves_all_its_files_and_none_older_or_on_a_full_disk_all_as_it_was(
     tmp_path, monkeypatch
 ):
-    def published(picture, rerun=None):
-        args = SimpleNamespace(system="double", out=tmp_path, picture=picture, rerun=rerun)
-        vars(args).update(dict.fromkeys(publish.DECIDE))
-        monkeypatch.setattr(publish, "motion", picture)
-        monkeypatch.setattr(publish, "record", rerun)
-        publish.publish(args, {"steps": 7}, None, {}, {}, 1.0, {}, (), None)
-
-    old = dict.fromkeys(("metrics.json", "constraints.rrd", "motion.svg"), "old")
+    run = partial(c.main, ["--steps", "2", "--rerun", "--out", str(tmp_path)])
+    old = dict.fromkeys((publish.METRICS, publish.PICTURE, publish.RECORDING), "old")
     files.write_together(tmp_path, dict.fromkeys(old, partial(write, "old")))
+    monkeypatch.setattr(publish, "record", mock.Mock(side_effect=FULL))
     with pytest.raises(OSError, match="No space left on device: .*constraints.rrd"):
-        published(mock.Mock(return_value="new"), mock.Mock(side_effect=FULL))
+        run()
     assert contents(tmp_path) == old
-    published(mock.Mock(return_value="new"))
-    numbers = contents(tmp_path)
-    assert json.loads(numbers.pop("metrics.json"))["steps"] == 7
-    assert numbers == {"motion.svg": "new"}
+    monkeypatch.setattr(publish, "record", mock.Mock(return_value=b"new"))
+    run()
+    new = contents(tmp_path)
+    assert new.keys() == old.keys() and "old" not in new.values()
+    c.main(["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
+    assert contents(tmp_path).keys() == {publish.METRICS}

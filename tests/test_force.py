@@ -158,13 +158,9 @@ def test_whole_numbers_are_solved_as_numbers():
     assert whole == pytest.approx([1 / 3, 1 / 3])
 
 
-def test_rods_too_many_stay_put():
-    """With less slack, what rounding leaves between the rods of a braced truss blows up."""
-    assert run(cantilever(20), steps=40).violations.max() < 1e-8
-
-
-def test_many_rods_find_their_way_back_and_a_loose_particle_falls():
-    """A wheel whose rods all feel each other, a tree with loops, a chain, in compiled steps."""
+def test_many_rods_find_their_way_back_or_stay_put_and_a_loose_particle_falls():
+    """A wheel whose rods all feel each other, a tree with loops, a chain, in compiled steps; and a
+    braced truss: with less slack, what rounding leaves between its rods blows up."""
     wheel = [(0, -1), *((k, 0) for k in range(1, 12)), *row(12)[2:]]
     for pairs in (wheel, tree(40, 8), row(60)):
         system = moving(pairs, loose=1)
@@ -172,6 +168,7 @@ def test_many_rods_find_their_way_back_and_a_loose_particle_falls():
         found = run(system | {"q0": q, "v0": v}, "rk4", "project", 1e-3, 20)
         assert found.violations.max() < 1e-10 and found.way.startswith("compiled")
         assert_close(found.v[-1, -1], v[-1] + 0.02 * c.GRAVITY)
+    assert run(cantilever(20), steps=40).violations.max() < 1e-8
 
 
 @pytest.mark.parametrize("mode", ["none", "soft"])

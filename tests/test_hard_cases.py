@@ -73,12 +73,6 @@ def test_the_shortest_rod_says_what_is_held_and_the_energy_is_asked_too():
     assert not hard_cases.held(c.build_system("pendulum"), "euler", "project", 0.02, 2.0)  # pumped
 
 
-def test_the_command_refuses_a_method_that_is_none(capsys):
-    with pytest.raises(SystemExit) as end:
-        hard_cases.main(["--methods", "zzz"])
-    assert end.value.code == 2 and "none contains 'zzz'" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
 def test_rods_are_held_far_away_and_where_lengths_differ_by_a_million(rule):
     double, chain, away = c.build_system("double"), c.build_system("chain", links=7), [1e7, 0, 0]

@@ -51,20 +51,6 @@ def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
     assert found.stopped == "diverged at step 1" and np.isfinite(found.energies).all()
 
 
-@pytest.mark.parametrize(("rule", "count"), [("semi_implicit", 20000), ("gauss", 300)])
-def test_every_step_is_measured_whatever_is_kept(rule, count):
-    """The three series are those of all states, from the start on and over the edges of blocks."""
-    full = run(DOUBLE, rule, steps=count, keep=range(count + 1))
-    same, some = np.array_equal, [0, 7, count - 60, count]
-    assert same(full.kept, np.arange(count + 1)) and same(full.q[0], DOUBLE["q0"])
-    assert same(full.tip, full.q[:, -1])
-    assert np.abs(full.violations - c.constraint_violation(DOUBLE, full.q)).max() < 1e-14
-    assert np.abs(full.energies - c.energy(DOUBLE, full.q, full.v)).max() < 1e-12
-    few = run(DOUBLE, rule, steps=count, keep=some)
-    assert same(few.q, full.q[some]) and same(few.v, full.v[some])
-    assert same(few.violations, full.violations)
-
-
 def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
     """By a clock that says one second has gone by, whenever it is asked for the second time."""
     clock = count()
@@ -117,9 +103,8 @@ def test_plain_is_the_same_run_in_numpy_and_of_the_mode_that_was_asked_for():
 
 
 def test_links_smoke_and_steps_say_how_many():
-    for links in (3, 6):
-        found, _ = results(f"--system chain --links {links}", 1)
-        assert found["rods"] == links == round(found["results"]["none"]["tip_final"][0])
+    found, _ = results("--system chain --links 3", 1)
+    assert found["rods"] == 3 == round(found["results"]["none"]["tip_final"][0])
     smoke, _ = results("--smoke")
     assert 200 < smoke["steps"] < 4000 and smoke == results(steps=smoke["steps"])[0]
 
@@ -146,26 +131,18 @@ def test_a_tolerance_that_nobody_could_judge_is_refused(system, capsys):
     assert "error: argument --tol: " in line and " 0.001 m" in line and line.count("\n") == 1
 
 
-def test_metrics_are_the_run_rounded_and_the_table_the_metrics_with_units():
+def test_metrics_are_the_run_rounded_and_the_table_fits_a_terminal():
     found, lines = results()
     here = run(DOUBLE, hold=20.0, steps=200)
     truth, _ = true_position(lambda r, *by, way: run(DOUBLE, r, "project", *by, way=way), 1.0)
     error = np.linalg.norm(here.q[-1] - truth, axis=1).max()
-    wanted = [here.violations.max(), here.violations[-1], drift(DOUBLE, here), error]
-    row, keys = found["results"]["baumgarte"], ["max_violation", "final_violation"]
-    told = [row[key] for key in (*keys, "energy_rel_max", "error")]
-    assert told[:3] == np.round(wanted[:3], 12).tolist() and abs(told[3] - error) < 1e-11
-    assert row["tip_final"] == np.round(here.tip[-1], 6).tolist()
-    start = next(k for k, line in enumerate(lines) if line.startswith("mode ")) + 1
-    for mode, line in zip(c.hold_table(), lines[start:], strict=False):
-        row = found["results"][mode]
-        rods = [tables.length(row[key] - 5e-13) for key in keys]
-        words = mode, *rods, tables.per_cent(row["energy_rel_max"]), tables.length(row["error"])
-        *told, pace = line.split()
-        assert told == " ".join(words).split() and float(pace) > 0.0
-    assert found["error_at"] == 1.0 and "at 1 s" in lines[start - 1]
+    wanted = here.violations.max(), here.violations[-1], drift(DOUBLE, here), error
+    row, keys = found["results"]["baumgarte"], "max_violation final_violation energy_rel_max error"
+    assert [row[key] for key in keys.split()] == pytest.approx(wanted, abs=1e-11)
+    assert row["tip_final"] == np.round(here.tip[-1], 6).tolist() and found["error_at"] == 1.0
     # a line above tells how the steps were done: the longer, the busier the machine has been
-    assert max(map(len, lines[start - 2 : start + 5])) <= 80
+    table = [*marked(lines, " "), *marked(lines, "mode "), *marked(lines, tuple(c.hold_table()))]
+    assert len(table) == 7 and "at 1 s" in table[1] and max(map(len, table)) <= 80
 
 
 def test_a_length_has_two_digits_and_a_unit():
@@ -181,36 +158,36 @@ def test_every_mark_and_dash_in_the_table_has_its_sentence():
     assert any("dt w = 2 is past the limit 0.828" in line for line in lines)
     assert "is not known" in marked(results("--system ring", 400)[1], "- ")[0]
     assert "is not looked for" in marked(results("--plain", 5)[1], "- ")[0]
+    for rule in c.INTEGRATORS:  # a hopeless step still gives results
+        found, lines = results(f"--dt 100 --integrator {rule}", 10)
+        stopped = {mode: row["stopped"] for mode, row in found["results"].items() if row["stopped"]}
+        assert {"none", "baumgarte"} <= stopped.keys()
+        assert all(marked(lines, f"* {mode} ")[0].endswith(stopped[mode]) for mode in stopped)
     assert marked(results("--dt 5", 5)[1], "none* ")[0].split()[1:4] == ["-", "-", "-"]
 
 
-@pytest.mark.parametrize("rule", c.INTEGRATORS)
-def test_a_hopeless_step_still_gives_results(rule):
-    found, lines = results(f"--dt 100 --integrator {rule}", 10)
-    stopped = {mode: row["stopped"] for mode, row in found["results"].items() if row["stopped"]}
-    assert {"none", "baumgarte"} <= stopped.keys()
-    assert all([x for x in marked(lines, f"* {k} ") if x.endswith(stopped[k])] for k in stopped)
+VERDICTS = {
+    "": "as expected",
+    "--system pendulum": "as expected",
+    "--baumgarte 0.5": "UNEXPECTED",
+    "--steps 799": None,  # too short to tell
+    "--stabilization baumgarte": None,  # nothing to compare with
+    "--system chain --links 3": None,  # not the chapter's
+    "--dt 0.05 --baumgarte 40": None,  # diverges
+    "--baumgarte 0": None,  # is none itself
+    "--integrator gauss --dt 0.05 --system pendulum": None,  # does not drift
+}
 
 
-@pytest.mark.parametrize("flags", ["", " --system pendulum", " --baumgarte 0.5"])
-def test_the_verdict_is_the_ratio_of_the_worst_rod_errors(flags):
-    found, lines = results(f"--smoke{flags}")
-    none, helped = (found["results"][mode]["max_violation"] for mode in ("none", "baumgarte"))
-    verdict = "UNEXPECTED" if "0.5" in flags else "as expected"
-    assert (none > 3.0 * helped) == (verdict == "as expected")
-    assert f" = {none / helped:.1f}: {verdict}" in marked(lines, "verdict: ")[0]
-
-
-def test_there_is_no_verdict_where_it_would_mean_nothing():
-    assert not marked(results()[1], "verdict: ")  # too short to tell
-    for flags in (
-        "--stabilization baumgarte",  # nothing to compare with
-        "--system chain --links 3",  # not the chapter's
-        "--dt 0.05 --baumgarte 40",  # diverges
-        "--baumgarte 0",  # is none itself
-        "--integrator gauss --dt 0.05 --system pendulum",  # does not drift
-    ):
-        assert not marked(results(flags, c.SMOKE_STEPS)[1], "verdict: "), flags
+@pytest.mark.parametrize(("flags", "word"), VERDICTS.items())
+def test_the_verdict_is_the_ratio_of_the_worst_rod_errors_where_that_tells_something(flags, word):
+    found, lines = results(flags, c.SMOKE_STEPS)
+    said = marked(lines, "verdict: worst rod error, none / baumgarte = ")
+    assert len(said) == bool(word)
+    for line in said:
+        none, helped = (found["results"][mode]["max_violation"] for mode in ("none", "baumgarte"))
+        assert f" = {none / helped:.1f}: {word}" in line
+        assert (none > 3.0 * helped) == (word == "as expected")
 
 
 # --- the same bytes, whatever numpy and its BLAS choose, and without llvmlite, too ---
@@ -223,20 +200,22 @@ for settings, feature, kernel in ((PLAIN, "sse2", "Prescott"), (OTHER, "avx", "S
         settings["OPENBLAS_CORETYPE"] = kernel  # of OpenBLAS; the default is the newest
 RUNS = """
 import hashlib, json, sys
-sys.modules.update(dict.fromkeys(sys.argv[2:]))  # as if these were not installed
+cases, folder, *missing = sys.argv[1:]
+sys.modules.update(dict.fromkeys(missing))  # as if these were not installed
 import constraints
-simulate, numbers = constraints.simulate, hashlib.sha256()
+simulate, numbers, metrics = constraints.simulate, hashlib.sha256(), {}
 def noted(*arguments):
     run = simulate(*arguments)
     for series in (*run[:3], run.q, run.v):
         numbers.update(series.tobytes())
     return run
 constraints.simulate = noted  # metrics are rounded: look at every bit, and at the ruler's
-for folder, flags in json.loads(sys.argv[1]).items():
+for flags in json.loads(cases):
     constraints.main([*flags.split(), "--no-rerun", "--no-picture", "--out", folder])
+    metrics[flags] = open(f"{folder}/metrics.json").read()
 for seed in range(500):
     numbers.update(constraints.build_system("pendulum", seed)["q0"].tobytes())
-print(numbers.hexdigest())
+print(json.dumps([numbers.hexdigest(), metrics]))
 """
 CASES = [f"triple --steps 500 --integrator {x}" for x in ("semi_implicit", "rk4", "gauss")]
 CASES += ["windows --steps 20", "windows --steps 20 --integrator gauss"]
@@ -246,21 +225,16 @@ CASES = ["--smoke", *(f"--stabilization project --dt 0.02 --system {case}" for c
 
 def test_metrics_are_the_same_bytes_everywhere(tmp_path):
     def everything(variables, *missing):
-        folders = [tempfile.mkdtemp(dir=tmp_path) for _ in CASES]
-        flags = json.dumps(dict(zip(folders, CASES, strict=True)))
-        done = python("-c", RUNS, flags, *missing, variables=variables, timeout=300)
+        arguments = json.dumps(CASES), tempfile.mkdtemp(dir=tmp_path), *missing
+        done = python("-c", RUNS, *arguments, variables=variables, timeout=300)
         assert (done.returncode, done.stderr) == (0, "")
-        texts = [path.read_text() for x in folders for path in Path(x).iterdir()]  # a file each
-        return texts, done.stdout.splitlines()[-1]
+        return json.loads(done.stdout.splitlines()[-1])
 
     with ThreadPoolExecutor(2) as pool:
         others = [pool.submit(everything, *x) for x in ((PLAIN,), (OTHER, "llvmlite"))]
-        metrics, numbers = everything({})
-    for text in metrics:
-        assert all(row["stopped"] is None for row in json.loads(text)["results"].values())
-    for texts, found in (other.result() for other in others):
-        different = [x for x, one, two in zip(CASES, metrics, texts, strict=True) if one != two]
-        assert different == [] and numbers == found
+        numbers, metrics = everything({})
+    assert not any('"stopped": "' in text for text in metrics.values())
+    assert [other.result() for other in others] == [[numbers, metrics]] * 2
 
 
 def test_smoke_twice_is_the_same_files_and_the_same_recording(smoke):

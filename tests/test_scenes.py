@@ -61,11 +61,9 @@ def test_a_mistake_in_a_file_is_named(place, value, found, allowed, capsys):
 
 @pytest.mark.parametrize("sentence", TYPED)
 def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
-    level = {"q0": [[1.0, 0, 0], [2, 0, 0]]}
+    level = c.build_system("double") | {"q0": [[1.0, 0, 0], [2, 0, 0]]}
     with pytest.raises(SceneError, match=re.escape(sentence)):
-        run(c.build_system("double") | level | TYPED[sentence], steps=2)
-    with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
-        check_system(level)
+        run(level | TYPED[sentence], steps=2)
 
 
 def test_a_mode_that_is_none_is_named_beside_those_that_are():
@@ -74,8 +72,10 @@ def test_a_mode_that_is_none_is_named_beside_those_that_are():
             c.make_force(c.build_system("double"), name)
 
 
-def test_a_clean_system_is_float64_and_keeps_other_keys():
+def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():
     double = c.build_system("double")
+    with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
+        check_system({"q0": double["q0"]})
     short = {key: double[key].astype(np.float32) for key in ("q0", "v0", "m")}
     slack = {"pairs": np.array(double["pairs"]), "lengths": [1.0, 0.999]}  # wrong on purpose
     clean = check_system(double | short | slack | {"wind": 3.0})

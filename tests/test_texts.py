@@ -13,7 +13,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
 from curriculum.ch3_4_constraints.exercises.checks import Blank, Wrong, noted, solved
 from curriculum.ch3_4_constraints.scene_files import SceneError
-from curriculum.ch3_4_constraints.studies import figures
+from curriculum.ch3_4_constraints.studies import figures, hard_cases
 from curriculum.ch3_4_constraints.studies._runs import run
 
 import pytest
@@ -41,13 +41,7 @@ def test_a_figure_in_a_text_is_what_its_command_prints(block, tmp_path, capsys):
     assert figures.machine_free(printed) == figures.machine_free(said)
 
 
-def test_only_times_are_left_out_and_a_block_says_the_command_that_printed_it():
-    text = "ch3.4 | took 1 s on X\n    m     us\n 1.25   3.50\nas expected, 3\nwrote here\n"
-    assert figures.machine_free(text) == [["m"], ["1.25"], ["as expected, 3"]]
-    assert all(block[3] in (None, f"$ {block['command']}\n") for block in BLOCKS)
-
-
-def test_figures_goes_on_after_a_failure_and_refuses_what_no_text_asks(tmp_path, monkeypatch):
+def test_figures_goes_on_after_a_failure_and_no_study_does_what_nobody_knows(tmp_path, monkeypatch):
     block = "<!-- printed by: {0} -->\n```text\n$ {0}\n{1}\n```\n"
     page, fails, works = tmp_path / "page.md", "python -c raise", "python -c print(1)"
     page.write_text(block.format(fails, "old") + block.format(works, "old"), encoding="utf-8")
@@ -55,13 +49,15 @@ def test_figures_goes_on_after_a_failure_and_refuses_what_no_text_asks(tmp_path,
     monkeypatch.setattr(figures, "ROOT", tmp_path)
     assert figures.main([]) == 1
     assert page.read_text() == block.format(fails, "old") + block.format(works, "1")
-    with pytest.raises(SystemExit):
-        figures.main(["--only", "zzz"])
+    for study, flag in ((figures, "--only"), (hard_cases, "--methods")):
+        with pytest.raises(SystemExit, match="2"):
+            study.main([flag, "zzz"])
 
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_a_text_has_figures_and_points_to_what_is_there(name):
-    assert figures.BLOCK.search(TEXTS[name])
+    shown = [block[3] in (None, f"$ {block[2]}\n") for block in figures.BLOCK.finditer(TEXTS[name])]
+    assert shown and all(shown)  # a command that is shown is the one that was run
     for link in re.findall(r"\]\((?!https?:)([^)]+)\)", CODE.sub("", TEXTS[name])):
         target, _, heading = link.partition("#")
         path = figures.ROOT / name if not target else (figures.ROOT / name).parent / target
@@ -168,22 +164,16 @@ def test_the_numbers_in_the_answers_are_those_of_the_runs(capsys):
 
 
 def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
-    holds = {("semi_implicit", 165.0): True, ("semi_implicit", 166.0): False}
-    holds |= {("rk4", 460.0): True, ("rk4", 480.0): False}
-    holds |= {("euler", w): False for w in (5.0, 20.0, 100.0, 390.0)}
-    double = c.build_system("double")
-    assert {(rule, w): not run(double, rule, w).stopped for rule, w in holds} == holds
+    lost = ("semi_implicit", 166.0), ("rk4", 480.0), ("euler", 5.0), ("euler", 390.0)
+    assert all(run(c.build_system("double"), *x).stopped for x in lost)
+    assert not run(c.build_system("double"), "semi_implicit", 165.0).stopped
     impulse = load(FOUR)  # its spring is x'' = -x' - x at dt 1: what z = 1 makes
     assert impulse.step_matrix("semi_implicit", 1.0).tolist() == [[0.0, 0.0], [-1.0, 0.0]]
     assert impulse.step_matrix("euler", 1.0).tolist() == [[1.0, 1.0], [-1.0, 0.0]]
-    undamped = load(FOUR, "-z * v", "0.0 * v")
-    edges = [undamped.decays(*x) for x in (("euler", 0.1), ("semi_implicit", 1.9), ("rk4", 2.8))]
-    assert edges == [False, True, True] and not undamped.decays("semi_implicit", 2.1)
+    assert not load(FOUR, "-z * v", "0.0 * v").decays("euler", 0.1)  # with no damping at all
     linkage = load(FIVE)
-    fast = c.build_system(str(linkage.SCENE))
+    start, fast = map(c.build_system, (str(HERE / "my_linkage.json"), str(linkage.SCENE)))
     fast["v0"] = 3.0 * fast["v0"]
-    held = [mode for mode in c.hold_table() if linkage.worst(fast, mode) <= linkage.SHARE]
-    assert held == ["project"]
-    start = c.build_system(str(HERE / "my_linkage.json"))
-    if not EDITED:
-        assert all(linkage.worst(start, mode) <= linkage.SHARE for mode in c.hold_table())
+    for system, holding in ((fast, ["project"]), (start, [*c.hold_table()])):
+        held = [mode for mode in c.hold_table() if linkage.worst(system, mode) <= linkage.SHARE]
+        assert held == holding or system is start and EDITED

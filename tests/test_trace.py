@@ -2,18 +2,18 @@
 
 import tracemalloc
 from functools import partial
-from itertools import pairwise
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
 from curriculum.common.arrays import Arrays
-from curriculum.common.crowds import Together
 from curriculum.common.python import number_function
+from curriculum.common.steps import Single
 from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
 
 import numpy as np
 import pytest
+from test_steps import Machine, Python
 
 loop = partial(repeat, most=90, complaint="no end")
 
@@ -66,7 +66,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "nearly": lambda x: loop(  # a size that falls no more is an end, where it is small enough
         lambda y: (0.6 * y + 0.2 * x[0], 3.0 + np.sum(abs(y - x[0, 0]))), 2.0 * x, nearly=99.0
     ),
-    "routines": lambda x: OUTER(x, x[::-1]) + OUTER(KEPT * x, -x) - OUTER(-x, x + 1.0),
+    "routines": lambda x: OUTER(KEPT * x, -x) + OUTER(x, x[::-1]) - OUTER(-x, x + 1.0),
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
@@ -80,23 +80,14 @@ def program_of(function, *knobs):
     return Program(lambda x, *k: (function(x, *k),), np.zeros((2, 3), dtype=bool), knobs=knobs)
 
 
-def by_python(program, x, count, *knobs):
-    """`count` turns of a program, as Python: the states after each."""
-    states = []
-    number_function(program)[0](tuple(x.ravel().tolist()), count, states.append, *knobs)
-    return np.reshape(states, (count, 2, 3))
-
-
-def together(program, crowd, count, machine):
-    """The states (count, members, 2, 3) of a crowd, by machine code or numpy, each end checked."""
-    way = Together(program)
-    if machine:
-        way.to_machine(best=False)
-    state, begin = (crowd.reshape(-1, 6).T.copy() for _ in range(2))
-    rows = way.run(state, count)
-    assert np.array_equal(state, rows[-1])
-    assert way.run(begin, count, keep=False) is None and np.array_equal(begin, rows[-1])
-    return rows.transpose(0, 2, 1).reshape(count, -1, 2, 3)
+def turns(way, function, *starts, count=2):
+    """Where a function leads from starts (..., 2, 3), turn by turn, as far as it goes."""
+    step, found = way(lambda q, v, *_: (function(q), v)), []
+    for x in starts:
+        step.start(count)
+        with np.errstate(all="ignore"):
+            found.append(step(x, 0.0 * x, None, None, 0.0)[0])
+    return np.array(found)
 
 
 @pytest.mark.parametrize(("name", "inline"), INLINED)
@@ -104,17 +95,16 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     """As Python, as numpy calls, and as machine code for one member or for lanes, not all of them
     full. Each member ends its loops where it would alone; machine code has the bits of Python."""
     monkeypatch.setattr(trace, "INLINE", inline)
-    program = program_of(EXAMPLES[name])
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
-    exact = np.stack([by_python(program, x, 2) for x in CROWD], axis=1)
-    assert near(exact[0], [EXAMPLES[name](x) for x in CROWD])
-    assert near(together(program, CROWD, 2, False), exact)
-    if native.available():
-        alone, out = native.Native(program), np.empty((2, 6, 1))
-        for k, x in enumerate(CROWD):
-            assert alone(x.reshape(6, 1).copy(), 2, out) == 2
-            assert np.array_equal(out.reshape(2, 2, 3), exact[:, k])
-        assert np.array_equal(together(program, CROWD, 2, True), exact)
+    python, machine = (partial(turns, way, EXAMPLES[name]) for way in (Python, Machine))
+    exact = python(*CROWD)
+    assert near(exact[:, 0], [EXAMPLES[name](x) for x in CROWD])
+    monkeypatch.delattr(Single, "one")  # machine code has no trouble, which Python would mend
+    assert np.array_equal(machine(*CROWD), exact)
+    monkeypatch.delattr(Single, "__call__")  # nor has anybody of a crowd, who would go alone
+    (numpy,), (lanes,) = python(CROWD), machine(CROWD)
+    assert near(numpy, exact.swapaxes(0, 1))
+    assert np.array_equal(lanes, exact.swapaxes(0, 1)) or not native.available()
 
 
 ROUTINE = Routine(heron)
@@ -127,65 +117,39 @@ TROUBLES = {  # at what Python raises an error: a function, and where its third 
 }
 
 
-@pytest.mark.skipif(not native.available(), reason="needs the extra fast")
 @pytest.mark.parametrize(("function", "start"), TROUBLES.values(), ids=TROUBLES)
-def test_a_member_alone_ends_before_a_step_that_python_would_not_do(function, start, monkeypatch):
+def test_machine_code_ends_where_python_would_raise_an_error(function, start, monkeypatch):
     """And one of many lanes ends in what is not finite, while its neighbours go on."""
     monkeypatch.setattr(trace, "INLINE", 0)
-    program, x, out = program_of(function), np.full((6, 1), start), np.empty((9, 6, 1))
-    good = [x]
-    with pytest.raises((ArithmeticError, ValueError)):
-        for _ in out:
-            good.append(by_python(program, good[-1], 1).reshape(6, 1))
-    crowd = np.hstack([good[-1], *[x] * 7])
-    done = native.Native(program, 1, 0)(x, 9, out)
-    assert max(done, ~done) == len(good) - 1 > 0
-    assert np.array_equal(out[: len(good) - 1], good[1:]) and not np.isfinite(x).all()
-    assert native.Native(program, 8, 0)(crowd, 1, None) == 1
-    assert not np.isfinite(crowd[:, 0]).any()
-    assert np.array_equal(crowd[:, 1:], np.tile(good[1], 7))
+    x = np.full((2, 3), start)
+    (alone,), (expected,) = (turns(way, function, x, count=9) for way in (Machine, Python))
+    assert 1 <= len(alone) < 9 and np.array_equal(alone, expected, equal_nan=True)
+    last = alone[np.isfinite(alone).all(axis=(1, 2))][-1]
+    ((crowd,),) = turns(Machine, function, np.stack([*[x] * 7, last]), count=1)
+    assert np.array_equal(crowd[:7], [alone[0]] * 7) and not np.isfinite(crowd[7]).any()
 
 
 def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
+    """Of many, who is lost is NaN."""
     assert np.array_equal(heron(CROWD**2), [heron(x**2) for x in CROWD])
-    program, far = program_of(heron), np.full((2, 3), 1e200)
-    with np.errstate(all="ignore"):
-        for attempt in (heron, lambda x: by_python(program, x, 1)):
-            with pytest.raises(Stop, match="no end"):
-                attempt(far)
-        both = np.stack(Arrays(program).function(*[np.array([1e200, 1.0])] * 6))
-    assert np.isnan(both[:, 0]).all() and np.all(both[:, 1] == 1.0)  # of many, who is lost is NaN
-
-
-def test_a_routine_is_traced_once_for_each_pattern_of_zeros(monkeypatch):
-    calls = []
-    routine = Routine(lambda a: calls.append(1) or np.sin(a) - a)
-    for inline, parts in ((0, 4), (trace.INLINE, 0)):
-        monkeypatch.setattr(trace, "INLINE", inline)
-        program = program_of(lambda x: routine(routine(x)) + routine(x * KEPT) - routine(KEPT * x))
-        assert len(program.tape.parts) == parts and len(calls) == 2
-        calls.clear()
-
-
-def test_a_knob_is_an_input_and_what_lasts_is_done_once():
-    def function(x, h, k):
-        return x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0 - k * x
-
-    program = program_of(function, "h", "k")
-    assert len(program.lasting()) == 3
-    head, loop = number_function(program)[1].split("for _ in range(count):")
-    assert "3.0" in head and "2.0" in head and "h" not in loop.split()
-    for knobs in ((0.1, 0.7), (-3.0, 0.2)):
-        states = [CROWD[0], *by_python(program, CROWD[0], 3, *knobs)]
-        assert all(np.array_equal(function(x, *knobs), after) for x, after in pairwise(states))
+    far, one = np.full((2, 3), 1e200), np.ones((2, 3))
+    for attempt in (heron, partial(turns, Python, heron)):
+        with pytest.raises(Stop, match="no end"), np.errstate(all="ignore"):
+            attempt(far)
+    ((both,),) = turns(Python, heron, np.stack([one, far]), count=1)
+    assert np.array_equal(both[0], one) and np.isnan(both[1]).all()
 
 
 def test_what_is_not_needed_is_not_done_nor_kept():
-    """Products with zero, with one, repeated ones and those that nobody asks for vanish."""
+    """Products with zero, with one, repeated ones and those that nobody asks for vanish, and the
+    calls of a short routine. What is the same in all turns is done once, before them."""
     program = program_of(lambda x: x * KEPT * 1.0 + 0.0 * (x / 3.0))
     assert len(program.tape.needed(program.out)) == 2  # of 6: two products
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
+    assert not program_of(lambda x: INNER(x, x)).tape.parts
+    program = program_of(lambda x, h: x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0, "h")
+    assert "h" not in number_function(program)[1].split("for _ in range(count):")[1].split()
     program = program_of(partial(tangle, 0))
     function, given = Arrays(program).function, np.ones((6, 1 << 16))
     tracemalloc.start()
@@ -206,7 +170,6 @@ KEEP = []
 BRANCHES = "branches on a value, or wants one"
 REFUSED = [  # the reason that is given, and a function
     (BRANCHES, lambda x: np.where(x == 0.0, x, 1.0)),
-    (BRANCHES, lambda x: np.maximum(x, 0.0)),
     (BRANCHES, lambda x: float(x[0, 0]) * x),
     (BRANCHES, careful),
     ("makes a complex number", lambda x: (1.0 + 1e-9j) * x + 1.0),

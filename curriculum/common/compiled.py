@@ -13,8 +13,9 @@ from curriculum.common.trace import Stop
 import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
-FIRST, SHORT = 16, 1_000_000  # steps of the first block, which tells what a step costs; characters
-PATIENCE = 0.2  # s: a block of slow steps ends after so long, so that progress can be told
+FIRST = 16  # steps of the first block, which tells what a step costs
+# characters of code that a block runs through, the first and later ones: then progress is told
+SHORT, LONG = 1_000_000, 100_000_000
 LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes
 
@@ -77,9 +78,10 @@ class Compiled:
             expected = self.alone.traced.plain(before, dt)
         except Stop:
             return False  # the step is taken in halves
-        gap, size = np.abs(end - expected), np.max(np.abs(expected - before))
-        near = gap <= CLOSE * (size + 1e-9 * np.max(np.abs(expected)))
-        return not np.all(near | ~np.isfinite(expected))
+        known = np.isfinite(expected)
+        before, end, expected = before[known], end[known], expected[known]
+        size = np.max(np.abs([expected - before, 1e-9 * expected]), initial=0.0)
+        return not np.all(np.abs(end - expected) <= CLOSE * size)
 
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it."""
@@ -122,8 +124,6 @@ class Compiled:
         return self.alone.traced.states(rows, self.lead)
 
     def count(self, start):
-        """How many steps the next block has."""
-        most = min(BLOCK // start.size, self.steps)
-        if not self.taken:  # fewer, if they are long
-            return max(1, min(FIRST, most, SHORT // len(self.source)))
-        return max(1, min(most, int(PATIENCE * self.taken / max(1e-9, self.seconds))))
+        """How many steps the next block has; never by the clock, so that runs are alike."""
+        most, code = (self.steps, LONG) if self.done else (min(FIRST, self.steps), SHORT)
+        return max(1, min(most, BLOCK // start.size, code // len(self.source)))
