@@ -13,13 +13,13 @@ from curriculum.common import native
 
 import numpy as np
 import pytest
-from test_steps import branching, feel, motor
+from test_steps import feel, motor
 
 
-@pytest.mark.parametrize(("force", "steps"), [(motor, 1000), (motor, 10), (branching, 40)])
-def test_a_member_ends_where_it_ends_alone_bit_for_bit(force, steps, monkeypatch):
-    """In machine code, numpy calls, or plainly; starts are those that build_system draws."""
-    feel(monkeypatch, force)
+@pytest.mark.parametrize("steps", [1000, 10])
+def test_a_member_ends_where_it_ends_alone_bit_for_bit(steps, monkeypatch):
+    """In machine code, or in numpy calls; starts are those that build_system draws."""
+    feel(monkeypatch, motor)
     monkeypatch.setattr(native, "available", lambda: peers.NATIVE and steps == 1000)
     crowd = chaos.ensemble("double", range(3, 12))
     for key in chaos.RUNS:

@@ -11,7 +11,7 @@ from pathlib import Path
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
 from curriculum.common.cli import writable
-from curriculum.common.files import dump_json, write_together
+from curriculum.common.files import as_json, write_together
 
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
@@ -36,14 +36,13 @@ def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
     takes it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    metrics = partial(dump_json, content=flags | used | {"results": rows})
-    files = {METRICS: metrics, PICTURE: None, RECORDING: None}
+    files = {METRICS: as_json(flags | used | {"results": rows}), PICTURE: None, RECORDING: None}
     scene = args, used, system, runs
     if args.picture:
-        files[PICTURE] = lambda path: path.write_text(motion(*scene, shown, ghost), "utf-8")
+        files[PICTURE] = motion(*scene, shown, ghost)
     if args.rerun:
         found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
-        files[RECORDING] = lambda path: path.write_bytes(record(*scene, rows, scale, found, ghost))
+        files[RECORDING] = record(*scene, rows, scale, found, ghost)
     write_together(args.out, files)
     text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")

@@ -83,7 +83,7 @@ def main():
     seconds = timeit.repeat(lambda: subprocess.check_output(command), number=1, repeat=5)
     row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
     text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
-    write_whole(LEDGER, lambda path: path.write_text(text, encoding="utf-8"))
+    write_whole(LEDGER, text)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,7 @@ from functools import cache, cached_property
 
 from curriculum.common import native
 from curriculum.common.arrays import PIECE, Arrays
-from curriculum.common.steps import Plain, Traced
-from curriculum.common.trace import Untraceable
+from curriculum.common.steps import Traced
 
 import numpy as np
 
@@ -71,42 +70,29 @@ def pool():
     return ThreadPoolExecutor(native.CORES)
 
 
-class Crowd:
+class Crowd(Together):
     """Many members: `advance` them, look at their `states`, `put` others.
 
     One that cannot go on is NaN. `measure`: a function of one state (N, 3), (q, v) -> tuple of
-    arrays, asked at every step. A step that cannot be traced is taken plainly, one by one.
+    arrays, asked at every step. Raises Untraceable.
     """
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
-        self.given, self.measure, self.plain, self.traced = (m, force, dt), measure, None, None
-        try:
-            self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-            self.together = Together(self.traced.program)
-            if native.available():
-                self.together.to_machine()
-        except Untraceable:
-            self.plain = Plain(step_fn)
+        self.traced = Traced(step_fn, m, force, dt, q, v, measure)
+        self.dt, self.measured = dt, measure is not None
+        super().__init__(self.traced.program)
+        if native.available():
+            self.to_machine()
         self.put(q, v)
 
     def put(self, q, v):
         """Go on from q, v (R, N, 3)."""
-        self.columns = self.traced.columns(q, v) if self.traced else (q, v)
+        self.columns = self.traced.columns(q, v)
 
     def states(self):
         """q, v (R, N, 3)."""
-        if self.plain:
-            return self.columns
         return tuple(x[0] for x in self.traced.states(self.columns[None], self.columns.shape[1:]))
 
     def advance(self, count):
         """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
-        if self.traced:
-            return self.together.run(self.columns, count, self.given[-1], keep=bool(self.measure))
-        rows = []
-        for _ in range(count):
-            self.columns = self.plain(*self.columns, *self.given)
-            if self.measure:
-                both = zip(*self.columns, strict=True)
-                rows.append([np.concatenate([*map(np.ravel, self.measure(*x))]) for x in both])
-        return np.swapaxes(rows, 1, 2) if self.measure else None
+        return self.run(self.columns, count, self.dt, keep=self.measured)

@@ -9,12 +9,13 @@ from pathlib import Path
 UNFINISHED = ".unfinished-"  # and a process: files that are being written
 
 
-def write_together(folder, writers):
-    """Let write(path) of `writers` {name: write} fill files aside, then rename them into `folder`.
+def write_together(folder, contents):
+    """Write files {name: text or bytes} aside, then rename them into `folder`.
 
-    A name whose writer made no file, or is None, is not there afterwards. If a writer fails or is
+    A name whose content is None is not there afterwards. If one cannot be written, or all is
     interrupted, all is as it was, and an OSError names the file. Processes wait for each other.
     """
+    made = {name: x.encode() if isinstance(x, str) else x for name, x in contents.items()}
     (folder := Path(folder)).mkdir(parents=True, exist_ok=True)
     aside = folder / f"{UNFINISHED}{os.getpid()}"
     with contextlib.ExitStack() as stack:
@@ -27,16 +28,15 @@ def write_together(folder, writers):
                 remove(left)
         aside.mkdir(exist_ok=True)
         stack.callback(remove, aside)
-        for name in filter(writers.get, writers):
+        for name in filter(made.get, made):
             try:
-                writers[name](aside / name)
+                (aside / name).write_bytes(made[name])
             except OSError as why:
                 raise OSError(why.errno, why.strerror or str(why), str(folder / name)) from None
 
         with undisturbed():
-            for name in writers:
-                made = (aside / name).exists()
-                (aside / name).replace(folder / name) if made else (folder / name).unlink(True)
+            for name, x in made.items():
+                (aside / name).replace(folder / name) if x else (folder / name).unlink(True)
 
 
 def remove(folder):
@@ -64,20 +64,14 @@ def undisturbed():
             signal.raise_signal(number)
 
 
-def write_whole(path, write):
-    """Let write(temporary) fill the file `path`, as write_together does."""
-    write_together(Path(path).parent, {Path(path).name: write})
+def write_whole(path, content):
+    """Write a file of text or bytes, as write_together does."""
+    write_together(Path(path).parent, {Path(path).name: content})
 
 
-def dump_json(path, content):
-    """A writer: `content` as JSON, strict (no NaN), keys in order."""
-    text = json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
-    path.write_text(text, encoding="utf-8")
-
-
-def write_json(path, content):
-    """The same, whole or not at all."""
-    write_whole(path, lambda aside: dump_json(aside, content))
+def as_json(content):
+    """`content` as JSON: strict (no NaN), keys in order."""
+    return json.dumps(content, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
 def check_writable(path):

@@ -14,7 +14,7 @@ from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies._runs import make_system
 from curriculum.common.cli import run_script
 from curriculum.common.elimination import has_loop
-from curriculum.common.files import write_json
+from curriculum.common.files import as_json, write_whole
 
 import numpy as np
 
@@ -153,7 +153,7 @@ CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
 def noted(note, guess):
     """What was guessed before the first run: the file `note` keeps it, whatever follows."""
     if not note.exists():
-        write_json(note, guess)
+        write_whole(note, as_json(guess))
     return json.loads(note.read_text(encoding="utf-8"))
 
 

@@ -132,7 +132,7 @@ def main(argv=None):
     parser.add_argument("names", **names, help=f"some of {', '.join(PICTURES)}")
     for name in parser.parse_args(argv).names or PICTURES:
         made = PICTURES[name]().encode()
-        write_whole(FOLDER / name, lambda path, made=made: path.write_bytes(made))
+        write_whole(FOLDER / name, made)
         print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
 
 

@@ -71,7 +71,7 @@ def main(argv=None):
             print(f"{path.relative_to(ROOT)}: {command}: changed", flush=True)
         new = match[1] + (match[3] or "") + output + match[5]
         texts[path] = text = texts[path].replace(match[0], new)
-        write_whole(path, lambda aside, text=text: aside.write_text(text, encoding="utf-8"))
+        write_whole(path, text)
     return int(failed)
 
 

@@ -108,7 +108,7 @@ def main(argv=None):
     show(f"share of starts at rest that turn over within {seconds:g} s", rows)
     line = np.full((max(1, size // 200), size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
-    write_whole(args.out, lambda path: path.write_bytes(png(image)))
+    write_whole(args.out, png(image))
     print(f"wrote {args.out}")
 
 

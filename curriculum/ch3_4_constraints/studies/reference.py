@@ -132,7 +132,7 @@ def main(argv=None):
     # "]], [[" stands between two samples and nowhere else: one line a sample
     text = json.dumps(document | {"times": TIMES, "cases": cases}).replace("]], [[", "]],\n[[")
     text = text.replace('"positions": [', '"positions": [\n') + "\n"
-    write_whole(FILE, lambda aside: aside.write_text(text, encoding="utf-8"))
+    write_whole(FILE, text)
     return 0
 
 
