@@ -117,10 +117,10 @@ def solve(system, a, b, turned=0.0, rough=False):
     """lambda (..., C) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
-    O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, or J lose
-    rank in passing. There `a` is blurred, by a little SLACK and by `turned` (..., C, C), and stays
-    so if `rough`. Else refinement takes it back (J. Carpentier, R. Budhiraja, N. Mansard, RSS
-    2021): what loads eigenvalues of `a` above the blur is met, the rest is left: see `unheld`.
+    O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, and `a`
+    singular. There a little is added to it, of SLACK and of `turned` (..., C, C). Unless `rough`,
+    rounds of refinement remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). What
+    no lambda can meet is left: see `unheld`, and the chapter's side trip on loops.
     """
     pairs = tuple(map(tuple, system["pairs"]))
     order = elimination_order(pairs)
@@ -239,7 +239,7 @@ def project(system, q_start, q, v, dt):
     Andersen, ibid. 52 (1983) 24). Else energy blows up. Raises Stop: the step is tried in halves.
     """
     along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
-    close = statics.near(lengths, q_start)
+    close = statics.near(lengths, q_start)  # m^2: a g that counts as zero
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
@@ -257,7 +257,7 @@ def project(system, q_start, q, v, dt):
 # The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods. That force()
 # solves a linear system they need not know; how fast their own error becomes drift, they decide.
 def euler_step(q, v, m, force, dt):
-    """Explicit Euler: order 1, one force a step. Pumps energy into all that swings: the warning."""
+    """Explicit Euler: order 1, one force a step. Pumps energy into all that swings: a warning."""
     a = force(q, v) / m
     return q + dt * v, v + dt * a
 
@@ -285,8 +285,9 @@ def rk4_step(q, v, m, force, dt):
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # of order 8 and 16
 
-# Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. Euler: |1 - z| <= 1.
-# Semi-implicit: 1 + trace + det = 4 - 4z - z^2 >= 0. RK4: 1 - z + z^2/2 - z^3/6 + z^4/24 <= 1.
+# Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. A step multiplies e^(-wt),
+# Euler's by 1 - z, RK4's by 1 - z + z^2/2 - z^3/6 + z^4/24: at most 1 in size. For semi-implicit
+# the chapter has 1 + trace + det = 4 - 4z - z^2 >= 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
@@ -394,7 +395,7 @@ def main(argv=None):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps, for the truth
+    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()

@@ -70,8 +70,8 @@ class Compiled:
         self.runner, self.way = None, f"{Plain.way}, which is slower: {why}"
 
     def differs(self, start, rows, dt):
-        """Whether a step of a block (count, entries, members) is not the plain one, but for
-        rounding: the first member's last; or its first, if that ended in what is not finite."""
+        """Whether one step of a block (count, entries, members) differs from the plain one by more
+        than rounding. It is the first member's last, or its first if the last is not finite."""
         path = np.concatenate([start[None, :, 0], rows[:, :, 0]])
         before, end = path[-2:] if np.isfinite(path[-1]).all() else path[:2]
         try:

@@ -30,12 +30,12 @@ class Together:
         """
         (entries, members), made = state.shape, len(self.program.out)
         code, some, each = self.machine or self.arrays, PIECE, map
-        if self.machine:  # which lets go of the interpreter, so that threads run side by side
+        if self.machine:  # threads run side by side: ctypes lets go of the interpreter
             some, each = -(-members // (native.CORES * code.lanes)) * code.lanes, pool().map
         filled = -(-members // code.lanes) * code.lanes
         rows = np.empty((count, made - entries or entries, filled)) if keep else None
         ends = np.empty((entries, filled))
-        ends[:, :members], ends[:, members:] = state, state[:, -1:]  # it fills the last register
+        ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
 
         def advance(first):
             piece = slice(first, first + some)
@@ -56,7 +56,7 @@ class Many(Together):
     def __call__(self, state, count, dt):
         """Rows (count, entries, members) after `state` (entries, members); NaN for who is lost."""
         rows = self.run(state.copy(), count, dt)
-        for member in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1))):
+        for member in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1))):  # or a loop did not end
             found, _ = self.alone(state[:, member], count, dt)
             rows[: len(found), :, member], rows[len(found) :, :, member] = found, np.nan
         return rows, None

@@ -73,7 +73,7 @@ class Traced:
             end = step_fn(q, v, m, routine, dt)
             return (*end, *measure(*end)) if measure else end
 
-        while True:
+        while True:  # suppose that zeros stay zero; trace; drop those that do not; again
             program = Program(step, *still, knobs=["dt"])
             if [x.shape for x in program.results[:2]] != [self.shape] * 2:
                 raise Untraceable(f"a step must return q and v of shape {self.shape}")
@@ -136,12 +136,12 @@ class Single:
         """Fill rows with steps as far as they go without trouble; their number."""
         if self.machine:
             done = self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
-            self.unsettled = done < 0
+            self.unsettled = done < 0  # ~done says that a loop came to no end
             return ~done if self.unsettled else done
         done, many = 0, rows.shape[1]
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
-            with contextlib.suppress(ArithmeticError, ValueError):  # by itself it finds the words
+            with contextlib.suppress(ArithmeticError, ValueError):  # taken alone it names its error
                 self.traced.function(tuple(state.tolist()), count, states.append, dt)
             flat = np.fromiter(chain.from_iterable(states), float, len(states) * many)
             rows[done : done + len(states)] = flat.reshape(-1, many)
@@ -161,7 +161,7 @@ class Single:
             row = np.empty((1, len(state)))
             if self.easy(state, row, dt):
                 return row[0]
-            if self.unsettled and dt > self.least:  # its halves are next, so nobody asks for words
+            if self.unsettled and dt > self.least:  # its halves are next: no need for the words
                 raise Stop("a loop came to no end")
         try:
             self.traced.function(tuple(state.tolist()), 1, found.append, dt)
