@@ -9,7 +9,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
-from curriculum.common.ruler import settle, true_position
+from curriculum.common.ruler import rungs, settle, true_position
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -134,15 +134,21 @@ def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
         return asked(name, "project", rule, dt, steps, way)
 
     double, triple = partial(counted, "double"), partial(counted, "triple")
-    assert true_position(double, 2.0, 119) == unknown and not taken
-    truth, known = true_position(double, 2.0, 120)
+    assert true_position(double, 2.0, 107) == unknown and not taken
+    truth, known = true_position(double, 2.0, 108)
     reference = np.array(REFERENCE["cases"]["double"]["positions"])[REFERENCE["times"].index(2.0)]
-    assert distance(truth[:, :2], reference) < 1e-12 and known < 1e-11 and taken == [40, 67]
+    assert distance(truth[:, :2], reference) < 1e-12 and known < 1e-11 and taken == [41, 67]
     assert true_position(triple, 8.0)[1] < 1e-9
     for budget, most in ((1700, 667), (math.inf, 3031)):
         assert true_position(triple, 20.0, budget) == unknown and taken[-1] == most
-    # halves of 0.05 s and of 0.025 s would be the same steps, 2e-6 m off, and agree to the bit
-    assert true_position(partial(counted, "spin"), 2.0) == unknown
+    for seconds in (
+        0.1,
+        2.0,
+    ):  # where halves of two steps were the same, these would agree, and lie
+        assert true_position(partial(counted, "spin"), seconds) == unknown
+    assert all(
+        np.diff(rungs(at)).min() > 0 and np.all(np.array(rungs(at)) % 2) for at in (0.01, 0.1)
+    )
 
 
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])

@@ -123,7 +123,7 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
     assert np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
 
 
-@pytest.mark.parametrize("system", ["chain --links 40", "heavy_tip"])
+@pytest.mark.parametrize("system", ["chain --links 50", "heavy_tip"])
 def test_a_tolerance_that_nobody_could_judge_is_refused(system, capsys):
     with pytest.raises(SystemExit, match="2"):
         results(f"--integrator gauss --tol 0.001 --system {system}", 400)

@@ -6,16 +6,15 @@ import time
 
 from curriculum.common import native
 from curriculum.common.crowds import Many
-from curriculum.common.pure import Memory
 from curriculum.common.steps import Plain, Single, Traced
-from curriculum.common.trace import Stop
+from curriculum.common.trace import Stop, Untraceable
 
 import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# characters of code that a block runs through, the first and later ones: then progress is told
-SHORT, LONG = 1_000_000, 100_000_000
+# characters of code that a block runs through, the first and later ones; of a loop but one turn
+SHORT, LONG = 1_000_000, 10_000_000
 LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes
 
@@ -37,11 +36,13 @@ class Compiled:
     def start(self, steps):
         """Begin a run of so many steps, of the same system."""
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
+        self.earlier = 0
+        self.earlier = self.halved
 
     @property
     def halved(self):
-        """How many steps were taken in halves."""
-        return self.plain.halved + (self.alone.halved if self.alone else 0)
+        """How many steps of this run were taken in halves."""
+        return self.plain.halved + (self.alone.halved if self.alone else 0) - self.earlier
 
     @property
     def source(self):
@@ -50,18 +51,12 @@ class Compiled:
 
     def trace(self, q, v, m, force, dt):
         """Trace the step; or find out why that cannot be done."""
-        self.lead, memory = q.shape[:-2], Memory(self.step_fn, force)
-        why = next(iter(memory.asks), None)  # it uses what cannot be put back, so not even a trial
-        if not why:
-            try:
-                traced = Traced(self.step_fn, m, force, dt, q, v)
-            except Exception as reason:  # a mistake of the reader's will show in the plain step
-                why = str(reason) or type(reason).__name__
-            why = memory.restore() or why
-        if why:
+        self.lead = q.shape[:-2]
+        try:
+            self.alone = Single(Traced(self.step_fn, m, force, dt, q, v), self.tries)
+        except Untraceable as why:
             self.give_up(why)
             return
-        self.alone = Single(traced, self.tries)
         self.runner = Many(self.alone) if self.lead else self.alone
         self.way = f"compiled to {'numpy calls' if self.lead else 'Python'}"
 

@@ -28,7 +28,7 @@ def write_together(folder, contents):
                 remove(left)
         aside.mkdir(exist_ok=True)
         stack.callback(remove, aside)
-        for name in filter(made.get, made):
+        for name in (name for name, x in made.items() if x is not None):
             try:
                 (aside / name).write_bytes(made[name])
             except OSError as why:
@@ -36,7 +36,9 @@ def write_together(folder, contents):
 
         with undisturbed():
             for name, x in made.items():
-                (aside / name).replace(folder / name) if x else (folder / name).unlink(True)
+                (aside / name).replace(folder / name) if x is not None else (folder / name).unlink(
+                    True
+                )
 
 
 def remove(folder):

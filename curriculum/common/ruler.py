@@ -14,7 +14,7 @@ import numpy as np
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
 FRAME, LONG, SEEN = 0.05, 5.0, 1e-3  # s, s, m: the true motion as it is shown
-LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s; in halves, steps of two are never the same
+LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
 
 
 class Truth(NamedTuple):
@@ -39,16 +39,23 @@ def once_for_all(tries=math.inf):
     return way
 
 
+def rungs(seconds):
+    """Ever larger numbers of steps; odd ones, so that halves of two are never the same steps."""
+    counts = [-1]
+    for longest in LADDER:
+        counts.append(max(counts[-1] + 2, math.ceil(seconds / longest) | 1))
+    return counts[1:]
+
+
 def true_position(run, seconds, most=math.inf):
     """q (N, 3) after `seconds`, and by how many m two steps of gauss differ.
 
     (None, inf) if that is over KNOWN, or not found within `most` steps.
     run(rule, dt, steps, way) -> Run.
     """
-    rule, before, way = make_gauss(6), None, once_for_all(most)
-    for longest in LADDER:
-        steps = math.ceil(seconds / longest)
-        if steps * (3 if before is None else 1) > most:  # the first needs a second
+    rule, before, way, counts = make_gauss(6), None, once_for_all(most), rungs(seconds)
+    for steps in counts if sum(counts[:2]) <= most else ():
+        if steps > most:
             break
         found = run(rule, seconds / steps, steps, way=way)
         most -= steps
@@ -114,5 +121,5 @@ def settle(runs, rule, dt, steps, tol, most):
         rule,
         dt,
         math.ceil(seconds / dt - 1e-9),
-        Truth(round(at / dt), *truth, most >= 3 * math.ceil(at / LADDER[0])),
+        Truth(round(at / dt), *truth, most >= sum(rungs(at)[:2])),
     )

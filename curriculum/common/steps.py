@@ -9,6 +9,7 @@ import time
 from itertools import chain
 
 from curriculum.common import native
+from curriculum.common.pure import Memory
 from curriculum.common.python import careful, number_function
 from curriculum.common.trace import Program, Routine, Stop, Untraceable
 
@@ -62,9 +63,25 @@ class Plain:
 
 
 class Traced:
-    """A step as a Program of what does not stay zero, at `live` places in (q, v)."""
+    """A step as a Program of what does not stay zero, at `live` places in (q, v).
+
+    Raises Untraceable, and then what step_fn and force keep is as it was.
+    """
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
+        memory = Memory(step_fn, force)
+        why = next(iter(memory.asks), None)  # it uses what cannot be put back, so not even a trial
+        if not why:
+            try:
+                self.trace(step_fn, m, force, dt, q, v, measure)
+            except Exception as reason:  # a mistake of the reader's will show in the plain step
+                why = str(reason) or type(reason).__name__
+            why = memory.restore() or why
+        if why:
+            raise Untraceable(why)
+
+    def trace(self, step_fn, m, force, dt, q, v, measure):
+        """Trace the step, as if it kept nothing."""
         zero = [np.all(a == 0.0, axis=tuple(range(a.ndim - 2))) for a in (q, v)]
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
         self.shape, self.as_it_stands = q.shape[-2:], lambda q, v, dt: step_fn(q, v, m, force, dt)

@@ -295,7 +295,7 @@ class Routine:
         if key not in self.programs:
             tape = Tape(numbers=Tape.current.numbers)
             tape.refused = Tape.current.refused
-            masks = map(np.reshape, still, shapes)
+            masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
             self.programs[key] = once
         program = self.programs[key]

@@ -55,6 +55,8 @@ def check_drift(exercise, shown):
     for key, (true, hint) in hints.items():
         need(true, f"{key}: not {found[key]!r}: {hint}")
     need(near(line, g, 1e-6), f"expected_g says {line} m^2 after 20 s, and the run has {g:.9f}")
+    twice = exercise.expected_g(np.ones(2), 0.01)
+    need(near(twice, 1e-4, 1e-6), f"expected_g: of two steps of 0.01 s at 1 m/s 1e-4, not {twice}")
 
 
 MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong answer, and that

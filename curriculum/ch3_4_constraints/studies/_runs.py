@@ -15,6 +15,7 @@ from curriculum.common.crowds import Crowd
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.steps import followed
+from curriculum.common.trace import Untraceable
 
 import numpy as np
 
@@ -56,7 +57,10 @@ def crowd(system, rule, hold, dt, measure=None):
     """A Crowd of the members of a system with q0, v0 (R, N, 3)."""
     rule, force = case(system, rule, hold, dt)
     step = followed(rule, force.after)
-    return Crowd(step, system["m"], force, dt, system["q0"], system["v0"], measure)
+    try:
+        return Crowd(step, system["m"], force, dt, system["q0"], system["v0"], measure)
+    except Untraceable as why:
+        sys.exit(f"many members go together only in a step that can be compiled: {why}")
 
 
 def double():

@@ -41,7 +41,7 @@ HIGH = 1e-3  # what A01 calls high precision
 def names(system, dt=DT):
     """(a) Rows of our and MuJoCo's names for a chain, the last number of each, the largest gap.
 
-    Its row of J is ours over |d|, and its force ours times |d|: newtons.
+    MuJoCo's row of J is ours over |d|, and its force ours times |d|: newtons.
     """
     q, v, hold = system["q0"], system["v0"], c.hold_table(dt)["soft"]
     jac, _, gdot, _ = c.constraint_terms(system, q, v)
