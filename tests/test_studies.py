@@ -13,7 +13,7 @@ from curriculum.common import native
 
 import numpy as np
 import pytest
-from test_steps import feel, motor
+from test_steps import branching, feel, motor
 
 
 @pytest.mark.parametrize("steps", [1000, 10])
@@ -30,6 +30,12 @@ def test_a_member_ends_where_it_ends_alone_bit_for_bit(steps, monkeypatch):
             gained = (alone.energies[-1] - alone.energies[0]) / energy_scale(system)
             expected = alone.violations.max(), gained, alone.tip[-1]
             assert all(np.array_equal(x[k], y) for x, y in zip(ends, expected, strict=True))
+
+
+def test_many_members_want_a_force_that_can_be_compiled(monkeypatch):
+    feel(monkeypatch, branching)
+    with pytest.raises(SystemExit, match="compiled: it branches on a value"):
+        chaos.follow(chaos.ensemble("double", range(2)), "rk4", "none", 1)
 
 
 def test_the_tables_say_what_the_ends_are_and_medians_quartiles_and_errors():

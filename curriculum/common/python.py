@@ -109,7 +109,8 @@ def compiled(source, space):
 def careful(source):
     """The same f, for numpy's floats: it makes inf or nan where Python's raise an error.
 
-    So that a constant divided by another does, too, those of the source become numpy's.
+    So that a constant divided by another does, too, those of the source become numpy's. (And what
+    looks like one in a sentence, which nobody reads here.)
     """
 
     def function(name):
