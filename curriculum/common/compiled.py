@@ -36,13 +36,13 @@ class Compiled:
     def start(self, steps):
         """Begin a run of so many steps, of the same system."""
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
-        self.earlier = 0
-        self.earlier = self.halved
+        for way in filter(None, (self.plain, self.alone)):
+            way.halved = 0
 
     @property
     def halved(self):
         """How many steps of this run were taken in halves."""
-        return self.plain.halved + (self.alone.halved if self.alone else 0) - self.earlier
+        return self.plain.halved + (self.alone.halved if self.alone else 0)
 
     @property
     def source(self):
