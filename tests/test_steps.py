@@ -11,6 +11,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.scene_files import misfit
 from curriculum.ch3_4_constraints.studies._runs import SCENES, run
 from curriculum.common import compiled, crowds, native
+from curriculum.common.ruler import once_for_all
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
 
@@ -218,6 +219,9 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
     assert np.max(too_long(runs[0].v, dt)) > 2.0  # halves of halves
     assert np.abs(together.q - np.stack([one.q for one in runs], axis=1)).max() < 1e-12
     assert np.array_equal(together.q[:, 0], alone.q)
+    way = once_for_all()
+    again = [run(PENDULUM | {"v0": v[0]}, timid, 0.0, dt, 40, way=way).halved for _ in range(2)]
+    assert again == [alone.halved] * 2
     spent = run(PENDULUM, timid, 0.0, 0.1, 50, way=partial(compiled.Compiled, tries=20))
     assert spent.kind == "budget" and 0 < len(spent.tip) < 50
 

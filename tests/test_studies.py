@@ -33,9 +33,12 @@ def test_a_member_ends_where_it_ends_alone_bit_for_bit(steps, monkeypatch):
 
 
 def test_many_members_want_a_force_that_can_be_compiled(monkeypatch):
-    feel(monkeypatch, branching)
-    with pytest.raises(SystemExit, match="compiled: it branches on a value"):
-        chaos.follow(chaos.ensemble("double", range(2)), "rk4", "none", 1)
+    asked = []
+    for force, why in ((branching, "branches on"), (lambda q, v: asked.append(1) or -v, "changes")):
+        feel(monkeypatch, force)
+        with pytest.raises(SystemExit, match=f"compiled: it {why}"):
+            chaos.follow(chaos.ensemble("double", range(2)), "rk4", "none", 1)
+    assert not asked  # what a trace left there is gone
 
 
 def test_the_tables_say_what_the_ends_are_and_medians_quartiles_and_errors():
