@@ -35,7 +35,12 @@ def frames(steps, dt, particles):
 
 def title(args, used):
     """What was run, in words."""
-    return f"{Path(args.system).stem}, {args.integrator}, steps of {used['dt']:.4g} s"
+    return f"{scene_name(args)}, {args.integrator}, steps of {used['dt']:.4g} s"
+
+
+def scene_name(args):
+    """The system's name, without what is no text: a file may be called anything."""
+    return Path(args.system).stem.encode(errors="replace").decode()
 
 
 def outcome(run, dt):
@@ -123,7 +128,7 @@ def record(args, used, system, runs, rows, scale, pulls, ghost):
     """
     import rerun as rr
 
-    dt, name = used["dt"], Path(args.system).stem
+    dt, name = used["dt"], scene_name(args)
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     low, high, bar = box(system, runs)
