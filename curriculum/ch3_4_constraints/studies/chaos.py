@@ -22,7 +22,7 @@ DT, SECONDS = 0.005, 20.0  # s, of (a) and (b)
 RUNS = ("semi_implicit", "none"), ("semi_implicit", "baumgarte"), ("rk4", "none")
 CROWD, WORK, REPEATS = 1000, 4_000_000, 5  # members timed, steps of all of them, how often
 LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second: the bars
-BLOCK = 64  # steps a call: of a thousand seeds their rod errors fit a processor's caches
+BLOCK = 256  # steps a call, which costs as much as some of them
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
