@@ -30,7 +30,8 @@ GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
-SMOKE_STEPS, LOOKS = 800, 100  # steps that tell modes apart; states at which `unheld` is asked
+SMOKE_STEPS = 800  # they tell the modes apart
+LOOKS = 100  # states at which `unheld` is asked
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
@@ -104,10 +105,11 @@ def constraint_terms(system, q, v):
 
 def mobility(system, jac, along=None):
     """A = J M^-1 J^T (..., C, C), added up over particles p; `along`: K, for A = J M^-1 K^T."""
-    along, pairs = jac if along is None else along, tuple(map(tuple, system["pairs"]))
-    a = np.zeros((*jac.shape[:-1], len(pairs)), jac.dtype)
+    along = jac if along is None else along
+    rods_of = tied(system["pairs"])
+    a = np.zeros((*jac.shape[:-1], jac.shape[-2]), jac.dtype)
     for p, m in enumerate(system["m"]):  # p's columns of J are zero but for its own rods
-        rods, x = tied(pairs).get(p, []), slice(3 * p, 3 * p + 3)
+        rods, x = rods_of.get(p, []), slice(3 * p, 3 * p + 3)
         share = jac[..., rods, x] @ np.swapaxes(along[..., rods, x], -1, -2) / m
         a[(..., *np.ix_(rods, rods))] += share
     return a
@@ -122,11 +124,10 @@ def solve(system, a, b, turned=0.0, rough=False):
     rounds of refinement remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). What
     no lambda can meet is left: see `unheld`, and the chapter's side trip on loops.
     """
-    pairs = tuple(map(tuple, system["pairs"]))
-    order = elimination_order(pairs)
-    if not has_loop(pairs):
+    order = elimination_order(system["pairs"])
+    if not has_loop(system["pairs"]):
         return eliminated(a, order)(b)
-    blurred = eliminated(a + turned + statics.SLACK * (a * np.eye(len(pairs))), order)
+    blurred = eliminated(a + turned + statics.SLACK * (a * np.eye(len(order))), order)
     return blurred(b) if rough else refined(blurred, a, b, "no finite tensions")
 
 
@@ -179,14 +180,14 @@ def right_side(hold, lengths, pushed, g, gdot, jdotv):
 
 def multipliers(system, q, v, hold=0.0, f=None):
     """J (..., C, 3N), Lagrange's multipliers lambda in N/m, b - A lambda, and b (..., C)."""
-    hold, pairs = as_hold(hold), tuple(map(tuple, system["pairs"]))
+    hold = as_hold(hold)
     f = each_state(partial(external_force, system), q, v) if f is None else f
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
     b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
-    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(pairs)))
+    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(system["pairs"])))
     turned = 0.0
-    if has_loop(pairs):  # dJ M^-1 dJ^T, of what J gains in an INSTANT: see statics.SLACK
+    if has_loop(system["pairs"]):  # dJ M^-1 dJ^T, of what J gains in an INSTANT: statics.SLACK
         turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
     lam = solve(system, a, b, turned)
     return jac, lam, b - dot(a, lam[..., None, :]), b
@@ -238,8 +239,8 @@ def project(system, q_start, q, v, dt):
     Ryckaert et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along rods: RATTLE (H.
     Andersen, ibid. 52 (1983) 24). Else energy blows up. Raises Stop: the step is tried in halves.
     """
-    along, lengths = constraint_terms(system, q_start, v)[0], system["lengths"]
-    close = statics.near(lengths, q_start)  # m^2: a g that counts as zero
+    along = constraint_terms(system, q_start, v)[0]
+    close = statics.near(system["lengths"], q_start)  # m^2: a g that counts as zero
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
@@ -285,9 +286,8 @@ def rk4_step(q, v, m, force, dt):
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # of order 8 and 16
 
-# Baumgarte's spring x'' = -2 w x' - w^2 x is stable up to this z = dt w. A step multiplies e^(-wt),
-# Euler's by 1 - z, RK4's by 1 - z + z^2/2 - z^3/6 + z^4/24: at most 1 in size. For semi-implicit
-# the chapter has 1 + trace + det = 4 - 4z - z^2 >= 0.
+# Up to this z = dt w Baumgarte's spring is stable: a step multiplies e^(-wt) by at most 1 in size,
+# Euler's by 1 - z, RK4's by 1 - z + z^2/2 - z^3/6 + z^4/24. Semi-implicit: 4 - 4z - z^2 >= 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 

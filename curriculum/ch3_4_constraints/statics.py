@@ -57,7 +57,7 @@ def refusal(system, gravity):
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if not has_loop(tuple(pairs)) or (k := torn(system, gravity, unit, rate, slow)) is None:
+    if not has_loop(pairs) or (k := torn(system, gravity, unit, rate, slow)) is None:
         return None
     pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
     return f"{pose}; give the loop some slack, or leave a rod out"

@@ -13,7 +13,7 @@ import numpy as np
 
 BLOCK = 1 << 17  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# characters of code that a block runs through, the first and later ones; of a loop but one turn
+# characters of code in all steps of the first block, and of a later one; loops count once
 SHORT, LONG = 1_000_000, 10_000_000
 LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
 CLOSE = 1e-6  # how far a compiled step may be from the plain one, as a share of what it changes

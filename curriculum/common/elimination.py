@@ -4,14 +4,20 @@ The unknowns belong to pairs: (i, j) ties particle i to particle j or, where j <
 Pairs that share a particle feel each other.
 """
 
-from functools import lru_cache
+from functools import lru_cache, wraps
 
 from curriculum.common.trace import repeat
 
 import numpy as np
 
 
-@lru_cache(64)
+def once(function):
+    """function(pairs), which is found once for equal pairs, be they lists or tuples."""
+    known = lru_cache(64)(function)
+    return wraps(function)(lambda pairs: known(tuple(map(tuple, pairs))))
+
+
+@once
 def tied(pairs):
     """{particle or anchor: the pairs that end there, by number, in order}."""
     found = {}
@@ -21,7 +27,7 @@ def tied(pairs):
     return found
 
 
-@lru_cache(64)
+@once
 def elimination_order(pairs):
     """[(k, rest)]: always the pair with the fewest neighbours left is next.
 
@@ -40,7 +46,7 @@ def elimination_order(pairs):
     return order
 
 
-@lru_cache(64)
+@once
 def has_loop(pairs):
     """Whether the pairs close a loop, maybe through the ground: all anchors are one."""
     trees = {}  # {particle: the set of all that it is tied to}

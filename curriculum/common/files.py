@@ -36,9 +36,10 @@ def write_together(folder, contents):
 
         with undisturbed():
             for name, x in made.items():
-                (aside / name).replace(folder / name) if x is not None else (folder / name).unlink(
-                    True
-                )
+                if x is None:
+                    (folder / name).unlink(missing_ok=True)
+                else:
+                    (aside / name).replace(folder / name)
 
 
 def remove(folder):

@@ -54,7 +54,9 @@ def true_position(run, seconds, most=math.inf):
     run(rule, dt, steps, way) -> Run.
     """
     rule, before, way, counts = make_gauss(6), None, once_for_all(most), rungs(seconds)
-    for steps in counts if sum(counts[:2]) <= most else ():
+    if sum(counts[:2]) > most:  # one alone agrees with nothing
+        return None, math.inf
+    for steps in counts:
         if steps > most:
             break
         found = run(rule, seconds / steps, steps, way=way)

@@ -33,9 +33,8 @@ class Run(NamedTuple):
     @property
     def note(self):
         """What is to be said of a run that did not go straight to its end."""
-        halved = (
-            f"took {self.halved} step{'s' * (self.halved > 1)} in halves" if self.halved else ""
-        )
+        many = "a step" if self.halved == 1 else f"{self.halved} steps"
+        halved = f"took {many} in halves" if self.halved else ""
         return ", and ".join(filter(None, (halved, self.stopped)))
 
     def every(self, steps):

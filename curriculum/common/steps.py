@@ -155,13 +155,13 @@ class Single:
             done = self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
             self.unsettled = done < 0  # ~done says that a loop came to no end
             return ~done if self.unsettled else done
-        done, many = 0, rows.shape[1]
+        done, entries = 0, rows.shape[1]
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
             with contextlib.suppress(ArithmeticError, ValueError):  # taken alone it names its error
                 self.traced.function(tuple(state.tolist()), count, states.append, dt)
-            flat = np.fromiter(chain.from_iterable(states), float, len(states) * many)
-            rows[done : done + len(states)] = flat.reshape(-1, many)
+            flat = np.fromiter(chain.from_iterable(states), float, len(states) * entries)
+            rows[done : done + len(states)] = flat.reshape(-1, entries)
             done += len(states)
             if len(states) < count:
                 break

@@ -141,7 +141,7 @@ def check_linkage(exercise, shown):
     said = f"ship: {mode} solves more systems after each step; another will do with one"
     need(hold[mode].after is None, said)
     system, scene = c.build_system(str(exercise.SCENE)), exercise.SCENE.name
-    need(has_loop(tuple(system["pairs"])), f"{scene}: its rods close no loop; a linkage has one")
+    need(has_loop(system["pairs"]), f"{scene}: its rods close no loop; a linkage has one")
     held = [share <= exercise.SHARE for mode, share in shown.items() if mode != "none"]
     need(any(held), f"{scene}: no remedy holds it; be gentler")
     if all(held):
