@@ -31,8 +31,8 @@ class Compiled:
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, check=True):
         self.given, self.check = (step_fn, m, force), check
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure, steps, watch), None, ""
-        self.measure = mapped(measure)
-        self.watch = mapped(watch) if watch else None
+        self.watch = watch
+        self.ask = mapped(lambda q, v: (*measure(q, v), watch(q, v)) if watch else measure(q, v))
         self.start(dt, steps)
 
     def start(self, dt, steps):
@@ -103,9 +103,11 @@ class Compiled:
         if not (why or self.alone.machine):  # with the Stop that is why, the next block begins
             self.improve(spent / count)
         states = self.alone.traced.states(rows)
+        measured = self.ask(*states)
         if self.watch:
-            self.plain.watched = max(self.plain.watched, float(np.max(self.watch(*states))))
-        self.block = Block(*states, self.measure(*states))
+            *measured, watched = measured
+            self.plain.watched = max(self.plain.watched, float(np.max(watched)))
+        self.block = Block(*states, measured)
         self.ahead = iter(self.block)
         return next(self.ahead)
 
