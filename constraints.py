@@ -238,10 +238,10 @@ def tensions(system, q, v, hold="none"):
 
 
 def unheld(system, q, v, hold="none"):
-    """How much of what b asks for no tensions answer: see solving.unanswered."""
+    """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
     f = ordered(external_force(system, q, v), q.shape)
-    _, lam, a, b = multipliers(system, q, v, hold, f)
-    return solving.unanswered(system, b - a @ lam, b)
+    jac, lam, a, b = multipliers(system, q, v, hold, f)
+    return solving.unanswered(system, jac, a, b - a @ lam, v)
 
 
 # --- endregion ---

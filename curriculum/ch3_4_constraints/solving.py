@@ -56,16 +56,13 @@ def turned(system, v):
     return (jdot / np.repeat(system["m"], 3)) @ jdot.T
 
 
-def unanswered(system, left, b):
-    """How much is `left` of b (C,), the second derivatives of g that are asked for.
+def unanswered(system, jac, a, left, v):
+    """The largest acceleration in m/s^2 that is asked for and not made: a number.
 
-    In m/s^2 along a rod; or as a share of what is asked of a rod, if that is more: where rods are
-    nearly in line, a little along them is much across. (A share of all that is asked of the rods
-    that hang together is rounding.)
+    `left` (C,) is what no lambda has met, in m^2/s^2: along a rod it is an acceleration itself. And
+    where rods are nearly in line, a little along them is much across: so see what a tension would
+    do to the particles that met it, by J (C, 3N), A (C, C) and velocities v (N, 3).
     """
-    left, size = np.abs(left), np.abs(b)
-    most = np.max(left / system["lengths"])
-    for part, _ in parts(system["pairs"]):
-        floor = 1e-9 + 1e-10 * np.max(size[part])
-        most = np.maximum(most, np.max(left[part] / (size[part] + floor)))
-    return most
+    along = np.max(np.abs(left) / system["lengths"])
+    missing = jac.T @ solve(system, a, left, v, rough=True) / np.repeat(system["m"], 3)
+    return np.maximum(along, np.max(np.abs(missing)))

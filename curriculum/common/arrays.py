@@ -36,6 +36,9 @@ class Ordered(np.ndarray):
 
     __array_priority__ = 1.0  # what is joined of this and others is one, too
 
+    def __array_wrap__(self, made, context=None, return_scalar=False):
+        return made.view(type(self)) if made.ndim else made[()]
+
     def __matmul__(self, other):
         return product(self, other)
 
@@ -48,8 +51,14 @@ class Ordered(np.ndarray):
     def sum(self, axis=None, dtype=None, out=None, keepdims=False):
         if axis is None:
             return np.asarray(self).ravel().cumsum()[-1] if self.size else 0.0
+        if isinstance(axis, tuple):  # the last axis first
+            made = self
+            for one in sorted((x % self.ndim for x in axis), reverse=True):
+                made = made.sum(one, keepdims=keepdims)
+            return made
         made = np.asarray(self).cumsum(axis).take([-1], axis)
-        return ordered(made if keepdims else made.squeeze(axis))
+        made = made if keepdims else made.squeeze(axis)
+        return ordered(made) if made.ndim else made.item()
 
     def mean(self, axis=None, **how):
         return self.sum(axis, **how) / (self.size if axis is None else self.shape[axis])
@@ -99,7 +108,7 @@ def certain(a):
     """Where an array is not zero for certain: a mask."""
     if a.dtype != object:
         return a != 0
-    objects = np.ascontiguousarray(a)
+    objects = np.array(a, order="C")
     mask = np.frombuffer(objects, np.intp).reshape(a.shape) != id(NOTHING)  # their addresses
     mask[mask] = [getattr(s, "x", s) != 0.0 for s in objects[mask].tolist()]
     return mask

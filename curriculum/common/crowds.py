@@ -47,13 +47,13 @@ def run(code, program, state, count, *knobs):
 
     def advance(first):  # threads run side by side: ctypes lets go of the interpreter
         piece = slice(first, first + some)
-        code(ends[:, piece], count, rows[:, :, piece] if made else None, *knobs)
+        code(ends[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
 
     if some < filled:
         list(pool().map(advance, range(0, members, some)))
     else:
         advance(0)
-    return ends[:, :members], rows[:, :, :members] if made else None
+    return ends[:, :members], None if rows is None else rows[:, :, :members]
 
 
 class Crowd:

@@ -196,11 +196,12 @@ def routine(program, lanes, routines):
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, members, knobs, unsettled): steps done, of `lanes` members of many.
+    """i64 run(state, count, out, members, knobs, unsettled): how many steps were done.
 
-    state (entries, members), where they begin, and then where they end; out (count, rows,
-    members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends with a step whose end is not finite, which is not counted;
+    Of `lanes` members out of many. state (entries, members): where they begin, and then where they
+    end. out (count, rows, members), or null: every state, or what the program makes besides, if it
+    does. knobs (knobs, lanes). A single member ends with a step whose end is not finite, which is
+    not counted;
     `unsettled` becomes 1 if a loop that came to no end is to blame, and else 0.
     """
     w, tape, many = Writer(lanes, {}), program.tape, len(program.inputs)

@@ -156,7 +156,8 @@ class Symbol:
         if name is None and sign in ("+", "*"):
             name = tape.names.get((sign, key[2], key[1]))
         if name is None:
-            if all(type(x) is float for x in key[1:]):
+            known = all(type(x) is float for x in key[1:])
+            if known and key[:2] != ("-", 0.0):  # as which numbers below zero are written
                 return constant(sign, key[1:], minus)
             name = tape.names[key] = f"t{next(tape.numbers)}"
             tape.nodes[name] = key
