@@ -6,6 +6,7 @@ A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tri
 import contextlib
 import math
 import time
+from functools import cached_property
 from itertools import chain
 
 from curriculum.common import native
@@ -126,9 +127,21 @@ class Traced:
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
         self.program, self.live, self.still = program, program.live, still
-        self.source = source_of(program)
-        self.function = compiled(self.source, NUMBERS)
-        self.exact = program.exact()
+
+    @cached_property
+    def source(self):
+        """The program in Python."""
+        return source_of(self.program)
+
+    @cached_property
+    def function(self):
+        """The function that this is, of floats."""
+        return compiled(self.source, NUMBERS)
+
+    @cached_property
+    def exact(self):
+        """Whether the same bits are promised of it as of the lines as they stand."""
+        return self.program.exact()
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
