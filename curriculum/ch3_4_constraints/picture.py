@@ -206,8 +206,7 @@ def drift(sheet, found, colors, total, corners):
     for _, points in curves.values():
         points[:] = [(seconds, min(value, limits[1])) for seconds, value in points]
     tall = len(DECADES) * 1.3 * SMALL < inner[3] - inner[1]
-    steps = {x: words for x, words in DECADES.items() if x < limits[1]}
-    y = "", limits, steps if tall else dict([*steps.items()][::2])
+    y = "", limits, DECADES if tall else dict([*DECADES.items()][::2])
     x = "", (0.0, total), {0.0: "0", total: f"{total:.3g} s"}
     sheet.words(left + 16, top + 20, "the worst rod", size=SMALL + 2)
     plot(sheet, inner, x, y, curves, SMALL)

@@ -12,7 +12,7 @@ WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a ti
 SLOPE, MARGIN = 0.52, 1.12  # Rerun's eye sees so much up per metre ahead; room around
 LABEL = [255, 255, 255]  # its ground is dark in the light theme, too
 LOOP = 8.0  # s at the end that are played again and again: there the modes differ
-LEGEND = 0.45  # room for the legend, as a share of the time shown
+LEGEND = 0.35  # room for the legend, as a share of the time shown
 FLOOR = 1e-9  # m: a rod error of less is drawn as 0
 FORCES, ENERGY = "pull of the first rod, N", "energy error, share of m g L"
 RODS = "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
@@ -22,8 +22,8 @@ GUIDE = """**{title}**
 **Red** is what a rod has too much, **dashed blue** what it lacks. **Curves** are coloured like the
 particles. **Thin and grey**, as long as it is known: the true motion.
 
-**The last {loop:.3g} s** are played again and again. Whose rods are too long, whose too short?
-Whose energy left zero, and which way? Drag the time back to see how it began.
+**The last {loop:.3g} s**, where the modes differ most, are played again and again. Whose rods are
+too long, whose too short? Whose energy left zero, and which way?
 """
 
 

@@ -8,17 +8,17 @@ ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 # Each colour on white paper, and on dark. Both have a contrast of at least 4.5 to their paper, as
 # words need, and are told apart in each kind of colour blindness: a test computes that.
 PALETTE = {
-    "none": ("#0e7f9d", "#2ee5ff"),
-    "baumgarte": ("#2b04fd", "#8169f0"),
-    "impulse": ("#866d3d", "#ffc900"),
-    "soft": ("#a01171", "#fa84c4"),
-    "project": ("#004123", "#1eb765"),
-    "spare": ("#343146", "#c6d5b8"),
-    "pull": ("#b65d02", "#ed7705"),
-    "push": ("#993deb", "#b35cb4"),
-    "excess": ("#9d1d05", "#e63e37"),
-    "missing": ("#004d9d", "#88a8fe"),
-    "grey": ("#6e7063", "#8b837a"),
+    "none": ("#005368", "#2ee5ff"),
+    "baumgarte": ("#422bd1", "#8169f0"),
+    "impulse": ("#534406", "#ffc900"),
+    "soft": ("#bb3f9d", "#fa84c4"),
+    "project": ("#0c864b", "#1eb765"),
+    "spare": ("#092800", "#c6d5b8"),
+    "pull": ("#be5700", "#ed7705"),
+    "push": ("#850aa4", "#b35cb4"),
+    "excess": ("#ca2837", "#e63e37"),
+    "missing": ("#0072e5", "#88a8fe"),
+    "grey": ("#727373", "#8b837a"),
     "ink": ("#1f2328", "#e6edf3"),
     "pale": ("#d8dbdf", "#30363d"),
     "paper": ("#ffffff", "#0d1117"),
@@ -107,6 +107,12 @@ def chart(title, x, y, curves, size=(480, 420), right=100):
     return sheet.text()
 
 
+def between(axis):
+    """The (value, words) of an axis that are within its limits."""
+    _, (low, high), values = axis
+    return [(value, words) for value, words in values.items() if low <= value <= high]
+
+
 def plot(sheet, corners, x, y, curves, size=15):
     """Draw `curves` {name: (colour, [(x, y), ...])} between (left, top, right, bottom), in pixels.
 
@@ -115,11 +121,11 @@ def plot(sheet, corners, x, y, curves, size=15):
     """
     left, top, end, bottom = corners
     line = 1.2 * size  # from a line of words to the next
-    for value, words in x[2].items():
+    for value, words in between(x):
         at = position(value, x[1], left, end)
         sheet.line([(at, bottom), (at, top)], PALE, 1)
         sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
-    for value, words in y[2].items():
+    for value, words in between(y):
         at = position(value, y[1], bottom, top)
         sheet.line([(left, at), (end, at)], PALE, 1)
         sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
