@@ -3,7 +3,15 @@
 import zlib
 
 from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
-from curriculum.ch3_4_constraints.svg import DARK, EXCESS, GREY, MISSING, PULL, PUSH, mode_colors
+from curriculum.ch3_4_constraints.svg import (
+    EXCESS,
+    GREY,
+    MISSING,
+    PULL,
+    PUSH,
+    RECORDED,
+    mode_colors,
+)
 
 import numpy as np
 
@@ -28,9 +36,9 @@ too long, whose too short? Whose energy left zero, and which way?
 
 
 def rgb(color, share=1.0):
-    """[r, g, b] of a colour of svg on a dark ground, or what is `share` (...,) on the way to it
-    from grey: (..., 3)."""
-    goal, grey = (np.array([*bytes.fromhex(DARK[x][1:])]) for x in (color, GREY))
+    """[r, g, b] of a colour of svg as a recording has it, or what is `share` (...,) on the way to
+    it from grey: (..., 3)."""
+    goal, grey = (np.array([*bytes.fromhex(RECORDED[x][1:])]) for x in (color, GREY))
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
 
 

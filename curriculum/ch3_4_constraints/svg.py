@@ -23,8 +23,18 @@ PALETTE = {
     "pale": ("#d8dbdf", "#30363d"),
     "paper": ("#ffffff", "#0d1117"),
 }
+# Lines of a recording, whose plots are as light or dark as the reader's viewer: a contrast of 3.
+EITHER = {
+    "none": "#126d78",
+    "baumgarte": "#424aef",
+    "impulse": "#6f6113",
+    "soft": "#da6dac",
+    "project": "#03a252",
+    "spare": "#a65ae9",
+}
 LIGHT = {name: light for name, (light, _) in PALETTE.items()}
 DARK = dict(PALETTE.values())  # what a light colour becomes
+RECORDED = DARK | {LIGHT[name]: color for name, color in EITHER.items()}
 MODES = {name: LIGHT[name] for name in ("none", "baumgarte", "impulse", "soft", "project")}
 PULL, PUSH = LIGHT["pull"], LIGHT["push"]  # of a rod
 EXCESS, MISSING = LIGHT["excess"], LIGHT["missing"]  # what a rod has too much, and what it lacks

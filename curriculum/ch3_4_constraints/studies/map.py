@@ -121,7 +121,7 @@ def sheet(pixels, size, seconds):
     side = {"transform": f"translate(18 {TOP + EDGE / 2}) rotate(-90)", "text_anchor": "middle"}
     drawn.add("text", "first rod's angle at the start", fill=INK, font_size=15, **side)
     right, low, high = LEFT + EDGE + 20, TOP + 0.75 * EDGE, TOP + 0.3 * EDGE
-    image(np.arange(1, WHITE, dtype=np.uint8)[:, None], right, high, 18, low - high)
+    image(np.arange(WHITE - 1, 0, -1, dtype=np.uint8)[:, None], right, high, 18, low - high)
     image(np.array([[NEVER]], dtype=np.uint8), right, low + 16, 18, 18)
     drawn.words(right, high - 30, "turns over")
     drawn.words(right, high - 12, "after")
