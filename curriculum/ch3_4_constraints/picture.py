@@ -20,10 +20,10 @@ import numpy as np
 
 RATES = (20.0, 20.0), (10.0, 20.0), (10.0, 10.0), (10.0, 5.0), (10.0, 2.5), (10.0, 1.0)
 BYTES, ENDS = 145_000, 150  # the first of RATES (frames a second, s) that fits; ends of rods drawn
-SHEET, WORDS, FINE = (760, 600), 60, 10  # pixels, of the tiles; words in a tile; units a pixel
-CLOCK, FIGURES = 10, 2  # how often a second the time is told, and how far rods are off
+SHEET, WORDS, FINE = (760, 600), 60, 5  # pixels, of the tiles; words in a tile; units a pixel
+CLOCK, FIGURES = 5, 2  # how often a second the time is told, and how far rods are off
 LEAST = 1e-12  # m: below this a rod is right
-CURVE = 100  # points of a curve
+CURVE = 60  # points of a curve
 DECADES = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm"}
 SMALL = 13  # pixels, of words in the chart
 
