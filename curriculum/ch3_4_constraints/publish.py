@@ -51,6 +51,6 @@ def look(recording):
     nearby = os.path.relpath(sys.executable)
     short = os.sep in nearby and len(nearby) < len(sys.executable)
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
-    # in a browser it is for this machine alone: else its ports are open to the network
-    viewer = ["rerun"] if window else ["rerun", "--web-viewer", "--bind", "127.0.0.1"]
-    return shlex.join([nearby if short else sys.executable, "-m", *viewer, str(recording)])
+    viewer = ["rerun"] if window else ["rerun", "--web-viewer"]
+    alone = ["--bind", "127.0.0.1"]  # else its ports are open to the network
+    return shlex.join([nearby if short else sys.executable, "-m", *viewer, *alone, str(recording)])
