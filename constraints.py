@@ -412,7 +412,7 @@ def main(argv=None):
         left = in_pieces(partial(unheld, system, hold=hold), *runs[mode].every(look))
         rows[mode] = runs[mode].summary(scale, truth, np.max(left))
         pulls[mode] = partial(in_pieces, partial(tensions, system, hold=hold))
-    known = shown if budget else shown[:0]  # the true motion is sought at these
+    known = shown if truth.sought else shown[:0]  # the true motion is sought at these
     close = 1e-3 * np.max(system["lengths"])
     motion = ruler.true_motion(partial(run, "project"), rk4_step, dt, known, close)
     found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)

@@ -134,7 +134,7 @@ def test_particles_rods_trail_and_the_true_motion_are_where_they_were(recorded):
     assert np.allclose(seen["/truth"]["seconds"][:-1], known) and not last
 
 
-def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded):
+def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
     default = recorded["default"]
     assert len(default.motion) == len(default.shown)  # 20 s
 
@@ -150,6 +150,8 @@ def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded):
     other = triple(RULES["gauss12"], 0.0075, 2667, range(0, 2667, 2))
     apart = [ruler.distance(*pair) for pair in zip(motion, other.q, strict=False)]
     assert max(apart[: 4 * len(apart) // 5]) < close and max(apart) < 100.0 * close
+    monkeypatch.setattr(ruler, "HORIZON", 3.0)  # it is sought step by step, further and further
+    assert np.array_equal(ruler.true_motion(triple, c.rk4_step, 0.005, shown, close), motion)
     assert not len(ruler.true_motion(triple, c.rk4_step, 0.005, shown[:1], close))
 
 

@@ -12,7 +12,6 @@ from curriculum.ch3_4_constraints.svg import (
     element,
     mode_colors,
     plot,
-    position,
 )
 from curriculum.ch3_4_constraints.tables import length
 
@@ -116,19 +115,18 @@ def motion(found, rates=RATES):
         still.append(moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **dash))
     sheet.add("defs", element("g", *still, id="still"))
     for k, mode in enumerate(runs):
-        left, top, color = wide * (k % across), (tall + WORDS) * (k // across), colors[mode]
         there, q, _ = found.states(mode, steps)
-        seconds = there * dt
+        seconds, color = there * dt, colors[mode]
         ball = element("circle", r=1.3, fill=color)
         dots = element("marker", ball, id=f"dot{k}", viewBox="-2 -2 4 4", overflow="visible")
         style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#dot{k})") | {"stroke": color}
         rods = moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **style)
         parts = [dots, element("use", href="#still"), rods]
-        parts += [
-            moving(*piece, total, **style) for *piece, style in off(system, q, seconds, place)
-        ]
-        view = {"viewBox": f"0 0 {FINE * width:.0f} {FINE * tall:.0f}", "width": round(width, 1)}
+        for pieces, look in off(system, q, place):
+            parts.append(moving(pieces, seconds, total, **look))
+        left, top = wide * (k % across), (tall + WORDS) * (k // across)
         middle, at = left + wide / 2, {"y": round(top, 1), "height": round(tall, 1)}
+        view = {"viewBox": f"0 0 {FINE * width:.0f} {FINE * tall:.0f}", "width": round(width, 1)}
         sheet.add("svg", *parts, x=round(middle - width / 2, 1), **at, **view)
         sheet.words(middle, top + tall + 22, mode, color, "middle", 22, "bold")
         words = figures(found, mode, total)
@@ -154,8 +152,8 @@ def even_steps(found, rate, most):
     return steps[np.logical_and.accumulate(np.isin(steps, found.shown))]
 
 
-def off(system, q, seconds, place):
-    """What rods have too much, and what they lack: [(traces, seconds, style), ...] to be drawn."""
+def off(system, q, place):
+    """What rods have too much, and what they lack, at q (F, N, 3): [(traces, style), ...]."""
     _, marks, heads = map(place, rod_ends(system, q))
     error = rod_errors(system, q)
     far = np.max(np.abs(heads - marks), axis=-1) > FINE  # a pixel
@@ -164,10 +162,10 @@ def off(system, q, seconds, place):
     too_short["stroke_dasharray"] = f"{3 * FINE} {2 * FINE}"
     for style, wrong in ((too_long, error > 0.0), (too_short, error < 0.0)):
         rods = np.flatnonzero(np.any(far & wrong, axis=0))[:ENDS]
-        ends = np.where(wrong[..., None], heads, marks)  # of other rods nothing is seen
-        pieces = [np.stack([marks[:, rod], ends[:, rod]], axis=1) for rod in rods]
-        if pieces:
-            yield pieces, seconds, style | {"stroke_linecap": "butt"}
+        ends = np.where(wrong[..., None], heads, marks)  # nothing, while it is not so
+        traces = [np.stack([marks[:, rod], ends[:, rod]], axis=1) for rod in rods]
+        if traces:
+            yield traces, style | {"stroke_linecap": "butt"}
 
 
 def figures(found, mode, total):
@@ -210,18 +208,11 @@ def drift(sheet, found, colors, total, corners):
     x = "", (0.0, total), {0.0: "0", total: f"{total:.3g} s"}
     sheet.words(left + 16, top + 20, "the worst rod", size=SMALL + 2)
     plot(sheet, inner, x, y, curves, SMALL)
-    begin, end = (position(t, x[1], inner[0], inner[2]) for t in (0.0, total))
-    kind = {"attributeName": "transform", "type": "translate", "dur": f"{total:g}s"}
-    sweep = element(
-        "animateTransform", values=f"0;{end - begin:.1f}", repeatCount="indefinite", **kind
-    )
-    line = {
-        "x1": f"{begin:.1f}",
-        "x2": f"{begin:.1f}",
-        "y1": f"{inner[1]:.1f}",
-        "y2": f"{inner[3]:.1f}",
-    }
-    sheet.add("line", sweep, stroke=INK, stroke_width=1, **line)
+    loop = {"dur": f"{total:g}s", "repeatCount": "indefinite"}
+    kind = {"attributeName": "transform", "type": "translate"}
+    sweep = element("animateTransform", values=f"0;{inner[2] - inner[0]:.1f}", **kind, **loop)
+    upright = f"M{inner[0]:.1f} {inner[1]:.1f}V{inner[3]:.1f}"
+    sheet.add("path", sweep, d=upright, stroke=INK, stroke_width=1)
 
 
 def legend(sheet, y, width, bar, known):
@@ -232,13 +223,7 @@ def legend(sheet, y, width, bar, known):
     if known:
         kinds.append((30, GREY, 4, "4 6", "the true motion"))
     for wide, color, thick, dash, words in kinds:
-        sheet.add(
-            "path",
-            d=f"M{at:.1f} {y - 6:.1f}h{wide:.1f}",
-            stroke=color,
-            stroke_width=thick,
-            stroke_dasharray=dash,
-            stroke_linecap="butt",
-        )
+        style = {"stroke_width": thick, "stroke_dasharray": dash, "stroke_linecap": "butt"}
+        sheet.add("path", d=f"M{at:.1f} {y - 6:.1f}h{wide:.1f}", stroke=color, **style)
         sheet.words(at + wide + 8, y, words, size=17)
         at += wide + 30 + 8.5 * len(words)
