@@ -34,14 +34,14 @@ def worst_errors(system, q):
 
 def box(system, runs):
     """Two corners (3,) around the modes whose rods keep to half their length, or else around the
-    best; and a length to compare with, one metre if that fits."""
+    best; and a length to compare with: 1 m, or another power of ten that fits."""
     worst = {m: np.inf if run.stopped else np.max(run.violations) for m, run in runs.items()}
     good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
     good = good or [min(worst, key=worst.get)]
     shown = np.concatenate([nodes(runs[mode].q, system["anchors"]) for mode in good])
     low, high = np.min(shown, axis=(0, 1)), np.max(shown, axis=(0, 1))
     size = np.max(high - low)
-    return low - 0.06 * size, high + 0.06 * size, min(1.0, 10.0 ** np.floor(np.log10(size)))
+    return low - 0.06 * size, high + 0.06 * size, 10.0 ** np.floor(np.log10(size))
 
 
 def columns(count, shape, size, words):
