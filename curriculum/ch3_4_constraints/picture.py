@@ -1,18 +1,9 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
+from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors, worst_errors
 from curriculum.ch3_4_constraints.statics import nodes
-from curriculum.ch3_4_constraints.svg import (
-    ESCAPES,
-    EXCESS,
-    GREY,
-    INK,
-    MISSING,
-    Drawing,
-    element,
-    mode_colors,
-    plot,
-)
+from curriculum.ch3_4_constraints.svg import Drawing, element
 from curriculum.ch3_4_constraints.tables import length
 
 import numpy as np
@@ -67,7 +58,7 @@ def changing(words, total, x, y, size, anchor="middle"):
     line, wide = round(1.4 * size), 20 * size
     inset = {"start": 0, "middle": wide // 2, "end": wide}[anchor]
     rows = [
-        element("tspan", text.translate(ESCAPES), x=inset, y=size + line * k, fill=color)
+        element("tspan", text.translate(svg.ESCAPES), x=inset, y=size + line * k, fill=color)
         for k, (text, color) in enumerate(words)
     ]
     places = [f"0 {-line * k}" for k in range(len(words))]
@@ -90,7 +81,7 @@ def motion(found, rates=RATES):
     (rate, most), *slower = rates
     system, runs, dt = found.system, found.runs, found.dt
     low, high, bar = box(system, runs)
-    lines, colors = pens(system["pairs"]), mode_colors(runs)
+    lines, colors = pens(system["pairs"]), svg.mode_colors(runs)
     size = (high - low)[:2]
     across, wide, room = columns(len(runs) + 1, SHEET, size, WORDS)
     scale = min(wide / size[0], room / size[1])  # pixels a metre
@@ -107,11 +98,11 @@ def motion(found, rates=RATES):
         return [place(nodes(q, system["anchors"]))[:, line] for line in lines]
 
     anchors = place(system["anchors"][::-1])
-    still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=GREY) for x, y in anchors]
+    still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=svg.GREY) for x, y in anchors]
     known = np.flatnonzero(np.isin(found.shown[: len(found.motion)], steps))
     if len(known) > 1:
         seconds, q = found.shown[known] * dt, found.motion[known]
-        dash = {"stroke": GREY, "stroke_dasharray": f"{4 * FINE} {6 * FINE}"}
+        dash = {"stroke": svg.GREY, "stroke_dasharray": f"{4 * FINE} {6 * FINE}"}
         still.append(moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **dash))
     sheet.add("defs", element("g", *still, id="still"))
     for k, mode in enumerate(runs):
@@ -135,7 +126,7 @@ def motion(found, rates=RATES):
     drift(sheet, found, colors, total, (left, top, left + wide, top + tall + WORDS))
     legend(sheet, bottom + 20, scale * bar, bar, len(known) > 1)
     ticks = np.arange(0.0, total - 1e-9, 1.0 / CLOCK)
-    clock = [(f"{seconds:.1f} s", INK) for seconds in ticks]
+    clock = [(f"{seconds:.1f} s", svg.INK) for seconds in ticks]
     sheet.parts.append(changing(clock, total, SHEET[0] - 16, bottom + 20, 19, "end"))
     text = sheet.text()
     if slower and len(text) > BYTES:
@@ -157,8 +148,8 @@ def off(system, q, place):
     _, marks, heads = map(place, rod_ends(system, q))
     error = rod_errors(system, q)
     far = np.max(np.abs(heads - marks), axis=-1) > FINE  # a pixel
-    too_long = {"stroke": EXCESS, "stroke_width": 7 * FINE}
-    too_short = {"stroke": MISSING, "stroke_width": 4 * FINE}
+    too_long = {"stroke": svg.EXCESS, "stroke_width": 7 * FINE}
+    too_short = {"stroke": svg.MISSING, "stroke_width": 4 * FINE}
     too_short["stroke_dasharray"] = f"{3 * FINE} {2 * FINE}"
     for style, wrong in ((too_long, error > 0.0), (too_short, error < 0.0)):
         rods = np.flatnonzero(np.any(far & wrong, axis=0))[:ENDS]
@@ -175,15 +166,15 @@ def figures(found, mode, total):
     for seconds in np.arange(0.0, total - 1e-9, 1.0 / FIGURES):
         at = np.searchsorted(run.kept, seconds / found.dt - 1e-6)
         if at == len(run.kept):
-            words.append((found.outcome(mode), EXCESS))
+            words.append((found.outcome(mode), svg.EXCESS))
             continue
         (worst,) = worst_errors(found.system, run.q[at : at + 1])
         if abs(worst) < LEAST:
-            words.append((f"off {length(abs(worst))}", INK))
+            words.append((f"off {length(abs(worst))}", svg.INK))
         elif worst > 0.0:
-            words.append((f"{length(worst)} too long", EXCESS))
+            words.append((f"{length(worst)} too long", svg.EXCESS))
         else:
-            words.append((f"{length(-worst)} too short", MISSING))
+            words.append((f"{length(-worst)} too short", svg.MISSING))
     return words
 
 
@@ -207,21 +198,21 @@ def drift(sheet, found, colors, total, corners):
     y = "", limits, DECADES if tall else dict([*DECADES.items()][::2])
     x = "", (0.0, total), {0.0: "0", total: f"{total:.3g} s"}
     sheet.words(left + 16, top + 20, "the worst rod", size=SMALL + 2)
-    plot(sheet, inner, x, y, curves, SMALL)
+    svg.plot(sheet, inner, x, y, curves, SMALL)
     loop = {"dur": f"{total:g}s", "repeatCount": "indefinite"}
     kind = {"attributeName": "transform", "type": "translate"}
     sweep = element("animateTransform", values=f"0;{inner[2] - inner[0]:.1f}", **kind, **loop)
     upright = f"M{inner[0]:.1f} {inner[1]:.1f}V{inner[3]:.1f}"
-    sheet.add("path", sweep, d=upright, stroke=INK, stroke_width=1)
+    sheet.add("path", sweep, d=upright, stroke=svg.INK, stroke_width=1)
 
 
 def legend(sheet, y, width, bar, known):
     """Draw what lines mean, below the tiles: a scale, and a piece of each line with its name."""
     at = 16
-    kinds = [(width, GREY, 3, "none", f"{bar:g} m"), (24, EXCESS, 7, "none", "too long")]
-    kinds.append((24, MISSING, 4, "3 2", "too short"))
+    kinds = [(width, svg.GREY, 3, "none", f"{bar:g} m"), (24, svg.EXCESS, 7, "none", "too long")]
+    kinds.append((24, svg.MISSING, 4, "3 2", "too short"))
     if known:
-        kinds.append((30, GREY, 4, "4 6", "the true motion"))
+        kinds.append((30, svg.GREY, 4, "4 6", "the true motion"))
     for wide, color, thick, dash, words in kinds:
         style = {"stroke_width": thick, "stroke_dasharray": dash, "stroke_linecap": "butt"}
         sheet.add("path", d=f"M{at:.1f} {y - 6:.1f}h{wide:.1f}", stroke=color, **style)
