@@ -114,6 +114,19 @@ def tangent():
         yield DT * steps, end - start, after, before, found.violations[steps]
 
 
+@table("thrown = {} | g found, m^2 = {:+.8f} | by the formula = {:+.8f} | rod error, m = {:+.6f}")
+def thrown():
+    """a pendulum that hangs, semi_implicit, none, dt 0.005, after 20 s"""
+    steps = 4000
+    for speed in (1.0, 3.0):
+        system = bobs((0.0, -1.0), v=[(speed, 0.0)])
+        found = run(system, keep=range(steps + 1))
+        q, squares = found.q[-1], np.sum(found.v**2, axis=(1, 2))
+        by_formula = 0.5 * DT**2 * np.sum(squares[1:]) - steps * DT**2 * speed**2
+        off = c.rod_errors(system, q)[0]
+        yield f"at {speed:g} m/s", wrong(system, q, found.v[-1]), by_formula, off
+
+
 @table("dt, s = {:g} | rod error, m = {:.2e} | energy, of m g L = {:.2e} | times less = {}")
 def order():
     """the pendulum over 20 s, rk4, none"""
@@ -148,6 +161,21 @@ def knob():
     for w in (0.0, 5.0, 20.0, 80.0, 165.0, 170.0):
         found = run(system, hold=w)
         yield w, DT * w, found.violations.max(), drift(system, found), found.stopped or "reached"
+
+
+@table("mode = {} | energy gained, J = {:+.1f} | work of the rods, J = {:+.1f}")
+def work():
+    """the double pendulum over 20 s, semi_implicit; work: lambda times each change of g, summed"""
+    system = c.build_system("double")
+    for mode in ("none", "baumgarte", "impulse", "soft"):
+        hold = c.hold_table(DT)[mode]
+        found = run(system, hold=hold, keep=range(4001))
+        states = list(zip(found.q, found.v, strict=True))
+        g = np.array([c.constraint_terms(system, *state)[1] for state in states])
+        sizes = np.array([c.rod_errors(system, q) for q in found.q]) + system["lengths"]
+        lam = -np.array([c.tensions(system, *state, hold) for state in states]) / sizes
+        done = np.sum(0.5 * (lam[1:] + lam[:-1]) * np.diff(g, axis=0))
+        yield mode, found.energies[-1] - found.energies[0], done
 
 
 @table("rule = {} | g found, m^2 = {:+.6e} | dt d'.d' / w, m^2 = {:.6e} | rod error, mm = {:+.4f}")
