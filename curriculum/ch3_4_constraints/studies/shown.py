@@ -167,14 +167,14 @@ def knob():
 def work():
     """the double pendulum over 20 s, semi_implicit; work: lambda times each change of g, summed"""
     system = c.build_system("double")
-    for mode in ("none", "baumgarte", "impulse", "soft"):
+    for mode in ("none", "baumgarte"):
         hold = c.hold_table(DT)[mode]
         found = run(system, hold=hold, keep=range(4001))
-        states = list(zip(found.q, found.v, strict=True))
-        g = np.array([c.constraint_terms(system, *state)[1] for state in states])
-        sizes = np.array([c.rod_errors(system, q) for q in found.q]) + system["lengths"]
-        lam = -np.array([c.tensions(system, *state, hold) for state in states]) / sizes
-        done = np.sum(0.5 * (lam[1:] + lam[:-1]) * np.diff(g, axis=0))
+        pulls = [c.tensions(system, q, v, hold) for q, v in zip(found.q, found.v, strict=True)]
+        sizes = [c.rod_errors(system, q) + system["lengths"] for q in found.q]
+        lam = -np.divide(pulls, sizes)
+        changes = np.diff(0.5 * np.square(sizes), axis=0)
+        done = np.sum(0.5 * (lam[1:] + lam[:-1]) * changes)
         yield mode, found.energies[-1] - found.energies[0], done
 
 
