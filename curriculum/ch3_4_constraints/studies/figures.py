@@ -59,7 +59,10 @@ def starting(statements, lines, start, after=0):
 
 def listed(what):
     """The code that `what`, "FILE FUNCTION, from START, to START", names. Raises ValueError."""
-    file, name, start, last = PART.fullmatch(what).groups()
+    part = PART.fullmatch(what)
+    if part is None:
+        raise ValueError("a listing is of FILE FUNCTION, from START, to START")
+    file, name, start, last = part.groups()
     lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
     nodes = ast.walk(ast.parse("\n".join(lines)))
     found = [x for x in nodes if isinstance(x, ast.FunctionDef) and x.name == name]
@@ -108,7 +111,7 @@ def main(argv=None):
         command, body = match["command"], match["body"]
         try:
             output = printed(command) if match["kind"] == "printed by" else listed(command)
-        except ValueError as why:
+        except (OSError, SyntaxError, ValueError) as why:
             print(f"figures: {command}: {why}", file=sys.stderr)
             failed = True
             continue
