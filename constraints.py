@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints import publish, recording, scene_files, statics, tables
-from curriculum.common import banner, rules, ruler
+from curriculum.common import banner, ruler, rules
 from curriculum.common.arrays import each_state, in_pieces
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
@@ -335,7 +335,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- endregion ---
 # --- region: report ---
 def parse(argv):
-    """The command line; the system and the rules that it names; whether it asks for a default run."""
+    """The command line; the system and the rules it names; whether it asks for a default run."""
     parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes = ["all", *hold_table()]
     orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"

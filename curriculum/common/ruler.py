@@ -2,7 +2,7 @@
 
 import math
 from argparse import ArgumentTypeError
-from itertools import count, takewhile
+from itertools import takewhile
 from typing import NamedTuple
 
 from curriculum.common.compiled import Compiled
@@ -109,16 +109,23 @@ def cost(run, rule, dt, states):
     return len(asked) / len(states)
 
 
+def finer(seconds):
+    """Numbers of steps that `seconds` are parted in: by half as many again, and then twice."""
+    steps = math.ceil(seconds / LONGEST)
+    while seconds / steps >= LEAST:
+        yield steps
+        yield (3 * steps + 1) // 2
+        steps *= 2
+
+
 def climb(tol, seconds, q, runs, rule):
     """The largest step of a rule with which the best of `runs` is within `tol` m of q (N, 3).
 
     (error in m, step in s, (run, states on its way)) or, where no step of LEAST s or more is near
     enough, what came nearest. Steps that are taken in halves are no steps to choose.
     """
-    longest = math.ceil(seconds / LONGEST)
-    nearest, errors = (math.inf, seconds / longest, None), []
-    for k in count():
-        steps = (2, 3)[k % 2] * longest * 2 ** (k // 2) // 2
+    nearest, errors = (math.inf, seconds, None), []
+    for steps in finer(seconds):
         dt, off = seconds / steps, []
         for run in runs:
             end = run(rule, dt, steps, range(0, steps, -(-steps // LOOKS)))
@@ -130,10 +137,10 @@ def climb(tol, seconds, q, runs, rule):
         runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
         if error < nearest[0]:
             nearest = error, dt, None
-        stuck = k > 1 and 0.5 * errors[-2] < error < math.inf  # half the step, and nothing gained
-        if stuck or dt < LEAST:
-            return nearest
         errors.append(error)
+        if len(errors) > 2 and 0.5 * errors[-3] < error < math.inf:
+            break  # the step was halved since then, and it gained nothing
+    return nearest
 
 
 def step_for(tol, seconds, q, runs, rules):

@@ -22,7 +22,9 @@ class Family(NamedTuple):
 
 
 FAMILIES = {
-    "midpoint": Family(make_midpoint, range(2, 17, 2), "an even order, 2 to 16", (6, 8, 10), False),
+    "midpoint": Family(
+        make_midpoint, range(2, 17, 2), "an even order, 2 to 16", (6, 8, 10, 12), False
+    ),
     "gauss": Family(make_gauss, range(2, 17), "2 to 16 stages", (8, 16, 4), True),
 }
 ITERATED = 0.01  # what an iteration may leave, as a share of the error that is asked for
@@ -78,8 +80,8 @@ def offered(text, table, tol=None):
     """{name: rule} of the rules that `text` leaves open for an error of `tol` m.
 
     A bare name of a family is every number that is tried, and each is iterated as far as `tol`
-    needs. Anything else, and all without `tol`, is the one rule that `text` names. ArgumentTypeError
-    where a step for an error is not to be had.
+    needs. Anything else, and all without `tol`, is the one rule that `text` names. Raises
+    ArgumentTypeError for rules of low order, which take too long to a small error.
     """
     if not tol:
         return {text: named(text, table)}
