@@ -50,10 +50,11 @@ def ours(step, task, per):
     (seconds, positions (samples, N, 2), NaN from where it ended). As a peer's loop in C: without
     what `simulate` measures, logs and compares. Of a task with one sample only the end is kept.
     """
-    steps, knobs = per * task.samples, np.array([task.every / per])
+    steps, dt = per * task.samples, task.every / per
     start = step.traced.columns(task.system["q0"], task.system["v0"])[:, 0]
     state, rows, done = start[:, None].copy(), np.empty((steps, len(start))), [0]
-    call = partial(step.easy, start, rows, knobs[0])
+    call = partial(step.easy, start, rows, dt)
+    knobs = np.array([dt])
     if step.machine:  # addresses are taken once, as a peer's binding does
         place = rows.ctypes.data if task.samples > 1 else None
         addresses = state.ctypes.data, steps, place, 1, knobs.ctypes.data
