@@ -127,7 +127,7 @@ def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_
 
 
 def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_error():
-    """rk4: four; midpoint:6: (6 / 2)^2 + 1; a projection adds its rounds, and one for velocities."""
+    """rk4: four; midpoint:6: (6 / 2)^2 + 1; projecting adds its rounds, and one for velocities."""
     system = c.build_system("double")
     for rule, forces in (("rk4", 4.0), ("midpoint:6", 10.0)):
         none, both = (speed_vs_error.solves(system, rule, m, 0.01, 20) for m in ("none", "project"))
