@@ -335,7 +335,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- endregion ---
 # --- region: report ---
 def parse(argv):
-    """The command line; the system and the rules it names; whether it asks for a default run."""
+    """The command line; the system that it names; and whether it asks for a default run."""
     parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes = ["all", *hold_table()]
     orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
@@ -357,14 +357,14 @@ def parse(argv):
         parser.exit()
     if args.tol and args.plain:
         parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
-    offered = parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
+    parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
     if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
         parser.error(f"argument --stabilization: {mode} {why}")
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
     usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
-    return args, system, offered, usual, partial(parser.attempt, "--tol")
+    return args, system, usual, partial(parser.attempt, "--tol")
 
 
 def report(args, rows, runs, dt, steps, truth):
@@ -381,7 +381,8 @@ def report(args, rows, runs, dt, steps, truth):
 
 def main(argv=None):
     """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
-    args, system, offered, usual, attempt = parse(argv)
+    args, system, usual, attempt = parse(argv)
+    offered = rules.offered(args.integrator, INTEGRATORS, args.tol)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
     steps = SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance

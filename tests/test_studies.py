@@ -182,15 +182,17 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
 
     lucky = ladder(0.5, (0.25, 1e-4), (0.5, 1.0), (2.0, 1e-4), (4.0, 1e-4), (6.0, 0.0), (7.0, 0.0))
     quick = ladder(0.25, (1.0, 1e-4), (3.0, 0.0), (5.0, 0.0))
-    racers = {"ours": [lucky, quick], "heyoka": [lucky], "ours, Python": [quick, lucky]}
+    soon = ladder(0.0, (1.125, 1e-4), (3.125, 0.0), (5.0, 0.0))
+    racers = {"ours": [lucky, quick], "heyoka": [lucky], "ours, Python": [quick, soon]}
     limits = ("ours", "heyoka", 0, 0.6), ("ours, Python", "heyoka", 1, 0.4), ("ours", "X", 0, 1.0)
     rows, bars = real_thing.race(task, lambda error: racers, {1e-3: limits, 1e-5: ()})
     found = [(row["to"], row["who"], row["setting"], row["ours/it"]) for row in rows]
     near = [("1e-03", "ours", "1.0", 1.0), ("1e-03", "heyoka", "2.0", 0.5)]
     far = [("1e-05", "ours", "3.0", 1.0), ("1e-05", "heyoka", "6.0", 0.5)]
-    python = [("1e-03", "ours, Python", "1.0", 1.0), ("1e-05", "ours, Python", "3.0", 1.0)]
+    python = [("1e-03", "ours, Python", "1.125", 1 / 1.125)]
+    python += [("1e-05", "ours, Python", "3.125", 3 / 3.125)]
     assert found == [*near, python[0], *far, python[1]]
-    assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.25 / 2.5, 0.4)]
+    assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]
 
 
 def test_the_race_has_the_rules_among_which_a_tolerance_chooses():
