@@ -39,12 +39,7 @@ SOONEST = SOON, PYTHON, QUICK  # they are judged in all, and others by their ste
 STEPS, ALL = 0, 1  # the first two that `timed` measures
 # of (b), {error in m: (who, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
-    error: (
-        (OURS, HINGES, STEPS, share),
-        (OURS, TAYLOR, STEPS, 0.8),
-        (SOON, QUICK, ALL, 1.0),
-        (PYTHON, QUICK, ALL, 1.0),
-    )
+    error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
     for error, share in ((1e-3, 0.06), (1e-6, 0.02), (1e-9, 0.01), (1e-12, 0.004))
 }
 HIGH = 1e-3  # what A01 calls high precision
