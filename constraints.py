@@ -385,9 +385,10 @@ def main(argv=None):
     steps = SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
-    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled):
+    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled, nudge=False):
         force = make_force(system, hold_table(dt, *knobs)[mode])
-        return simulate(rule, system, force, dt, steps, keep, way)
+        start = ruler.nudged(system) if nudge else system
+        return simulate(rule, start, force, dt, steps, keep, way)
 
     def watched(mode):
         """A run of which is asked at every step what no tensions make."""
@@ -405,9 +406,9 @@ def main(argv=None):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
+    sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
-    settled = attempt(ruler.settle, tried, offered, args.dt, steps, args.tol, budget)
+    settled = attempt(ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
     args.integrator, dt, steps, truth = settled
     rule = offered[args.integrator]
     seen = args.rerun or args.picture

@@ -15,6 +15,8 @@ import numpy as np
 
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
+ROUNDING = 2.0**-52  # relative
+RODS = 40  # with more, finding the truth would take longer than the run
 FINE = 0.02  # s: the longest step of the true motion that is shown
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
@@ -52,24 +54,32 @@ def rungs(seconds):
     return counts[1:]
 
 
-def true_position(run, seconds, most=math.inf):
-    """q (N, 3) after `seconds`, and by how many m two steps of gauss differ.
+def nudged(system):
+    """The system, its start changed by a rounding, up and down by turns."""
 
-    (None, inf) if that is over KNOWN, or not found within `most` steps.
-    run(rule, dt, steps, way) -> Run.
+    def off(x):
+        signs = np.where(np.arange(x.size) % 2 == 0, 1.0, -1.0).reshape(x.shape)
+        return x * (1.0 + ROUNDING * signs)
+
+    return system | {"q0": off(system["q0"]), "v0": off(system["v0"])}
+
+
+def true_position(run, seconds):
+    """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
+
+    That is how far two steps of gauss differ, or two starts that a rounding parts, if that is more.
+    run(rule, dt, steps, way, nudge) -> Run, of a `nudged` system if `nudge`.
     """
-    rule, before, way, counts = make_gauss(6), None, once_for_all(), rungs(seconds)
-    if sum(counts[:2]) > most:  # one alone agrees with nothing
-        return None, math.inf
-    for steps in counts:
-        if steps > most:
-            break
-        found = run(rule, seconds / steps, steps, way=way)
-        most -= steps
+    rule, way, before, fewer = make_gauss(6), once_for_all(), None, 0
+    for steps in rungs(seconds):
+        found = run(rule, seconds / steps, steps, way=way, nudge=False)
         q = None if found.stopped else found.q[-1]
-        if q is not None and before is not None and (gap := distance(q, before)) < KNOWN:
-            return q, gap
-        before = q
+        if q is not None and before is not None and distance(q, before) < KNOWN:
+            start = run(rule, seconds / fewer, fewer, way=way, nudge=True)
+            apart = math.inf if start.stopped else distance(start.q[-1], before)
+            known = max(distance(q, before), apart)
+            return (q, known) if known < KNOWN else (None, math.inf)
+        before, fewer = q, steps
     return None, math.inf
 
 
@@ -171,24 +181,28 @@ def step_for(tol, seconds, q, runs, rules):
     return min(found, key=lambda row: row[:2])[2:]
 
 
-def settle(runs, rules, dt, steps, tol, most):
-    """The name of a rule of `rules`, the step and number of steps to run with, and the Truth.
+class Settled(NamedTuple):
+    """What a run is to be: the name of a rule, steps of dt s, and the Truth to measure it by."""
 
-    With `tol` m, step_for finds rule and step; without, it is the first. `most` steps may be spent
-    on the truth, by the first of `runs`: (rule, dt, steps, keep, way) -> Run. ArgumentTypeError if
-    `tol` is under what can be known.
+    rule: str
+    dt: float
+    steps: int
+    truth: Truth
+
+
+def settle(runs, rules, dt, steps, tol, sought):
+    """The Settled run: of the first of `rules`, {name: rule}, or as `tol` m asks.
+
+    With `tol`, step_for finds rule and step. The truth is `sought` by the first of `runs`: (rule,
+    dt, steps, keep, way, nudge) -> Run. ArgumentTypeError if `tol` is under what can be known.
     """
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    truth = true_position(runs[0], at, most)
-    if tol and not truth[1] < tol:
+    q, known = true_position(runs[0], at) if sought else (None, math.inf)
+    if tol and not known < tol:
         where = f"where the particles are after {at:.3g} s"
         raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
     name = next(iter(rules))
     if tol:
-        name, dt = step_for(tol, at, truth[0], runs[1:], rules)
-    return (
-        name,
-        dt,
-        math.ceil(seconds / dt - 1e-9),
-        Truth(round(at / dt), *truth, most >= sum(rungs(at)[:2])),
-    )
+        name, dt = step_for(tol, at, q, runs[1:], rules)
+    truth = Truth(round(at / dt), q, known, sought)
+    return Settled(name, dt, math.ceil(seconds / dt - 1e-9), truth)
