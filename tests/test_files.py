@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -73,9 +74,64 @@ def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_p
     heed = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
     done = script(HALF, tmp_path / "a", number, preexec_fn=heed)
     assert done.returncode == (-number if name == "SIGKILL" else 128 + number)
-    assert len(list(tmp_path.iterdir())) == (name == "SIGKILL")
+    assert any(tmp_path.iterdir()) == (name == "SIGKILL")
     files.write_whole(tmp_path / "a", "whole")
     assert contents(tmp_path) == {"a": "whole"}
+
+
+def test_a_file_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, monkeypatch):
+    """Whatever was replaced, made or removed before it."""
+    for name in "abd":
+        (tmp_path / name).write_text("old")
+
+    def refused(path, target, replace=Path.replace):
+        if target.name == "d" and path.parent.name.endswith("-new"):
+            raise PermissionError(1, "Operation not permitted", "a temporary name")
+        replace(path, target)
+
+    monkeypatch.setattr(files.Path, "replace", refused)
+    with pytest.raises(PermissionError) as raised:
+        files.write_together(tmp_path, {"a": "new", "b": None, "c": "new", "d": "new"})
+    assert contents(tmp_path) == dict.fromkeys("abd", "old")
+    assert raised.value.filename == str(tmp_path / "d")
+
+
+def test_what_another_program_left_under_our_name_stops_no_tidying(tmp_path):
+    (tmp_path / f"{files.UNFINISHED}77").touch()
+    (tmp_path / f"{files.UNFINISHED}78").mkdir()
+    (tmp_path / f"{files.UNFINISHED}78" / "folder").mkdir()
+    files.write_whole(tmp_path / "a", "whole")
+    assert contents(tmp_path) == {"a": "whole"}
+
+
+def test_a_file_that_must_not_be_replaced_is_found_out_before_a_run(tmp_path, monkeypatch, capsys):
+    old, flags = tmp_path / publish.PICTURE, ["--steps", "1", "--out", str(tmp_path)]
+    old.write_text("old")
+    old.chmod(0o444)
+    c.main([*flags, "--no-rerun"])  # read-only is no more than a wish
+    assert old.read_text() != "old"
+    tmp_path.chmod(0o1777)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "geteuid", lambda: old.stat().st_uid + 1)  # as somebody else sees it
+        with pytest.raises(SystemExit, match="2"):
+            c.main(flags)
+    assert "is there and must not be replaced" in capsys.readouterr().err
+    if subprocess.run(["chattr", "+i", old], capture_output=True).returncode:
+        return  # only root may, and not on every disk
+    try:
+        with pytest.raises(SystemExit, match="2"):
+            c.main(flags)
+    finally:
+        subprocess.run(["chattr", "-i", old], check=True)
+
+
+def test_a_working_folder_that_is_gone_is_told_of(tmp_path):
+    gone = f"os.mkdir({str(tmp_path / 'x')!r}); os.chdir(sys.argv[1]); os.rmdir(sys.argv[1])\n"
+    start = f"sys.path.insert(0, {str(c.HERE)!r}); import constraints as c\n{gone}"
+    done = script(f"{start}c.main(['--steps', '1'])", tmp_path / "x")
+    assert done.stderr.rstrip().endswith("the folder you are in is gone; cd to one that is there")
+    done = script(f"{start}c.main(['--steps', '1', '--out', {str(tmp_path)!r}])", tmp_path / "x")
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):

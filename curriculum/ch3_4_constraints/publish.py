@@ -1,8 +1,10 @@
 """What a run hands over: numbers, a picture and a recording, all of one run, in one folder."""
 
+import contextlib
 import json
 import os
 import shlex
+import shutil
 import sys
 import textwrap
 from functools import partial
@@ -13,6 +15,7 @@ from curriculum.ch3_4_constraints.recording import record
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
 
+WIDTH = 80  # columns of what is printed
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
 results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an argparse type
@@ -24,7 +27,12 @@ def scene_list(counts, folder):
     named["chain"] = "let go level, rods: --links"
     for path in sorted(folder.glob("scenes/*.json")):
         about = json.loads(path.read_bytes())["about"]
-        named[path.stem] = textwrap.shorten(about, 63, placeholder=" ...")
+        named[path.stem] = about
+    width = shutil.get_terminal_size().columns - 17
+    named = {
+        name: textwrap.shorten(text, max(width, 20), placeholder=" ...")
+        for name, text in named.items()
+    }
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
@@ -44,14 +52,29 @@ def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
         found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
         files[RECORDING] = record(*scene, rows, scale, found, ghost)
     write_together(args.out, files)
-    text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
-    return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
+    text = wrote(args.out, [name for name in files if files[name]])
+    return text + (f"\n{look(args.out / RECORDING)}" if args.rerun else "")
+
+
+def wrote(folder, names):
+    """A line that says which files a folder has got, or one for each, where they do not fit."""
+    line = f"wrote {folder}: {', '.join(names)}"
+    return line if len(line) <= WIDTH else "\n  ".join([f"wrote, in {folder}:", *names])
 
 
 def look(recording):
-    """The command that shows a recording, in a browser where there is no display."""
-    nearby = os.path.relpath(sys.executable)
-    short = os.sep in nearby and len(nearby) < len(sys.executable)
+    """The command that shows a recording, in a browser where there is no display.
+
+    A shell takes it as it is pasted, though it may be two lines. The viewer lets only this machine
+    in.
+    """
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
-    viewer = ["rerun"] if window else ["rerun", "--web-viewer"]
-    return shlex.join([nearby if short else sys.executable, "-m", *viewer, str(recording)])
+    viewer = Path(sys.executable).with_name("rerun")
+    command = [viewer] if viewer.exists() else [sys.executable, "-m", "rerun"]
+    with contextlib.suppress(OSError, ValueError):  # in a folder that is gone; on another drive
+        nearby = os.path.relpath(command[0])
+        command[0] = nearby if os.sep in nearby and len(nearby) < len(str(command[0])) else command[0]
+    flags = ["--bind", "127.0.0.1"] if window else ["--bind", "127.0.0.1", "--web-viewer"]
+    line = f"look: {shlex.join([*map(str, command), *flags])}"
+    ends = " " if len(f"{line} {shlex.quote(str(recording))}") <= WIDTH else " \\\n  "
+    return f"{line}{ends}{shlex.quote(str(recording))}"
