@@ -65,8 +65,8 @@ def wrote(folder, names):
 def look(recording):
     """The command that shows a recording, in a browser where there is no display.
 
-    A shell takes it as it is pasted, though it may be two lines. The viewer lets only this machine
-    in.
+    A shell takes it as it is pasted, though it may be two lines. The viewer listens to this machine
+    alone.
     """
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
     viewer = Path(sys.executable).with_name("rerun")
@@ -74,7 +74,8 @@ def look(recording):
     with contextlib.suppress(OSError, ValueError):  # in a folder that is gone; on another drive
         nearby = os.path.relpath(command[0])
         command[0] = nearby if os.sep in nearby and len(nearby) < len(str(command[0])) else command[0]
-    flags = ["--bind", "127.0.0.1"] if window else ["--bind", "127.0.0.1", "--web-viewer"]
+    flags = ["--bind", "127.0.0.1"]  # ports that are free: another may be open
+    flags += [] if window else ["--web-viewer", "--new", "--web-viewer-port", "0"]
     line = f"look: {shlex.join([*map(str, command), *flags])}"
     ends = " " if len(f"{line} {shlex.quote(str(recording))}") <= WIDTH else " \\\n  "
     return f"{line}{ends}{shlex.quote(str(recording))}"

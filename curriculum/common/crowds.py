@@ -1,5 +1,7 @@
 """Members (R, N, 3) of one system, each of which goes as if it were alone, to the last bit."""
 
+import contextlib
+import os
 from functools import cache, cached_property
 
 from curriculum.common import native
@@ -70,6 +72,10 @@ def pool():
     return ThreadPoolExecutor(native.CORES)
 
 
+if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads, and makes its own
+    os.register_at_fork(after_in_child=pool.cache_clear)
+
+
 class Crowd(Together):
     """Many members: `advance` them, look at their `states`, `put` others.
 
@@ -82,7 +88,8 @@ class Crowd(Together):
         self.dt, self.measured = dt, measure is not None
         super().__init__(self.traced.program)
         if native.available():
-            self.to_machine()
+            with contextlib.suppress(native.Unavailable):  # numpy calls, then
+                self.to_machine()
         self.put(q, v)
 
     def put(self, q, v):
