@@ -12,10 +12,18 @@ from collections import namedtuple
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints import publish, recording, scene_files, statics, tables
+from curriculum.ch3_4_constraints import (
+    publish,
+    recording,
+    run_checks,
+    scene_files,
+    statics,
+    systems,
+    tables,
+)
 from curriculum.common import banner, ruler
 from curriculum.common.arrays import each_state, in_pieces
-from curriculum.common.cli import chapter_parser, number, run_script
+from curriculum.common.cli import chapter_parser, installed, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.elimination import eliminated, elimination_order, has_loop, refined, tied
 from curriculum.common.gauss import make_gauss
@@ -53,10 +61,11 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return scene_files.load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
+        return scene_files.load_scene(name, HERE / CHAPTER, [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
+    systems.check_links(count)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
-    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * scene_files.direction(-tilt)
+    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * systems.direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
     rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
     return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
@@ -166,7 +175,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 def as_hold(hold):
     """A Hold is itself, or a row of the table by name, or Baumgarte's w; 0.0 is `none`."""
-    named = scene_files.chosen(hold, hold_table()) if isinstance(hold, str) else hold
+    named = run_checks.chosen(hold, hold_table()) if isinstance(hold, str) else hold
     return named if isinstance(named, Hold) else hold_table(baumgarte=hold)["baumgarte"]
 
 
@@ -319,7 +328,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     `way`: Compiled, or Plain, the lines as they stand.
     """
     system = {"anchors": PIVOT[None], **system}
-    system = scene_files.check_run(system, force, dt, steps, step_fn, INTEGRATORS)
+    system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS)
     q, v, m = system["q0"], system["v0"], system["m"]
     step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
     log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))  # m: so far off is flown apart
@@ -340,7 +349,7 @@ def parse(argv):
     modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
     scene("--scenes", action="store_true", help="list them")
     scene("--system NAME", default="double", help="one that --scenes lists, or a file")
-    scene("--links N", type=number(int, 1, 1001), default=10, help="rods of --system chain")
+    scene("--links N", type=number(int, 1, 1001), help="rods of --system chain (10)")
     scene("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
     scene("--dt S", type=number(high=1e3), default=0.005, help="s; halve it: the rule's order")
     method("--integrator RULE", choices=INTEGRATORS, default="semi_implicit", help=rules)
@@ -349,15 +358,21 @@ def parse(argv):
     method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
     method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
     method("--tol M", type=number(high=1), help="m at 2 s; gauss then finds its stages and step")
+    parser.names = {"--system": [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]}
     args = parser.parse_args(argv)
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
         parser.exit()
     if args.tol and (args.plain or args.integrator != "gauss"):
         parser.error(f"argument --tol: {args.tol:g} wants --integrator gauss and no --plain")
-    if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
+    if why := run_checks.misfit(hold_table().get(mode := args.stabilization), args.integrator):
         parser.error(f"argument --stabilization: {mode} {why}")
-    system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
+    if args.rerun:
+        parser.attempt("--rerun", installed, "rerun")
+    if args.links is not None and args.system != "chain":
+        parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
+    links = 10 if args.links is None else args.links
+    system = parser.attempt("--system", build_system, args.system, args.seed, links)
     usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
@@ -368,7 +383,9 @@ def report(args, rows, runs, dt, steps, truth):
     """Print the table, a sentence for each mark in it, and the verdict."""
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
-    print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
+    how = f"{args.integrator}, steps of {dt:.4g} s, {ways}"
+    tables.say(f"{args.system}: seed {args.seed}; {how}")
+    print()
     tables.comparison(rows, runs, f"{truth.step * dt:.3g} s", truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
@@ -392,7 +409,7 @@ def main(argv=None):
         return
     print(banner.banner("ch3.4", "constraints", args.device, usual))
     for mode in list(modes):
-        if why := scene_files.misfit(hold_table()[mode], args.integrator):
+        if why := run_checks.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
     budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
@@ -415,6 +432,7 @@ def main(argv=None):
     print(publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost))
 
 
+command = partial(run_script, main)  # as a program: by its entry point, or as below
 if __name__ == "__main__":
-    run_script(main)
+    command()
 # --- endregion ---

@@ -7,10 +7,10 @@ from itertools import combinations, product
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.ch3_4_constraints.studies._runs import SCENES, make_system, run
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
+from curriculum.ch3_4_constraints.systems import MOST, SceneError, check_system
 from curriculum.common.elimination import has_loop
 
 import numpy as np

@@ -8,7 +8,7 @@ from itertools import product
 from types import SimpleNamespace
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import misfit
+from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.studies._runs import SCENES, run
 from curriculum.common import compiled, crowds, native
 from curriculum.common.ruler import once_for_all

@@ -1,7 +1,6 @@
 """What a run hands over: numbers, a picture and a recording, all of one run, in one folder."""
 
 import contextlib
-import json
 import os
 import shlex
 import shutil
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
+from curriculum.ch3_4_constraints.scene_files import read_document, shipped
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
 
@@ -25,9 +25,8 @@ def scene_list(counts, folder):
     """The systems, a line each: {name: how many rods} of those without a file, and a chapter's."""
     named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
     named["chain"] = "let go level, rods: --links"
-    for path in sorted(folder.glob("scenes/*.json")):
-        about = json.loads(path.read_bytes())["about"]
-        named[path.stem] = about
+    for name, path in shipped(folder).items():
+        named[name] = read_document(path)["about"]
     width = shutil.get_terminal_size().columns - 17
     named = {
         name: textwrap.shorten(text, max(width, 20), placeholder=" ...")
@@ -53,13 +52,14 @@ def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
         files[RECORDING] = record(*scene, rows, scale, found, ghost)
     write_together(args.out, files)
     text = wrote(args.out, [name for name in files if files[name]])
-    return text + (f"\n{look(args.out / RECORDING)}" if args.rerun else "")
+    return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
 
 
 def wrote(folder, names):
-    """A line that says which files a folder has got, or one for each, where they do not fit."""
-    line = f"wrote {folder}: {', '.join(names)}"
-    return line if len(line) <= WIDTH else "\n  ".join([f"wrote, in {folder}:", *names])
+    """A line that says which files a folder has got; they stand below it, where it is too long."""
+    files = ", ".join(names)
+    line = f"wrote {folder}: {files}"
+    return line if len(line) <= WIDTH else f"wrote {folder}:\n  {files}"
 
 
 def look(recording):
@@ -69,13 +69,15 @@ def look(recording):
     alone.
     """
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
-    viewer = Path(sys.executable).with_name("rerun")
-    command = [viewer] if viewer.exists() else [sys.executable, "-m", "rerun"]
+    script = Path(sys.executable).with_name("rerun")
+    program, *words = [script] if script.exists() else [sys.executable, "-m", "rerun"]
     with contextlib.suppress(OSError, ValueError):  # in a folder that is gone; on another drive
-        nearby = os.path.relpath(command[0])
-        command[0] = nearby if os.sep in nearby and len(nearby) < len(str(command[0])) else command[0]
-    flags = ["--bind", "127.0.0.1"]  # ports that are free: another may be open
-    flags += [] if window else ["--web-viewer", "--new", "--web-viewer-port", "0"]
-    line = f"look: {shlex.join([*map(str, command), *flags])}"
-    ends = " " if len(f"{line} {shlex.quote(str(recording))}") <= WIDTH else " \\\n  "
-    return f"{line}{ends}{shlex.quote(str(recording))}"
+        nearby = os.path.relpath(program)
+        if os.sep in nearby and len(nearby) < len(str(program)):
+            program = nearby
+    words += ["--bind", "127.0.0.1"]
+    if not window:
+        words += ["--web-viewer", "--new", "--web-viewer-port", "0"]  # another may be open
+    command, file = shlex.join([str(program), *words]), shlex.quote(str(recording))
+    fits = len(f"look: {command} {file}") <= WIDTH
+    return f"{command} {file}" if fits else f"{command} \\\n  {file}"

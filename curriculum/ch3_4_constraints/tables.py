@@ -5,6 +5,7 @@ import textwrap
 
 import numpy as np
 
+WIDTH = 80  # columns of what is printed
 UNHELD = 1e-3  # so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
@@ -76,7 +77,11 @@ def spread(samples, unit):
 
 def say(text):
     """Print a sentence, in lines that fit a page."""
-    print(textwrap.fill(text, 100, subsequent_indent="  ", break_long_words=False))
+    print(
+        textwrap.fill(
+            text, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+    )
 
 
 def show(title, rows, bars=()):

@@ -32,15 +32,20 @@ def ours(module):
     file = getattr(sys.modules.get(module), "__file__", None)
     if module == "__main__" or file is None:
         return module.partition(".")[0] not in sys.stdlib_module_names - {"__main__"}
+    return not (foreign(file) or comes_with_metadata(module, file))
+
+
+def foreign(file):
+    """Whether a file of code is Python's, an installed package's, or beside this; or is none."""
     path = Path(os.path.realpath(file))
-    installed = INSTALLED & {*path.parts} or comes_with_metadata(module, path)
-    return not (installed or any(path.is_relative_to(place) for place in PLACES))
+    away = INSTALLED & {*path.parts} or any(path.is_relative_to(place) for place in PLACES)
+    return bool(away) or file.startswith("<")
 
 
-def comes_with_metadata(module, path):
+def comes_with_metadata(module, file):
     """Whether pip put this module where it is, as it does with --target: then a folder that tells
     of it lies beside it."""
-    name = module.partition(".")[0]
+    name, path = module.partition(".")[0], Path(file)
     beside = path.parents[module.count(".") + (path.stem == "__init__")]
     return any(beside.glob(f"{name}-*.dist-info"))
 
