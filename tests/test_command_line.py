@@ -144,24 +144,55 @@ def test_only_a_default_run_begins_with_how_long_one_took(flags, told, tmp_path)
     assert line.startswith("ch3.4 constraints | device cpu") and len(line) <= 80
 
 
-def test_progress_of_all_parts_is_told_to_a_terminal(monkeypatch, capsys):
-    """Unless it is short, or has hardly begun."""
-    long = 0.0, 0.1, 5.0, 10.0, 10.1, 20.0, 30.0
-    short = 0.0, 0.1, 0.2, 0.4, 0.5, 1.0, 1.5
-    told = ["", "soft: 25% of all, about 15 s left", "", "none: 50% of all, about 10 s left"]
-    told += ["none: 75% of all, about 7 s left", ""]
-    for terminal, times in ((True, long), (True, short), (False, long)):
-        clock, shown = iter(times), []
-        monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=clock.__next__))
-        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal, raising=False)
-        for _ in banner.in_parts(["soft", "none"]):
-            tick = banner.progress("swinging", 1000)
-            for step in (1, 500, 1000):
-                tick(step)
-                shown.append(capsys.readouterr().err.replace("\x1b[K", "").strip()[9:])
-        assert shown == (told if terminal and times == long else [""] * 6)
+def test_progress_names_what_is_under_way_and_counts_what_follows_the_steps(monkeypatch, capsys):
+    """How long it takes is told of the part alone, and not by its first steps, which are slow."""
+    now = [0.0]
+    monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(banner, "work", banner.Work())
+    work = banner.work
+
+    def told():
+        return capsys.readouterr().err.replace("\x1b[K", "").strip("\r")
+
+    work.plan("the truth", "none", "the recording")
+    work.begin("the truth")
+    assert told() == ""  # it may be short
+    now[0] = 1.0
+    work.begin("the truth")
+    banner.progress("simulating", 10)(5)  # one of several runs in this part
+    assert told() == "1 of 3, the truth"
+    for _ in work.each(["none"]):
+        assert told() == "2 of 3, none"
+        tick = banner.progress("simulating", 1000)
+        for now[0], step in ((21.0, 1), (21.5, 51), (22.5, 151), (23.0, 201)):  # 100 a second
+            tick(step)
+        assert told().split("\r")[-2:] == [
+            "2 of 3, none, 15%, about 8 s left of it",
+            "2 of 3, none, 20%, about 8 s left of it",
+        ]
+        tick(1000)
+    work.begin("the recording")
+    assert told().endswith("3 of 3, the recording")
+    work.wipe()
+    assert told() == ""
     words = {0.2: "1 s", 45: "45 s", 170: "3 min", 8000: "2 h", 1e6: "278 h"}
     assert all(banner.about(seconds) == f"about {text}" for seconds, text in words.items())
+
+
+def test_progress_is_for_a_terminal_alone_and_a_run_that_stands_alone_has_it_too(
+    monkeypatch, capsys
+):
+    for terminal in (True, False):
+        now = iter(range(100))
+        monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=now.__next__))
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal, raising=False)
+        monkeypatch.setattr(banner, "work", banner.Work())
+        tick = banner.progress("simulating", 1000)
+        tick(500)
+        assert ("simulating, 50%" in capsys.readouterr().err) == terminal
+        tick(1000)
+        assert capsys.readouterr().err == "\x1b[K\r" * terminal  # the line is gone
 
 
 def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ from pathlib import Path
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
 from curriculum.ch3_4_constraints.scene_files import read_document, shipped
+from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
 
@@ -46,9 +47,12 @@ def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
     files = {METRICS: as_json(flags | used | {"results": rows}), PICTURE: None, RECORDING: None}
     scene = args, used, system, runs
     if args.picture:
+        work.begin("the picture")
         files[PICTURE] = motion(*scene, shown, ghost)
     if args.rerun:
+        work.begin("tensions")
         found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
+        work.begin("the recording")
         files[RECORDING] = record(*scene, rows, scale, found, ghost)
     write_together(args.out, files)
     text = wrote(args.out, [name for name in files if files[name]])

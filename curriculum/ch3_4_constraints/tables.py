@@ -3,6 +3,8 @@
 import math
 import textwrap
 
+from curriculum.common.banner import work
+
 import numpy as np
 
 WIDTH = 80  # columns of what is printed
@@ -65,7 +67,12 @@ def verdict(rows):
 
 def in_turns(jobs, repeats):
     """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
-    rounds = [{name: job() for name, job in jobs.items()} for _ in range(repeats + 1)]
+    rounds, tick = [], work.counted("timing", (repeats + 1) * len(jobs))
+    for turn in range(repeats + 1):
+        rounds.append({})
+        for k, (name, job) in enumerate(jobs.items()):
+            rounds[-1][name] = job()
+            tick(turn * len(jobs) + k + 1)
     return {name: [found[name] for found in rounds[1:]] for name in jobs}
 
 
@@ -87,9 +94,21 @@ def say(text):
 def show(title, rows, bars=()):
     """Print a table, and of each bar (what, value, the most it may be) whether it is met."""
     cells = [[f"{x:.3g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
-    widths = [max(map(len, column)) for column in zip(rows[0], *cells, strict=True)]
+    heads = fitting(list(rows[0]), cells)
+    widths = [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
+    gap = "  " if sum(widths) + 2 * len(widths) - 2 <= WIDTH else " "
     print(f"\n{title}")
-    for row in (rows[0], *cells):
-        print("  ".join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
+    for row in (*heads, *cells):
+        print(gap.join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
     for bar, value, most in bars:
         print(f"{bar}: {value:.3g}, bar {most:.3g}: {'met' if value <= most else 'MISSED'}")
+
+
+def fitting(headers, cells):
+    """Lines of a table's head: one, or one a word of its longest header, if one is too wide."""
+    widths = [max(map(len, column)) for column in zip(headers, *cells, strict=True)]
+    if sum(widths) + 2 * len(widths) - 2 <= WIDTH:
+        return [headers]
+    words = [header.split() for header in headers]
+    most = max(map(len, words))
+    return list(zip(*([""] * (most - len(x)) + x for x in words), strict=True))

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from curriculum import INTERRUPTED
+from curriculum.common.banner import work
 from curriculum.common.files import check_writable
 
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
@@ -75,9 +76,10 @@ class Parser(argparse.ArgumentParser):
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         elif stray := re.search(r"unrecognized arguments: (\S+)", message):
             meaning = self.flag_meant(stray[1]) if stray[1][0] == "-" else self.word_meant(stray[1])
-            message += f"; did you mean {meaning!r}?" if meaning else ""
+            message += f"; did you mean {meaning!r}?" if meaning else "; --help lists what is known"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
-        self.exit(2, f"{self.prog}: error: {message}\n")
+        name = self.prog.split()[-1]  # of a study, without what runs it
+        self.exit(2, f"{name}: error: {message}\n")
 
     def flag_meant(self, word):
         """The flag that a wrong one stands for: it begins so, or is spelled nearly so; or None."""
@@ -203,6 +205,8 @@ def run_script(main):
             status = main()
         except SystemExit as end:  # after --help, or a mistake
             status = end.code
+        finally:
+            work.wipe()
         for stream in streams:
             stream.flush()
     except KeyboardInterrupt:
