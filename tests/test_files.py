@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from unittest import mock
 
 import constraints as c
 from curriculum.ch3_4_constraints import publish
-from curriculum.common import files
+from curriculum.common import banner, files
 
 import pytest
 from conftest import script
@@ -48,15 +49,21 @@ def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path, mon
     assert error is not FULL or raised.value.filename == str(tmp_path / "b")
 
 
-def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_between_two_files_of_a_set_waits_for_the_second(name, tmp_path, monkeypatch):
+    number = getattr(signal, name)
+
     def interrupted(*paths, replace=Path.replace):
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         replace(*paths)
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
-    monkeypatch.setattr(files.Path, "replace", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        files.write_together(tmp_path, dict.fromkeys("ab", "new"))
+    before = signal.signal(number, signal.default_int_handler)  # it raises KeyboardInterrupt
+    try:
+        monkeypatch.setattr(files.Path, "replace", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            files.write_together(tmp_path, dict.fromkeys("ab", "new"))
+    finally:
+        signal.signal(number, before)
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
@@ -123,6 +130,28 @@ def test_a_file_that_must_not_be_replaced_is_found_out_before_a_run(tmp_path, mo
             c.main(flags)
     finally:
         subprocess.run(["chattr", "-i", old], check=True)
+
+
+def test_each_file_of_a_run_is_looked_for_and_none_of_them_tells_where_it_was(tmp_path, capsys):
+    scene, out = tmp_path / "mine.json", tmp_path / "out"
+    scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
+    c.main(["--system", str(scene), "--steps", "1", "--no-rerun", "--out", str(out)])
+    assert f'"{scene.name}"' in (out / publish.METRICS).read_text()
+    for name in (publish.METRICS, publish.PICTURE):
+        assert str(tmp_path) not in (out / name).read_text()
+    for name in (publish.METRICS, publish.PICTURE, publish.RECORDING):
+        (tmp_path / name / name).mkdir(parents=True)
+        with pytest.raises(SystemExit, match="2"):
+            c.main(["--steps", "1", "--out", str(tmp_path / name)])
+        assert f"{name} is a folder there" in capsys.readouterr().err
+
+
+def test_what_measures_a_default_run_does_not_begin_where_it_cannot_write(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(banner, "LEDGER", tmp_path / "file" / "ledger")
+    monkeypatch.setattr(sys, "argv", ["banner", "ch3.4", "a command that there is not"])
+    with pytest.raises(OSError, match="file is no folder"):
+        banner.main()
 
 
 def test_a_working_folder_that_is_gone_is_told_of(tmp_path):

@@ -32,7 +32,7 @@ def test_a_run_that_could_not_be_right_is_refused():
     with pytest.raises(ValueError, match="this force is for another system"):
         c.simulate(c.rk4_step, DOUBLE, c.make_force(PENDULUM, "none"), 0.005, 1)
     for many in (-1, 10.0, "10"):
-        with pytest.raises(ValueError, match=f"whole number of steps .* not {many!r} of 0.005"):
+        with pytest.raises(ValueError, match=f"steps is {many!r}; must be an int >= 0"):
             run(DOUBLE, steps=many)
     with pytest.raises(ValueError, match="finite"):
         run(PENDULUM | {"v0": np.array([[0.0, 0.0, np.nan]])}, steps=1)
@@ -96,7 +96,7 @@ def test_every_flag_reaches_the_result_and_stands_beside_it(flag, mode):
 def test_plain_is_the_same_run_in_numpy_and_of_the_mode_that_was_asked_for():
     flags = "--stabilization project"
     (found, _), (plain, lines) = results(flags, 9), results(f"{flags} --plain", 9)
-    assert lines[1].endswith("in plain numpy: the lines as they stand")
+    assert " ".join(lines[1:3]).endswith("in plain numpy: the lines as   they stand")
     assert found["results"].keys() == plain["results"].keys() == {"project"}
     ours, theirs = (some["results"]["project"]["tip_final"] for some in (plain, found))
     assert ours == pytest.approx(theirs, abs=1e-10)

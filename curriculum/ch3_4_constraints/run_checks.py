@@ -40,8 +40,7 @@ def check_run(system, force, dt, steps, keep, step_fn, rules):
         raise ValueError(f"dt is {dt!r}; must be a finite number of seconds > 0")
     # a whole number of numpy's may be too short for one step more
     if not (type(steps) in (int, np.int64) and steps >= 0):
-        found = f"{steps!r} ({type(steps).__name__})"
-        raise ValueError(f"steps is {found}; must be an int >= 0")
+        raise ValueError(f"steps is {steps!r}; must be an int >= 0")
     kept = np.array([*keep])
     if kept.size and (kept.dtype.kind not in "iu" or kept.min() < 0 or kept.max() > steps):
         bad = next(x for x in keep if not (isinstance(x, (int, np.integer)) and 0 <= x <= steps))

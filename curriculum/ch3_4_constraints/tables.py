@@ -31,8 +31,9 @@ def comparison(rows, runs, at, truth, tol):
 
     `at`: when the Truth was taken, in words; `tol` m: the error that was asked for, or None.
     """
-    print("               rods off by      energy off  from the truth    a step")
-    print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
+    wide = max(10, *(len(mode) + 1 for mode in rows))  # a row of the reader's own may be longer
+    print(f"{'':{wide}}     rods off by      energy off  from the truth    a step")
+    print(f"{'mode':{wide}}    worst     at end    of m g L  {f'at {at}':>14}        us")
     for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
         worst, end = (length(x) for x in (np.max(run.violations), run.violations[-1]))
         energy, error = per_cent(row["energy_rel_max"]), row["error"]
@@ -40,7 +41,7 @@ def comparison(rows, runs, at, truth, tol):
             worst = end = energy = "-"
         name = mode + "*" * bool(run.note or row["unheld"] > UNHELD)
         error = "-" if error is None else length(error)
-        print(f"{name:<10}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
+        print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:
             print(f"* {mode} {run.note}")

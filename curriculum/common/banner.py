@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from curriculum.common.files import write_whole
+from curriculum.common.files import check_writable, write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
 SOON, OFTEN = 0.5, 0.1  # s: what takes longer is told of, and no more often than that
@@ -107,10 +107,12 @@ def on_terminal():
 
 
 def progress(what, steps):
-    """tick(step) of a run: it is part of the work under way, if that asks for it, or else `what`
-    there is to be told of."""
-    if not on_terminal() or (work.names and not work.runs):
+    """tick(step) of a run, which is the part of the work under way, or one of several in it; or
+    all there is to be told of, as `what`."""
+    if not on_terminal() or (len(work.names) == 1 and not work.runs):
         return lambda step: None
+    if len(work.names) > 1 and not work.runs:
+        return lambda step: work.tell()
     if not work.names:
         work.plan(what)
         work.begin(what, runs=True)
@@ -139,6 +141,7 @@ def main():
     import timeit
 
     chapter, *command = sys.argv[1:]
+    check_writable(LEDGER)
     seconds = timeit.repeat(lambda: subprocess.check_output(command), number=1, repeat=5)
     row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
     text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
@@ -146,4 +149,6 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    from curriculum.common.cli import run_script
+
+    run_script(main)

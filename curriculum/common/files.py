@@ -132,7 +132,8 @@ def check_writable(path):
     if path.exists() and not path.is_file():  # a device, a pipe: a file would take its place
         raise OSError(f"{path.name} is {'a folder' if path.is_dir() else 'no plain file'} there")
     probe = above / f"{UNFINISHED}{os.getpid()}"
-    probe.touch()
+    with naming(path):
+        probe.touch()
     probe.unlink(missing_ok=True)  # another process may have tidied up
     if path.exists() and not replaceable(path):
         raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")

@@ -127,7 +127,7 @@ def main(argv=None):
     parser.add_argument("--check", action="store_true", help="compare, exit 1 beyond 1e-14 m")
     args = parser.parse_args(argv)
     if not args.check:
-        parser.attempt("without --check", writable, FILE)
+        parser.attempt("--check: without it", writable, str(FILE))
     cases = compute(args.names)
     if args.check:
         stored = json.loads(FILE.read_text(encoding="utf-8"))["cases"]
