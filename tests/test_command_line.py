@@ -116,9 +116,7 @@ def test_a_study_is_run_by_its_name_and_its_help_fits(name, capsys, monkeypatch)
     lines = capsys.readouterr().out.splitlines()
     assert ("--quick" in " ".join(lines)) == (name in QUICK or name == "reference")
     if name not in ("figures", "real_thing"):
-        assert " ".join(lines[0].split()).startswith(
-            f"usage: python -m {studies.__package__} {name}"
-        )
+        assert lines[0].startswith(f"usage: python -m {studies.__package__} {name}")
         assert max(map(len, lines)) <= 80, lines
 
 
@@ -152,7 +150,7 @@ def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(fails, tm
     (tmp_path / "llvmlite/binding.py").write_text(fails)
     path = f"{tmp_path}{os.pathsep}{c.HERE}"
     told, rows = table("--steps", "100000", folder=tmp_path / "out", PYTHONPATH=path)
-    assert told.count("compiled to Python; llvmlite fails: ") == told.count("llvmlite") == 1
+    assert told.count("compiled to Python; llvmlite fails: ") == told.count("llvmlite fails") == 1
     assert "built for another processor" in told or "has no attribute" in told
     table("--steps", "100000", folder=tmp_path / "machine")
     metrics = [(tmp_path / x / publish.METRICS).read_bytes() for x in ("out", "machine")]

@@ -141,7 +141,11 @@ def test_metrics_are_the_run_rounded_and_the_table_fits_a_terminal():
     assert [row[key] for key in keys.split()] == pytest.approx(wanted, abs=1e-11)
     assert row["tip_final"] == np.round(here.tip[-1], 6).tolist() and found["error_at"] == 1.0
     # a line above tells how the steps were done: the longer, the busier the machine has been
-    table = [*marked(lines, " "), *marked(lines, "mode "), *marked(lines, tuple(c.hold_table()))]
+    table = [
+        *marked(lines, "     "),
+        *marked(lines, "mode "),
+        *marked(lines, tuple(c.hold_table())),
+    ]
     assert len(table) == 7 and "at 1 s" in table[1] and max(map(len, table)) <= 80
 
 

@@ -44,17 +44,17 @@ def comparison(rows, runs, at, truth, tol):
         print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:
-            print(f"* {mode} {run.note}")
+            say(f"* {mode} {run.note}")
         if (left := rows[mode]["unheld"]) > UNHELD:
-            print(f"* {mode}: tensions leave {left:.2g} unanswered, m/s^2 along a rod or a share")
+            say(f"* {mode}: tensions leave {left:.2g} unanswered, m/s^2 along a rod or a share")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         unknown = "not known to 1 nm" if truth.sought else "not looked for"
         why = f"the truth is {unknown} at" if truth.q is None else "stopped before"
-        print(f"- {', '.join(lost)}: {why} {at}")
+        say(f"- {', '.join(lost)}: {why} {at}")
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (tol or math.inf)]
     if tol and over:
-        print(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
+        say(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
 
 
 def verdict(rows):
@@ -84,12 +84,10 @@ def spread(samples, unit):
 
 
 def say(text):
-    """Print a sentence, in lines that fit a page."""
-    print(
-        textwrap.fill(
-            text, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-        )
-    )
+    """Print a sentence, in lines that fit a terminal."""
+    lines = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    lines.break_long_words = False  # a path is one
+    print(lines.fill(text))
 
 
 def show(title, rows, bars=()):
