@@ -23,7 +23,6 @@ from curriculum.ch3_4_constraints import (
 )
 from curriculum.common import banner, ruler
 from curriculum.common.arrays import each_state, in_pieces
-from curriculum.common.banner import work
 from curriculum.common.cli import chapter_parser, installed, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.elimination import eliminated, elimination_order, has_loop, refined, tied
@@ -415,29 +414,29 @@ def main(argv=None):
             print(f"{mode} left out: it {why}")
     budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
     after = ["the picture"] * args.picture + ["tensions", "the recording"] * args.rerun
-    work.plan("the truth", *modes, "what is unheld", "the true motion", *after)
-    work.begin("the truth")
+    banner.work.plan("the truth", *modes, "what is unheld", "the true motion", *after)
+    banner.work.begin("the truth")
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
     shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
     look = max(1, steps // LOOKS)
     keep = [truth.step, *range(0, steps + 1, look), *shown]
-    runs = {mode: run(mode, rule, dt, steps, keep) for mode in work.each(modes)}
+    runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.work.each(modes)}
     scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows, pulls = {}, {}
-    work.begin("what is unheld")
+    banner.work.begin("what is unheld")
     for mode in modes:
         hold = hold_table(dt, *knobs)[mode]
         left = in_pieces(partial(unheld, system, hold=hold), *runs[mode].every(look))
         rows[mode] = runs[mode].summary(scale, truth, np.max(left))
         pulls[mode] = partial(in_pieces, partial(tensions, system, hold=hold))
-    work.wipe()
+    banner.work.wipe()
     report(args, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    work.begin("the true motion")
+    banner.work.begin("the true motion")
     ghost = budget and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
     text = publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost)
-    work.wipe()
+    banner.work.wipe()
     print(text)
 
 

@@ -127,6 +127,7 @@ def test_a_length_in_a_file_is_judged_by_its_rods_own(size):
 
 ASKED = {  # what a run is asked for besides, and the sentence that answers it
     "keep has -1; must be steps of the run, whole numbers 0 to 9": {"keep": [0, -1, 31, 5.5]},
+    "keep can be gone through but once": {"keep": iter([1, 2])},
     "keep has 10; must be steps": {"keep": range(11)},
     "keep has 5.5; must be steps": {"keep": (5, 5.5)},
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},

@@ -32,8 +32,9 @@ def check_run(system, force, dt, steps, keep, step_fn, rules):
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")
-    for name, rule in rules.items():
-        if rule is step_fn and (why := misfit(hold, name)):
+    for name in (name for name, rule in rules.items() if rule is step_fn):
+        why = misfit(hold, name)
+        if why is not None:
             raise ValueError(f"this force {why}")
     number = isinstance(dt, (int, float, np.integer, np.floating))
     if not (number and 0.0 < dt < np.inf):
@@ -41,6 +42,8 @@ def check_run(system, force, dt, steps, keep, step_fn, rules):
     # a whole number of numpy's may be too short for one step more
     if not (type(steps) in (int, np.int64) and steps >= 0):
         raise ValueError(f"steps is {steps!r}; must be an int >= 0")
+    if iter(keep) is keep:
+        raise ValueError("keep can be gone through but once; must be a list, or a range")
     kept = np.array([*keep])
     if kept.size and (kept.dtype.kind not in "iu" or kept.min() < 0 or kept.max() > steps):
         bad = next(x for x in keep if not (isinstance(x, (int, np.integer)) and 0 <= x <= steps))

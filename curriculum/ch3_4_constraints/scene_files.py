@@ -43,7 +43,8 @@ def load_scene(name, chapter, others, gravity):
             end = meant(name, known, f"; scenes are {', '.join(known)}")
             raise SceneError(f"no scene and no file{end}")
         system = parse_scene(read_document(path))
-        if not (why := refusal(system, gravity)):
+        why = refusal(system, gravity)
+        if why is None:
             return system
     except OSError as error:
         why = f"cannot be read: {error.strerror}"

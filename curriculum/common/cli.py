@@ -72,29 +72,35 @@ class Parser(argparse.ArgumentParser):
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
-        if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+        wrong = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
+        stray = re.search(r"unrecognized arguments: (\S+)", message)
+        if wrong:
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
-        elif stray := re.search(r"unrecognized arguments: (\S+)", message):
-            meaning = self.flag_meant(stray[1]) if stray[1][0] == "-" else self.word_meant(stray[1])
-            message += f"; did you mean {meaning!r}?" if meaning else "; --help lists what is known"
+        elif stray:
+            likely = self.flags_like(stray[1]) if stray[1][0] == "-" else self.words_like(stray[1])
+            end = f"did you mean {likely[0]!r}?" if likely else "--help lists what is known"
+            message += f"; {end}"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         name = self.prog.split()[-1]  # of a study, without what runs it
         self.exit(2, f"{name}: error: {message}\n")
 
-    def flag_meant(self, word):
-        """The flag that a wrong one stands for: it begins so, or is spelled nearly so; or None."""
+    def flags_like(self, word):
+        """The flag that a wrong one stands for, in a list: the only one that begins so, or one that
+        is spelled nearly so."""
         flags = [flag for action in self._actions for flag in action.option_strings]
-        known, word = {flag.strip("-"): flag for flag in flags}, word.partition("=")[0].strip("-")
-        begun = [name for name in known if len(name) > 1 and name.startswith(word.lower())]
-        return known[begun[0]] if len(begun) == 1 else known.get(*nearest(word, known) or [None])
+        known = {flag.strip("-"): flag for flag in flags}
+        word = word.partition("=")[0].strip("-")
+        begun = [name for name in known if name.startswith(word.lower())]
+        likely = begun if len(begun) == 1 else nearest(word, known)
+        return [known[name] for name in likely]
 
-    def word_meant(self, word):
-        """The flag, and the word that it takes, that a word without a flag stands for; or None."""
-        known = {a.option_strings[-1]: a.choices for a in self._actions if a.choices} | self.names
-        near = {flag: nearest(word, [str(x) for x in words]) for flag, words in known.items()}
-        if os.path.exists(word) and self.names:
-            near = {next(iter(self.names)): [word]}
-        return next((f"{flag} {found[0]}" for flag, found in near.items() if found), None)
+    def words_like(self, word):
+        """What a word without a flag stands for: flags and the word that they take."""
+        known = {a.option_strings[-1]: map(str, a.choices) for a in self._actions if a.choices}
+        if os.path.exists(word):  # a file of the reader's
+            return [f"{flag} {word}" for flag in self.names]
+        known |= self.names
+        return [f"{flag} {x}" for flag, words in known.items() for x in nearest(word, words)]
 
     def attempt(self, flag, function, *args):
         """function(*args), whose ArgumentTypeError becomes the error of the argument `flag`."""
