@@ -193,22 +193,14 @@ def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):
     ]
 
 
-def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_and_printed(tmp_path):
+def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_printed_and_drawn(tmp_path):
     row = '"none": Hold(1.0, 0.0, 0.0, 0.0),'
     text = Path(c.__file__).read_text()
     assert row in text
     mine = tmp_path / "constraints.py"
     mine.write_text(text.replace(row, f"{row}\n        'my_own_spring': Hold(1.0, 9.0, 9.0, 0.0),"))
-    done = python(
-        mine,
-        "--steps",
-        "9",
-        "--no-rerun",
-        "--no-picture",
-        "--out",
-        tmp_path / "out",
-        variables={"PYTHONPATH": str(c.HERE)},
-    )
+    words = [mine, "--steps", "9", "--out", tmp_path / "out"]
+    done = python(*words, variables={"PYTHONPATH": str(c.HERE)})
     assert (done.returncode, done.stderr) == (0, "")
     table = done.stdout.split("\n\n")[1].splitlines()
     assert sum(line.startswith("my_own_spring ") for line in table) == 1
