@@ -144,17 +144,17 @@ Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt rule after", 
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    p, p_t = impedance, impedance * max(time_constant, 2.0 * dt)  # MuJoCo: two steps at least
-    soft = 2.0 / p_t, p / p_t**2, (1.0 - p) / p
+    p, p_t = impedance, impedance * np.maximum(time_constant, 2.0 * dt)  # MuJoCo: two steps at least
+    soft = 2.0 / p_t, p / (p_t * p_t), (1.0 - p) / p
     return {
         # gddot = 0. Fails by slow rot: what has drifted stays, and every step adds to it.
         "none": Hold(1.0, 0.0, 0.0, 0.0),
         # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
         # Fails when dt w passes STABILITY_LIMIT.
-        "baumgarte": Hold(1.0, 2.0 * baumgarte, baumgarte**2, 0.0),
+        "baumgarte": Hold(1.0, 2.0 * baumgarte, baumgarte * baumgarte, 0.0),
         # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
         # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Made for one rule only.
-        "impulse": Hold(0.0, 1.0 / dt, 1.0 / dt**2, 0.0, dt, "semi_implicit"),
+        "impulse": Hold(0.0, 1.0 / dt, 1.0 / (dt * dt), 0.0, dt, "semi_implicit"),
         # A rod that gives, as MuJoCo's tendon, g being |d| (|d| - L): with p, t its impedance and
         # time constant, gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2 for a single one.
         # Fails by design: a rod under load is longer.

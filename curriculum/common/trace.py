@@ -182,6 +182,16 @@ class Symbol:
         same = Symbol(self.tape, self.x, minus)
         return same if nothing or b.x == 1.0 else self.note("/", b, minus)
 
+    def larger(self, b):
+        """The larger of two numbers, or NaN if one of them is."""
+        return self.plain().note("max", lift(b).plain())
+
+    def __array_ufunc__(self, ufunc, method, *given, **how):
+        if ufunc is np.maximum:
+            return lift(given[0]).larger(given[1])
+        given = (x.item() if isinstance(x, np.generic) else x for x in given)
+        return getattr(ufunc, method)(*(np.array(x, object) for x in given), **how)
+
     def refuse(self, *_):
         why = "it branches on a value, or wants one as a plain number"
         self.tape.refused.append(why)  # should the function catch this
@@ -206,7 +216,7 @@ for name in FUNCTIONS:  # np.sin asks each entry of an object array for its meth
     setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
 
 AGAIN = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
-AGAIN |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__}
+AGAIN |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "max": Symbol.larger}
 AGAIN |= {name: getattr(Symbol, name) for name in FUNCTIONS}
 
 
