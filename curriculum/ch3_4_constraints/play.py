@@ -13,6 +13,7 @@ import html
 import json
 import re
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.scene_files import misfit
@@ -282,6 +283,7 @@ def page(chapter, name, system, rule, dt, w, time_constant, impedance):
         "anchors": system["anchors"].tolist(),
         "box": [low[:axes].tolist(), high[:axes].tolist()],
         "mgl": float(weight * np.sum(system["lengths"])) or 1.0,
+        "newtons": float(weight) or 1.0,
         "far": 100.0 * float(np.sum(system["lengths"])),
         "knobs": {"dt": dt, "w": w, "T": time_constant},
         "lists": {
@@ -343,7 +345,8 @@ def main(argv=None):
     parser = Parser(prog="play", description=__doc__)
     names = {"nargs": "*", "metavar": "NAME", "choices": [*about, []]}
     parser.add_argument("names", **names, help=f"some of {', '.join(about)}")
-    parser.add_argument("--out", type=writable, default=Path("outputs/pages"), help="a folder")
+    folder_type = partial(writable, names=(INDEX,))
+    parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
     args = parser.parse_args(argv)
     files = {}
     for name in args.names or about:
