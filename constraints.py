@@ -8,11 +8,12 @@ the lines that run: once on symbols, and then compiled (--show-step). Change one
 """
 
 # --- region: setup ---
+import sys
 from collections import namedtuple
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints import publish, recording, scene_files, statics, tables
+from curriculum.ch3_4_constraints import play, publish, recording, scene_files, statics, tables
 from curriculum.common import banner, ruler
 from curriculum.common.arrays import each_state, in_pieces
 from curriculum.common.cli import chapter_parser, number, run_script
@@ -144,7 +145,7 @@ Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt rule after", 
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    p, p_t = impedance, impedance * np.maximum(time_constant, 2.0 * dt)  # MuJoCo: two steps at least
+    p, p_t = impedance, impedance * np.maximum(time_constant, 2.0 * dt)  # as MuJoCo
     soft = 2.0 / p_t, p / (p_t * p_t), (1.0 - p) / p
     return {
         # gddot = 0. Fails by slow rot: what has drifted stays, and every step adds to it.
@@ -412,7 +413,10 @@ def main(argv=None):
     report(args, rows, runs, dt, steps, truth)
     used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
     ghost = budget and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
-    print(publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost))
+    chapter = sys.modules[__name__]  # a page is made of these very lines
+    page = partial(play.page, chapter, system=system, rule=args.integrator, step_fn=rule, dt=dt)
+    page = partial(page, w=knobs[0], time_constant=knobs[1], impedance=knobs[2])
+    print(publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost, page))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.scene_files import misfit
+from curriculum.ch3_4_constraints.scene_files import check_system, misfit
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, MODES, PULL, PUSH
 from curriculum.common.cli import Parser, run_script, writable
 from curriculum.common.files import write_together
@@ -30,7 +30,7 @@ import numpy as np
 TEMPLATE = Path(__file__).with_name("play.html")
 PAGE = "play.html"
 INDEX = "index.html"
-MOST = 3_000_000  # characters of a page: what has more is nothing to touch
+MOST = 120  # rods: a browser is too slow for more
 DAMPING = 0.1  # s: the hand, a spring, resists a speed as much as this times it in metres
 STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
 STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
@@ -247,13 +247,15 @@ def stiff_choices(usual, limit, dt):
     return choices(usual, among)
 
 
-def page(chapter, name, system, rule, dt, w, time_constant, impedance):
-    """The text of the page: a scene of this name, moved by the integrator `rule`, a name.
+def page(chapter, name, system, rule, step_fn, dt, w, time_constant, impedance):
+    """The text of the page: a scene of this name, moved by `step_fn`, the integrator called `rule`.
 
     It begins with steps of `dt` s, `w` in rad/s and `time_constant` in s. `chapter`: the module
     constraints. Raises Untraceable, and says why. Same arguments, same bytes.
     """
-    step_fn = chapter.INTEGRATORS[rule]
+    if len(system["pairs"]) > MOST:
+        raise Untraceable(f"more than {MOST} rods are too slow for a browser")
+    system = check_system(system)
     memory = Memory(step_fn, chapter.external_force, chapter.hold_table)
     why = next(iter(memory.asks), None)
     if why:
@@ -330,7 +332,8 @@ def digest(part):
 def scene_page(chapter, name):
     """The page of a scene, as a default run of it has it."""
     system = chapter.build_system(name)
-    return page(chapter, name, system, "semi_implicit", 0.005, 20.0, 0.02, 0.95)
+    rule = "semi_implicit"
+    return page(chapter, name, system, rule, chapter.INTEGRATORS[rule], 0.005, 20.0, 0.02, 0.95)
 
 
 def main(argv=None):

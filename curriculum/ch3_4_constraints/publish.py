@@ -9,13 +9,15 @@ from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.picture import motion
-from curriculum.ch3_4_constraints.recording import record
+from curriculum.ch3_4_constraints.play import PAGE
+from curriculum.ch3_4_constraints.recording import record, scene_name
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
+from curriculum.common.trace import Untraceable
 
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
-results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an argparse type
+results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING, PAGE))  # an argparse type
 
 
 def scene_list(counts, folder):
@@ -28,23 +30,30 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
-    """Write metrics.json and, if they are asked for, the picture and the recording; in words.
+def publish(args, used, system, runs, rows, scale, pulls, shown, ghost, page):
+    """Write metrics.json and, if asked for, the picture, the page and the recording; in words.
 
-    The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
-    run stays beside them; if a file cannot be written, all stays as it was. The rest: as `record`
-    takes it.
+    `page`(name) is the page's text, or raises Untraceable. The metrics are `rows`, what was `used`,
+    and those flags that decide them. Nothing of an earlier run stays beside them; if a file cannot
+    be written, all stays as it was. The rest: as `record` takes it.
     """
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    files = {METRICS: as_json(flags | used | {"results": rows}), PICTURE: None, RECORDING: None}
-    scene = args, used, system, runs
+    files = {METRICS: as_json(flags | used | {"results": rows})}
+    files |= dict.fromkeys((PICTURE, PAGE, RECORDING))
+    scene, left_out = (args, used, system, runs), ""
     if args.picture:
         files[PICTURE] = motion(*scene, shown, ghost)
+    if args.page:
+        try:
+            files[PAGE] = page(scene_name(args))
+        except Untraceable as why:
+            left_out = f"\n{PAGE} left out: {why}"
     if args.rerun:
         found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
         files[RECORDING] = record(*scene, rows, scale, found, ghost)
     write_together(args.out, files)
     text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
+    text += left_out
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
 
 

@@ -25,7 +25,7 @@ LONG = 40_000  # characters of a function: browsers do not optimize those that a
 # Names of numbers on a tape, of all words, and of what a text declares.
 MADE_UP = re.compile(r"(?<![A-Za-z0-9.])[a-z]+[0-9]+\b")
 WORD = re.compile(r"[A-Za-z]\w*")
-DECLARED = re.compile(r"\b(?:const|let) (?:\[([^]]*)\]|(\w+))")
+DECLARED = re.compile(r"\b(?:const|let) (\w+)")
 
 
 def inexact(program):
@@ -33,11 +33,12 @@ def inexact(program):
     found, todo, known = set(), [program.tape], set()
     while todo:
         tape = todo.pop()
-        if id(tape) not in known:
-            known.add(id(tape))
-            found.update(node[0] for node in tape.nodes.values())
-            for part in tape.parts.values():
-                todo.append(part.program.tape if isinstance(part, Call) else part.tape)
+        if id(tape) in known:
+            continue
+        known.add(id(tape))
+        found.update(node[0] for node in tape.nodes.values())
+        parts = tape.parts.values()
+        todo += [part.program.tape if isinstance(part, Call) else part.tape for part in parts]
     return found - EXACT
 
 
@@ -49,6 +50,18 @@ def literal(x):
 def words(texts):
     """The words of texts, each once, in order: {word: None}."""
     return dict.fromkeys(word for text in texts for word in WORD.findall(text))
+
+
+def called(names, call):
+    """Lines that name the numbers of the array which a call returns.
+
+    One by one: a browser makes ten times as much of `const [a, b, c] = ...`, and runs it slowly.
+    """
+    if not names:
+        return ""
+    whole = f"all_{names[0]}"
+    each = (f"const {name} = {whole}[{k}];" for k, name in enumerate(names))
+    return "\n".join([f"const {whole} = {call};", *each])
 
 
 class Expressions:
@@ -166,7 +179,7 @@ class Writer:
         if isinstance(part, Call):
             name, knobs = self.routine(part.program)
             given = ", ".join([*map(expressions.signed, part.arguments), *knobs])
-            return part.names, f"const [{', '.join(part.names)}] = {name}({given});"
+            return part.names, called(part.names, f"{name}({given})")
         return part.names, self.loop(part, expressions)
 
     def loop(self, loop, expressions):
@@ -212,10 +225,10 @@ class Writer:
         for piece in reversed(pieces):
             text = "\n".join(text for _, text in piece)
             makes = [name for names, _ in piece for name in names if name in wanted]
-            inside = {name for found in DECLARED.findall(text) for name in words(found)}
+            inside = set(DECLARED.findall(text))
             takes = [x for x in words([text]) if self.is_number(x) and x not in inside]
             name = self.function(takes, piece, makes)
-            calls.append((makes, f"const [{', '.join(makes)}] = {name}({', '.join(takes)});"))
+            calls.append((makes, called(makes, f"{name}({', '.join(takes)})")))
             wanted |= words([text])
         return calls[::-1]
 
