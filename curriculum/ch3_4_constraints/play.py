@@ -168,7 +168,7 @@ def traced(chapter, system, rule, modes, impedance):
 
 
 def reach(system):
-    """The corners (3,), (3,) of a box that no particle on right rods can leave.
+    """The corners (3,), (3,) of a box that particles on right rods hardly leave.
 
     A particle is at most as far from an anchor as the shortest way along rods is.
     """
@@ -191,7 +191,11 @@ def reach(system):
     low = np.where(tied[:, None], low, system["q0"] - loose)
     high = np.where(tied[:, None], high, system["q0"] + loose)
     corners = np.vstack([low, high, anchors])
-    return corners.min(axis=0), corners.max(axis=0)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if not np.any(system["v0"]):  # from rest, little rises far above where it was let go
+        top = np.max(np.vstack([system["q0"], anchors])[:, 1])
+        high[1] = min(high[1], top + 0.5 * (top - low[1]))
+    return low, high
 
 
 def luminance(color):
