@@ -58,7 +58,7 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {publish.METRICS, publish.PICTURE}
+    assert files == {publish.METRICS, publish.PICTURE, publish.PAGE}
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     flags = ["--out", str(tmp_path)]
     assert [c.parse([*flags, *more])[0].rerun for more in ([], ["--rerun"])] == [False, True]
@@ -124,7 +124,7 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     done = run(tmp_path, preexec_fn=closed)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     done = run(tmp_path / "\u00e4", variables={"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0 and done.stdout.rstrip().endswith("\\xe4/motion.svg")
+    assert done.returncode == 0 and done.stdout.rstrip().endswith("\\xe4/play.html")
     assert script("import numpy; numpy.ones(1) / 0.0").stderr == ""  # a warning for nobody
     done = python("-S", c.__file__, variables={"PYTHONPATH": ""})
     assert done.returncode == 1 and re.fullmatch("numpy is not installed: [^\n]+\n", done.stderr)

@@ -93,6 +93,8 @@ def test_what_a_reader_writes_is_in_the_page(monkeypatch, tmp_path):
 
     monkeypatch.setattr(c, "hold_table", more)
     monkeypatch.setattr(c, "external_force", lambda s, q, v=None: weight(s, q, v) - 0.3 * v)
+    c.main(["--steps", "20", "--no-rerun", "--out", str(tmp_path)])
+    assert all("mine" in (tmp_path / name).read_text() for name in (play.PAGE, "motion.svg"))
     found = compared(tmp_path, "pendulum", "semi_implicit", 400)
     assert "mine" in found
     energies = found["project"][1].energies

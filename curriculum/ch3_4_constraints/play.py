@@ -37,7 +37,6 @@ STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
 TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s
 PAPERS = {"light": "#ffffff", "dark": "#0d1117"}
 CONTRAST = 4.6  # of words, at least
-SPARE = "#2e8b57", "#b8690f", "#7a5c99"  # of modes that are not the chapter's
 KNOBS = "dt", "whole", "w", "T"  # `whole`: the step that a Hold is for, where dt may be a half
 
 
@@ -225,9 +224,7 @@ def readable(color, paper):
 
 def palette(modes):
     """CSS: for each theme the colour of each mode, by its number, and the pictures' others."""
-    spare = [mode for mode in modes if mode not in MODES]
-    colors = [MODES.get(x) or SPARE[spare.index(x) % len(SPARE)] for x in modes]
-    named = {f"mode-{k}": color for k, color in enumerate(colors)}
+    named = {f"mode-{k}": MODES[mode] for k, mode in enumerate(modes)}
     named |= {"excess": EXCESS, "grey": GREY, "pull": PULL, "push": PUSH}
     rules = []
     for theme, paper in PAPERS.items():

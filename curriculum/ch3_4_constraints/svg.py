@@ -5,8 +5,18 @@ from itertools import pairwise
 
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
+
+class Colors(dict):
+    """Colours by name; a mode that a reader adds to the chapter's has one, too."""
+
+    spare = "#2e8b57", "#b8690f", "#7a5c99"
+
+    def __missing__(self, name):
+        return self.spare[sum(name.encode()) % len(self.spare)]
+
+
 # Told apart by everybody, in each kind of colour blindness, and readable on any ground.
-MODES = {"none": "#458fac", "baumgarte": "#5a4cef", "impulse": "#947c00", "soft": "#bd144e"}
+MODES = Colors(none="#458fac", baumgarte="#5a4cef", impulse="#947c00", soft="#bd144e")
 MODES["project"] = "#ff008d"
 PULL, PUSH, EXCESS = "#cd8166", "#bb72ff", "#ff1f1f"  # of a rod; and what it has too much
 INK, GREY, PALE = "currentColor", "#7d8590", "#7d859055"
