@@ -99,10 +99,11 @@ class Tracer:
         return self.chapter.make_force(self.system, hold)
 
     def hand(self):
+        """A context in which the chapter's external force has the hand's beside it."""
         return Hand(self.inputs(self.point), self.inputs(self.pulls)).on(self.chapter)
 
-    def write(self, function, knobs):
-        """The name of the function for function(q, v, *knobs), and the Program."""
+    def traced(self, function, knobs=()):
+        """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""
         program = Program(function, self.still, self.still, knobs=knobs)
         self.inexact |= inexact(program)
         self.live = program.live
@@ -121,7 +122,7 @@ class Tracer:
         def step(q, v, dt, *_):
             return followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
 
-        program, given = self.write(step, self.knobs)
+        program, given = self.traced(step, self.knobs)
         for result, mask in zip(program.results, (self.still, self.still), strict=True):
             if any(s.x != 0.0 for s in result[mask]):
                 raise Leaves
@@ -135,7 +136,7 @@ class Tracer:
             joules = self.chapter.energy(self.system, q, v)
             return np.array([joules]), self.chapter.rod_errors(self.system, q)
 
-        program, given = self.write(measure, [])
+        program, given = self.traced(measure)
         return self.writer.program(program, ["state"], given)
 
     def tensions(self):
@@ -145,7 +146,7 @@ class Tracer:
             with self.hand():
                 return (self.chapter.tensions(self.system, q, v),)
 
-        program, given = self.write(tensions, self.knobs)
+        program, given = self.traced(tensions, self.knobs)
         return self.writer.program(program, ["state", "dt", "knobs"], given)
 
 
@@ -154,7 +155,7 @@ class Leaves(Exception):
 
 
 def traced(chapter, system, rule, modes, impedance):
-    """A Tracer, and {what: the name of its function} of each mode, of "measure", "tensions"."""
+    """A Tracer, and the names of its functions: {mode: a step}, the measures, the tensions."""
     flat = not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
     for axes in (2, 3) if flat else (3,):
         tracer = Tracer(chapter, system, rule, impedance, axes)
@@ -248,11 +249,12 @@ def stiff_choices(usual, limit, dt):
     return choices(usual, among)
 
 
-def page(chapter, name, system, rule, step_fn, dt, w, time_constant, impedance):
+def page(chapter, name, system, rule, step_fn, dt, knobs):
     """The text of the page: a scene of this name, moved by `step_fn`, the integrator called `rule`.
 
-    It begins with steps of `dt` s, `w` in rad/s and `time_constant` in s. `chapter`: the module
-    constraints. Raises Untraceable, and says why. Same arguments, same bytes.
+    It begins with steps of `dt` s and, as `knobs`, w in rad/s, the time constant in s, and the
+    impedance. `chapter`: the module constraints, as its reader has edited it. Raises Untraceable,
+    and says why. Same arguments, same bytes.
     """
     if len(system["pairs"]) > MOST:
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
@@ -261,7 +263,8 @@ def page(chapter, name, system, rule, step_fn, dt, w, time_constant, impedance):
     why = next(iter(memory.asks), None)
     if why:
         raise Untraceable(why)
-    holds = chapter.hold_table(dt, w, time_constant, impedance)
+    w, time_constant, impedance = knobs
+    holds = chapter.hold_table(dt, *knobs)
     modes = [mode for mode, hold in holds.items() if not misfit(hold, rule)]
     try:
         tracer, names, measure, tensions = traced(chapter, system, step_fn, modes, impedance)
@@ -334,7 +337,7 @@ def scene_page(chapter, name):
     """The page of a scene, as a default run of it has it."""
     system = chapter.build_system(name)
     rule = "semi_implicit"
-    return page(chapter, name, system, rule, chapter.INTEGRATORS[rule], 0.005, 20.0, 0.02, 0.95)
+    return page(chapter, name, system, rule, chapter.INTEGRATORS[rule], 0.005, (20.0, 0.02, 0.95))
 
 
 def main(argv=None):

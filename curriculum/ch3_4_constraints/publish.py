@@ -8,14 +8,15 @@ import textwrap
 from functools import partial
 from pathlib import Path
 
+from curriculum.ch3_4_constraints import play
 from curriculum.ch3_4_constraints.picture import motion
-from curriculum.ch3_4_constraints.play import PAGE
 from curriculum.ch3_4_constraints.recording import record, scene_name
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
 from curriculum.common.trace import Untraceable
 
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
+PAGE = play.PAGE
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
 results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING, PAGE))  # an argparse type
 

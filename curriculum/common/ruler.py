@@ -26,14 +26,14 @@ class Truth(NamedTuple):
     sought: bool = True
 
 
-def once_for_all(tries=math.inf):
+def once_for_all():
     """A way for simulate by which a rule is traced and compiled once, for steps of all lengths."""
-    made = []  # once somebody asks
+    made = []  # at the first run
 
-    def way(step_fn, steps):
+    def way(step_fn, m, force, dt, measure, steps):
         if not made:
-            made.append(Compiled(step_fn, check=False, tries=tries))
-        made[0].start(steps)
+            made.append(Compiled(step_fn, m, force, dt, measure, check=False))
+        made[0].start(dt, steps)
         return made[0]
 
     return way
@@ -53,7 +53,7 @@ def true_position(run, seconds, most=math.inf):
     (None, inf) if that is over KNOWN, or not found within `most` steps.
     run(rule, dt, steps, way) -> Run.
     """
-    rule, before, way, counts = make_gauss(6), None, once_for_all(most), rungs(seconds)
+    rule, before, way, counts = make_gauss(6), None, once_for_all(), rungs(seconds)
     if sum(counts[:2]) > most:  # one alone agrees with nothing
         return None, math.inf
     for steps in counts:
