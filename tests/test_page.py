@@ -46,13 +46,14 @@ def page(name, rule="semi_implicit"):
     return play.page(c, name, system, rule, step_fn, *USUAL)
 
 
-def compared(folder, name, rule, steps):
+def compared(folder, name, rule, steps, only=None):
     """{mode: (what node says, the Run of Python)}, once all their states are the same bits."""
     if shutil.which("node") is None:
         pytest.skip("node is not installed")
     file, system = folder / "page.html", c.build_system(name)
     file.write_text(page(name, rule))
     modes = [mode for mode, hold in c.hold_table().items() if not misfit(hold, rule)]
+    modes = [mode for mode in modes if only in (None, mode)]
     (folder / "run.cjs").write_text(NODE)
     command = ["node", folder / "run.cjs", file, steps, *modes]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300)
@@ -99,6 +100,18 @@ def test_what_a_reader_writes_is_in_the_page(monkeypatch, tmp_path):
     assert "mine" in found
     energies = found["project"][1].energies
     assert energies[-1] < energies[0] - 0.1  # drag is felt, there and here
+
+
+def test_halves_keep_the_hold_of_the_whole_step(monkeypatch, tmp_path):
+    table = c.hold_table
+
+    def more(*given, **named):  # and a row that is for a step's length, and whose steps fail
+        rows = table(*given, **named)
+        return rows | {"mended": rows["impulse"]._replace(after=c.project)}
+
+    monkeypatch.setattr(c, "hold_table", more)
+    said, run = compared(tmp_path, "heavy_tip", "semi_implicit", 1000, "mended")["mended"]
+    assert said["halved"] == run.halved > 0
 
 
 def test_a_force_that_branches_leaves_the_page_out_with_a_sentence(monkeypatch, tmp_path, capsys):

@@ -259,7 +259,7 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     if len(system["pairs"]) > MOST:
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
     system = check_system(system)
-    memory = Memory(step_fn, chapter.external_force, chapter.hold_table)
+    memory = Memory(step_fn, chapter.external_force)
     why = next(iter(memory.asks), None)
     if why:
         raise Untraceable(why)
@@ -366,8 +366,12 @@ def main(argv=None):
         f"{html.escape(about[Path(name).stem])}"
         for name in files
     )
-    head = '<!doctype html><html lang="en"><meta charset="utf-8"><title>Constraints</title>'
-    files[INDEX] = f"{head}\n<h1>Scenes to touch</h1>\n<ul>\n{rows}\n</ul>\n"
+    head = [
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Scenes to touch</title>',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<meta name="color-scheme" content="light dark">',
+    ]
+    files[INDEX] = "\n".join(head) + f"\n<h1>Scenes to touch</h1>\n<ul>\n{rows}\n</ul>\n"
     write_together(args.out, files)
     print(f"wrote {args.out / INDEX} and {len(files) - 1} pages")
 
