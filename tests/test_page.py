@@ -9,7 +9,8 @@ from functools import partial
 import constraints as c
 from curriculum.ch3_4_constraints import play
 from curriculum.ch3_4_constraints.scene_files import misfit
-from curriculum.common.trace import Untraceable
+from curriculum.common import javascript
+from curriculum.common.trace import Program, Untraceable
 
 import numpy as np
 import pytest
@@ -69,6 +70,33 @@ def compared(folder, name, rule, steps, only=None):
         assert said[mode]["whole"], "a step that fails leaves the state as it was"
         said[mode] = said[mode], run
     return said
+
+
+def test_every_exact_operation_is_written_as_python_has_it(tmp_path):
+    def everything(x):
+        a, b = x
+        larger, smaller = np.maximum(a, b), np.minimum(a, b)
+        chosen = np.where(a < b, a - (b - 3.0), -(a + b) * 0.1 / (a * (b / 7.0)))
+        return (np.stack([larger, smaller, chosen, np.abs(a - b), np.sqrt(a * a + b), -(-a - b)]),)
+
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed")
+    program, writer = Program(everything, np.zeros(2, bool)), javascript.Writer()
+    name = writer.program(program, ["x"], {x: f"x[{k}]" for k, x in enumerate(program.inputs)})
+    assert not javascript.inexact(program)
+    values = [0.1, -0.7, 3.0, 1e300, np.inf, np.nan]
+    pairs = [[a, b] for a in values for b in values]
+    shown = ",".join(f"[{a!r},{b!r}]" for a, b in pairs).replace("inf", "Infinity")
+    lines = f"{javascript.PRELUDE}{writer.source()}\nconst made = [{shown.replace('nan', 'NaN')}]"
+    lines += (
+        f".flatMap({name});\nprocess.stdout.write(Buffer.from(Float64Array.from(made).buffer));"
+    )
+    done = subprocess.run([node, "-"], input=lines.encode(), capture_output=True, check=True)
+    with np.errstate(all="ignore"):
+        expected = [everything(np.array(pair))[0] for pair in pairs]
+    found = np.frombuffer(done.stdout).reshape(len(pairs), -1)
+    assert np.array_equal(found, np.array(expected), equal_nan=True)
 
 
 @pytest.mark.parametrize("name", SCENES)
