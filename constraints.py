@@ -14,13 +14,15 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from curriculum.ch3_4_constraints import publish, recording, scene_files, solving, statics, tables
+from curriculum.ch3_4_constraints import publish, scene_files, solving, statics, tables
+from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve
 from curriculum.common import banner, ruler
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
+from curriculum.common.elimination import has_loop
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
@@ -360,15 +362,16 @@ def parse(argv):
     return args, system, usual, partial(parser.attempt, "--tol")
 
 
-def report(args, rows, runs, dt, steps, truth):
+def report(found):
     """Print the table, a sentence for each mark in it, and the verdict."""
+    args, rows, runs, dt = found.args, found.rows, found.runs, found.dt
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    tables.comparison(rows, runs, f"{truth.step * dt:.3g} s", truth, args.tol)
+    tables.comparison(rows, runs, f"{found.truth.step * dt:.3g} s", found.truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    if args.system in SYSTEMS and args.baumgarte and steps >= SMOKE_STEPS:
+    if args.system in SYSTEMS and args.baumgarte and found.steps >= SMOKE_STEPS:
         tables.verdict(rows)
 
 
@@ -384,8 +387,10 @@ def main(argv=None):
         return simulate(rule, system, force, dt, steps, keep, way)
 
     def watched(mode):
-        hold = hold_table(dt, *knobs)[mode]
-        way = partial(Plain if args.plain else Compiled, watch=partial(unheld, system, hold=hold))
+        """A run of which is asked at every step what no tensions make."""
+        asked = partial(unheld, system, hold=hold_table(dt, *knobs)[mode])
+        watch = asked if has_loop(system["pairs"]) else None  # without a loop it is rounding
+        way = partial(Plain if args.plain else Compiled, watch=watch)
         return run(mode, rule, dt, steps, keep, way)
 
     if args.show_step:
@@ -399,7 +404,8 @@ def main(argv=None):
     budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
-    shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
+    seen = args.rerun or args.picture
+    shown = frames(steps, dt, len(system["q0"])) if seen else np.array([], dtype=int)
     keep = [truth.step, *shown]
     runs = {mode: watched(mode) for mode in banner.in_parts(modes)}
     scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
@@ -407,13 +413,13 @@ def main(argv=None):
     for mode in modes:
         rows[mode] = runs[mode].summary(scale, truth)
         pulls[mode] = mapped(partial(tensions, system, hold=hold_table(dt, *knobs)[mode]))
-    report(args, rows, runs, dt, steps, truth)
-    used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    ghost = budget and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
-    chapter = sys.modules[__name__]  # a page is made of these very lines
-    method = {"rule": args.integrator, "step_fn": rule, "dt": dt, "knobs": knobs}
-    page = partial(publish.play.page, chapter, system=system, **method)
-    print(publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost, page))
+    known = shown if truth.sought else shown[:0]  # the true motion is sought at these
+    close = 1e-3 * np.max(system["lengths"])
+    motion = ruler.true_motion(partial(run, "project"), dt, known, close)
+    found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
+    report(found)
+    page = partial(publish.play.page, sys.modules[__name__], step_fn=rule)  # of these very lines
+    print(publish.publish(found, page))
 
 
 if __name__ == "__main__":

@@ -175,15 +175,6 @@ def test_a_page_needs_nothing_else_and_is_the_same_each_time():
         assert "default-src 'none'" in text and "unsafe" not in text
 
 
-def test_words_can_be_read_on_both_papers():
-    rules = play.palette([*c.hold_table(), "mine"])
-    for theme, paper in play.PAPERS.items():
-        (shades,) = re.findall(rf"scheme: {theme}\) {{:root {{(.*?)}}}}", rules)
-        for shade in re.findall("#[0-9a-f]{6}", shades):
-            assert play.contrast(shade, paper) >= 4.5
-    assert play.contrast("#000000", "#ffffff") == pytest.approx(21.0)
-
-
 def test_no_page_is_written_where_none_is_asked_for(tmp_path):
     words = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
     for flags, there in ([], True), (["--no-page"], False):

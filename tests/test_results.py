@@ -113,17 +113,17 @@ def test_links_smoke_and_steps_say_how_many():
 
 def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
     recorded = []
-    monkeypatch.setattr(publish, "record", lambda *run: recorded.extend(run) or b"")
+    monkeypatch.setattr(publish, "record", lambda found: recorded.append(found) or b"")
     found, lines = results("--integrator gauss --tol 1e-6 --dt 0.005 --rerun", 450)
     errors = {mode: row["error"] for mode, row in found["results"].items()}
     assert found["dt"] > 0.005 and found["error_at"] == pytest.approx(2.0)
     assert min(errors.values()) <= found["tol"] == 1e-6 < max(errors.values())
     (line,) = marked(lines, "--tol")
     assert all((mode in line.split("not met by")[1]) == (x > 1e-6) for mode, x in errors.items())
-    _, used, system, runs, *_, pulls, _ = recorded  # soft is as stiff as that step allows
-    (q, v), hold = runs["soft"].every(1), c.hold_table(used["dt"])["soft"]
-    expected = [c.tensions(system, *state, hold) for state in zip(q, v, strict=True)]
-    assert np.array_equal(pulls["soft"], expected)
+    (shown,) = recorded  # soft is as stiff as that step allows
+    (q, v), hold = shown.runs["soft"].every(1), c.hold_table(shown.dt)["soft"]
+    expected = [c.tensions(shown.system, *state, hold) for state in zip(q, v, strict=True)]
+    assert np.array_equal(shown.tensions["soft"](q, v), expected)
 
 
 @pytest.mark.parametrize("system", ["chain --links 50", "heavy_tip"])

@@ -122,8 +122,9 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     assert np.array_equal(machine, python)
     monkeypatch.delattr(Single, "one")  # no member has trouble, which another way would mend
     together = Crowd(step_of(EXAMPLES[name]), None, None, 0.0, CROWD, 0.0 * CROWD)
-    program = together.traced.program
-    codes = [together.code, OneByOne(program), *([] if program.loops() else [Columns(program)])]
+    traced = together.traced
+    codes = [together.code, OneByOne(traced.source)]
+    codes += [] if traced.program.loops() else [Columns(traced.source)]
     for code in codes:
         together.code = code
         together.put(CROWD, 0.0 * CROWD)
@@ -154,7 +155,7 @@ def test_machine_code_ends_where_python_would_raise_an_error(function, start, mo
     last = alone[np.isfinite(alone).all(axis=(1, 2))][-1]
     many = np.stack([*[x] * 7, last])
     crowd = Crowd(step_of(function), None, None, 0.0, many, 0.0 * many)
-    for code in (crowd.code, OneByOne(crowd.traced.program)):
+    for code in (crowd.code, OneByOne(crowd.traced.source)):
         crowd.code = code
         crowd.put(many, 0.0 * many)
         crowd.advance(1)

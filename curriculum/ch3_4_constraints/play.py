@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.scene_files import check_system, misfit
-from curriculum.ch3_4_constraints.svg import EXCESS, GREY, MODES, PULL, PUSH
+from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
 from curriculum.common.cli import Parser, run_script, writable
 from curriculum.common.files import write_together
 from curriculum.common.javascript import PRELUDE, Writer, inexact
@@ -35,8 +35,7 @@ DAMPING = 0.1  # s: the hand, a spring, resists a speed as much as this times it
 STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
 STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
 TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s
-PAPERS = {"light": "#ffffff", "dark": "#0d1117"}
-CONTRAST = 4.6  # of words, at least
+SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
 KNOBS = "dt", "whole", "w", "T"  # `whole`: the step that a Hold is for, where dt may be a half
 
 
@@ -198,38 +197,14 @@ def reach(system):
     return low, high
 
 
-def luminance(color):
-    """Of "#rrggbb", as WCAG 2 defines it."""
-    parts = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def contrast(a, b):
-    """The ratio of two colours' luminances, from 1 to 21."""
-    low, high = sorted([luminance(a), luminance(b)])
-    return (high + 0.05) / (low + 0.05)
-
-
-def readable(color, paper):
-    """A colour like this one, as much darker or lighter as words on this paper need."""
-    target = 0 if luminance(paper) > 0.5 else 255
-    parts = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)])
-    for share in range(0, 101, 2):
-        mixed = np.rint(parts + (target - parts) * share / 100.0).astype(int)
-        shade = "#" + "".join(f"{x:02x}" for x in mixed)
-        if contrast(shade, paper) >= CONTRAST:
-            return shade
-    raise ValueError(f"no shade of {color} can be read on {paper}")
-
-
 def palette(modes):
-    """CSS: for each theme the colour of each mode, by its number, and the pictures' others."""
-    named = {f"mode-{k}": MODES[mode] for k, mode in enumerate(modes)}
-    named |= {"excess": EXCESS, "grey": GREY, "pull": PULL, "push": PUSH}
+    """CSS: the pictures' colours for each theme, and those of the modes, by number."""
+    colors = {name: PALETTE[name] for name in SHADES}
+    for k, light in enumerate(mode_colors(modes).values()):
+        colors[f"mode-{k}"] = light, DARK[light]
     rules = []
-    for theme, paper in PAPERS.items():
-        shades = "".join(f"--{name}:{readable(x, paper)};" for name, x in named.items())
+    for which, theme in enumerate(("light", "dark")):
+        shades = "".join(f"--{name}:{color[which]};" for name, color in colors.items())
         rules.append(f"@media (prefers-color-scheme: {theme}) {{:root {{{shades}}}}}")
     return "\n".join(rules)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints import play
 from curriculum.ch3_4_constraints.picture import motion
-from curriculum.ch3_4_constraints.recording import record, scene_name
+from curriculum.ch3_4_constraints.recording import record
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
 from curriculum.common.trace import Untraceable
@@ -18,7 +18,7 @@ from curriculum.common.trace import Untraceable
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
 PAGE = play.PAGE
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
-results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING, PAGE))  # an argparse type
+results_folder = partial(writable, names=(METRICS, PICTURE, PAGE, RECORDING))  # an argparse type
 
 
 def scene_list(counts, folder):
@@ -31,27 +31,28 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(args, used, system, runs, rows, scale, pulls, shown, ghost, page):
-    """Write metrics.json and, if asked for, the picture, the page and the recording; in words.
+def publish(found, page):
+    """Write metrics.json and, if asked for, picture, page and recording; say so in words.
 
-    `page`(name) is the page's text, or raises Untraceable. The metrics are `rows`, what was `used`,
-    and those flags that decide them. Nothing of an earlier run stays beside them; if a file cannot
-    be written, all stays as it was. The rest: as `record` takes it.
+    The metrics are the rows of a Comparison, what was used, and those flags that decide them.
+    `page` makes the page's text, as play.page, whose first and `step_fn` arguments it has already.
+    Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
+    args = found.args
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    files = {METRICS: as_json(flags | used | {"results": rows})}
-    files |= dict.fromkeys((PICTURE, PAGE, RECORDING))
-    scene, left_out = (args, used, system, runs), ""
-    if args.picture:
-        files[PICTURE] = motion(*scene, shown, ghost)
+    used = {"dt": found.dt, "steps": found.steps, "rods": len(found.system["pairs"])}
+    used["error_at"] = found.truth.step * found.dt
+    files = {METRICS: as_json(flags | used | {"results": found.rows})}
+    files[PICTURE] = motion(found) if args.picture else None
+    files[PAGE], left_out = None, ""
     if args.page:
+        knobs = args.baumgarte, args.time_constant, args.impedance
+        scene = {"name": found.scene, "system": found.system, "rule": args.integrator}
         try:
-            files[PAGE] = page(scene_name(args))
+            files[PAGE] = page(**scene, dt=found.dt, knobs=knobs)
         except Untraceable as why:
             left_out = f"\n{PAGE} left out: {why}"
-    if args.rerun:
-        found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
-        files[RECORDING] = record(*scene, rows, scale, found, ghost)
+    files[RECORDING] = record(found) if args.rerun else None
     write_together(args.out, files)
     text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
     text += left_out
@@ -64,4 +65,5 @@ def look(recording):
     short = os.sep in nearby and len(nearby) < len(sys.executable)
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
     viewer = ["rerun"] if window else ["rerun", "--web-viewer"]
-    return shlex.join([nearby if short else sys.executable, "-m", *viewer, str(recording)])
+    alone = ["--bind", "127.0.0.1"]  # else its ports are open to the network
+    return shlex.join([nearby if short else sys.executable, "-m", *viewer, *alone, str(recording)])

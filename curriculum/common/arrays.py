@@ -154,35 +154,37 @@ def product(a, b):
     columns = b[:, None] if b.ndim == 1 else b
     if max(rows.ndim, columns.ndim) > 2 or rows.shape[1] != len(columns) or not len(columns):
         return np.matmul(a, b)  # which says what is wrong
-    if object in (a.dtype, b.dtype):
+    if object in (a.dtype, b.dtype) or len(rows) * columns.size > SMALL:
         made = sparse_product(rows, columns)
-    elif len(rows) * columns.size <= SMALL:
-        made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
     else:
-        made = np.zeros((len(rows), columns.shape[1]))
-        for k, column in enumerate(rows.T):
-            place = np.ix_(np.flatnonzero(column), np.flatnonzero(columns[k]))
-            made[place] += np.multiply.outer(column[place[0][:, 0]], columns[k, place[1][0]])
+        made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
     if a.ndim == b.ndim == 1:
         return made[0, 0]
     return ordered(made[0] if a.ndim == 1 else made[:, 0] if b.ndim == 1 else made)
 
 
 def sparse_product(a, b):
-    """a @ b of matrices of objects."""
+    """a @ b of matrices, of which little is not zero for certain."""
     columns = [[] for _ in b]
-    for k, j in np.argwhere(certain(b)).tolist():
-        columns[k].append((j, b[k, j]))
+    for k, j, y in filled(b):
+        columns[k].append((j, y))
     sums = [{} for _ in a]
-    for i, k in np.argwhere(certain(a)).tolist():
-        x, row = a[i, k], sums[i]
+    for i, k, x in filled(a):
+        row = sums[i]
         for j, y in columns[k]:
             row[j] = row[j] + x * y if j in row else x * y
-    made = np.zeros((len(a), b.shape[1]), object)
+    made = np.zeros((len(a), b.shape[1]), np.result_type(a, b))
     for i, row in enumerate(sums):
         for j, total in row.items():
             made[i, j] = total
     return made
+
+
+def filled(a):
+    """(row, column, entry) of what is not zero for certain in a matrix, row by row."""
+    mask = certain(a)
+    i, k = mask.nonzero()
+    return zip(i.tolist(), k.tolist(), a[mask].tolist(), strict=True)
 
 
 def norm(x, ord=None, axis=None, keepdims=False):

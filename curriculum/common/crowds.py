@@ -21,15 +21,15 @@ def pool():
     return ThreadPoolExecutor(native.CORES)
 
 
-def code_of(program, work):
-    """What runs a program for many members, called as native.Native is.
+def code_of(traced, work):
+    """What runs a Traced step for many members, called as native.Native is.
 
     `work`: how many operations there are to do. Members go side by side, in vector registers or as
     columns of numpy, or one by one where there is a loop and no machine code.
     """
     if native.available() and work > WORTH:
-        return native.Native(program, native.LANES)
-    return OneByOne(program) if program.loops() else Columns(program)
+        return native.Native(traced.program, native.LANES)
+    return OneByOne(traced.source) if traced.program.loops() else Columns(traced.source)
 
 
 def run(code, program, state, count, *knobs):
@@ -65,7 +65,7 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
-        self.code = code_of(self.traced.program, np.inf)
+        self.code = code_of(self.traced, np.inf)
         self.put(q, v)
 
     def put(self, q, v):
@@ -118,9 +118,8 @@ class mapped:  # noqa: N801 - it is called as a function is
             traced = Traced(stay, None, None, q, v, self.measure)
         except Untraceable:
             return None, None
-        return traced, code_of(
-            traced.program, len(q) * traced.program.size() * traced.program.loops()
-        )
+        program = traced.program
+        return traced, code_of(traced, len(q) * program.size() if program.loops() else 0)
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""

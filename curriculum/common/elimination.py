@@ -5,6 +5,7 @@ Pairs that share a particle feel each other.
 """
 
 from functools import lru_cache, wraps
+from heapq import heapify, heappop, heappush
 
 from curriculum.common.arrays import ordered
 from curriculum.common.trace import repeat
@@ -35,14 +36,19 @@ def elimination_order(pairs):
     `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
     those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
-    at, left, order = tied(pairs), set(range(len(pairs))), []
+    at, order = tied(pairs), []
     near = [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
-    while left:
-        k = min(left, key=lambda k: (len(near[k]), k))
-        left.remove(k)
+    queue, done = [(len(others), k) for k, others in enumerate(near)], set()
+    heapify(queue)
+    while queue:
+        many, k = heappop(queue)
+        if k in done or many != len(near[k]):  # it has got fewer or more meanwhile
+            continue
+        done.add(k)
         for other in near[k]:
             near[other] |= near[k]
             near[other] -= {k, other}
+            heappush(queue, (len(near[other]), other))
         order.append((k, sorted(near[k])))
     return order
 

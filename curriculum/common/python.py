@@ -97,8 +97,8 @@ def source_of(program):
     """
     routines, names = [], ", ".join(program.inputs)
     (first, _), (lines, results) = write(program.tape, routines, program.lasting(), program.out)
-    rest = "*_, " if len(results) > len(program.inputs) else ""
-    lines += [f"state = ({', '.join(results)},)", "keep(state)", f"{names}, {rest}= state"]
+    rest = f"[:{len(program.inputs)}]" if len(results) > len(program.inputs) else ""
+    lines += [f"state = ({', '.join(results)},)", "keep(state)", f"{names}, = state{rest}"]
     source = f"def f({', '.join(['state', 'count', 'keep', *program.knobs])}):\n"
     source += "".join(f"    {line}\n" for line in [*first, f"{names}, = state"])
     source += "    for _ in range(count):\n" + "".join(f"        {line}\n" for line in lines)
@@ -119,12 +119,12 @@ def compiled(source, space):
 
 
 class Columns:
-    """A program without loops for many members, in numpy; called as native.Native is."""
+    """A source without loops for many members, in numpy; called as native.Native is."""
 
     lanes = 1
 
-    def __init__(self, program):
-        self.function = compiled(source_of(program), COLUMNS)
+    def __init__(self, source):
+        self.function = compiled(source, COLUMNS)
 
     def __call__(self, state, count, out, *knobs):
         entries, members = state.shape
@@ -153,15 +153,15 @@ def put(places, values):
 
 
 class OneByOne:
-    """A program for many members, in Python's floats; called as native.Native is.
+    """A source for many members, in Python's floats; called as native.Native is.
 
     A member whose loop comes to no end is NaN from there on.
     """
 
     lanes = 1
 
-    def __init__(self, program):
-        self.source, self.function = (source := source_of(program)), compiled(source, NUMBERS)
+    def __init__(self, source):
+        self.source, self.function = source, compiled(source, NUMBERS)
 
     def __call__(self, state, count, out, *knobs):
         entries = len(state)

@@ -6,6 +6,7 @@ A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tri
 import contextlib
 import math
 import time
+from functools import cached_property
 from itertools import chain
 
 from curriculum.common import native
@@ -126,9 +127,21 @@ class Traced:
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
         self.program, self.live, self.still = program, program.live, still
-        self.source = source_of(program)
-        self.function = compiled(self.source, NUMBERS)
-        self.exact = program.exact()
+
+    @cached_property
+    def source(self):
+        """The program in Python."""
+        return source_of(self.program)
+
+    @cached_property
+    def function(self):
+        """The function that this is, of floats."""
+        return compiled(self.source, NUMBERS)
+
+    @cached_property
+    def exact(self):
+        """Whether the same bits are promised of it as of the lines as they stand."""
+        return self.program.exact()
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
@@ -152,6 +165,7 @@ class Single:
 
     def __init__(self, traced):
         self.traced, self.machine, self.halved = traced, None, 0
+        self.function = traced.function  # made here, and not while steps are timed
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
@@ -184,7 +198,7 @@ class Single:
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
             with contextlib.suppress(ArithmeticError, ValueError):  # taken alone it names its error
-                self.traced.function(tuple(state.tolist()), count, states.append, dt)
+                self.function(tuple(state.tolist()), count, states.append, dt)
             flat = np.fromiter(chain.from_iterable(states), float, len(states) * entries)
             rows[done : done + len(states)] = flat.reshape(-1, entries)
             done += len(states)
@@ -205,7 +219,7 @@ class Single:
             if unsettled and dt > self.least:  # its halves are next: no need for the words
                 raise Stop("a loop came to no end")
         try:
-            self.traced.function(tuple(state.tolist()), 1, found.append, dt)
+            self.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
             raise
         except (ArithmeticError, ValueError):
