@@ -7,9 +7,10 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
+from curriculum.common import rules
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
-from curriculum.common.ruler import rungs, settle, true_position
+from curriculum.common.ruler import climb, cost, rungs, settle, step_for, true_position
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -101,9 +102,9 @@ def test_baumgarte_holds_up_to_the_stability_limit(rule):
 
 
 # --- the ruler ---
-def asked(name, mode, rule, dt, steps, way=Compiled):
+def asked(name, mode, rule, dt, steps, keep=(), way=Compiled):
     """A Run of a chapter scene, as the ruler asks for it."""
-    return run(c.build_system(name), rule, mode, dt, steps, way=way)
+    return run(c.build_system(name), rule, mode, dt, steps, keep, way)
 
 
 TRUE = [*product(REFERENCE["cases"], ["project"]), ("double", "none"), ("triple", "none")]
@@ -131,7 +132,7 @@ def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
 
     def counted(name, rule, dt, steps, way):
         taken.append(steps)
-        return asked(name, "project", rule, dt, steps, way)
+        return asked(name, "project", rule, dt, steps, way=way)
 
     double, triple = partial(counted, "double"), partial(counted, "triple")
     assert true_position(double, 2.0, 107) == unknown and not taken
@@ -153,13 +154,49 @@ def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
 
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
-    """As many steps; a truth after 2 s or at the end; for an error, the largest step that does."""
+    """As many steps; a truth after 2 s or at the end; for an error, a step twice as large fails."""
     runs = [partial(asked, "double", mode) for mode in ("project", "none")]
-    rule, found, count, truth = settle(runs, c.rk4_step, dt, steps, None, 5000)
-    assert (rule, found, count, truth.step) == (c.rk4_step, dt, steps, at)
+    name, found, count, truth = settle(runs, {"rk4": c.rk4_step}, dt, steps, None, 5000)
+    assert (name, found, count, truth.step) == ("rk4", dt, steps, at)
     assert truth.known < 1e-9
-    rule, found, count, truth = settle(runs, c.INTEGRATORS["gauss"], dt, steps, 1e-9, 5000)
+    offered = rules.offered("gauss:6", c.INTEGRATORS, 1e-9)
+    name, found, count, truth = settle(runs, offered, dt, steps, 1e-9, 5000)
     assert found > dt and 0.0 <= count * found - steps * dt < found
     assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)
-    ends = [runs[1](rule, h, round(at * dt / h)).q[-1] for h in (found, 2.0 * found)]
-    assert distance(ends[0], truth.q) <= 1e-9 < distance(ends[1], truth.q)
+    ends = [runs[1](offered[name], h, round(at * dt / h)) for h in (found, 2.0 * found)]
+    near, far = (distance(end.q[-1], truth.q) for end in ends)
+    assert near <= 1e-9 and (far > 1e-9 or ends[1].halved)
+
+
+def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
+    """midpoint: (order / 2)^2 + 1 of them a step; those of gauss are counted at states of a run."""
+    runs = [partial(asked, "double", "none")]
+    q, _ = true_position(partial(asked, "double", "project"), 2.0)
+    costs = {}
+    for order in (4, 6, 8, 10, 12):
+        rule = rules.named(f"midpoint:{order}", c.INTEGRATORS)
+        error, dt, (found, states) = climb(1e-7, 2.0, q, runs, rule)
+        forces = cost(found, rule, dt, states)
+        assert error <= 1e-7 and forces == (order / 2) ** 2 + 1
+        costs[f"midpoint:{order}"] = forces / dt
+    table = {name: rules.named(name, c.INTEGRATORS) for name in costs}
+    for names in (list(table), list(table)[::-1]):
+        name, dt = step_for(1e-7, 2.0, q, runs, {name: table[name] for name in names})
+        assert name == min(costs, key=costs.get) not in ("midpoint:4", "midpoint:12")
+    rule = rules.named("gauss:6:1e-8", c.INTEGRATORS)  # longer steps are near enough, in halves
+    _, dt, _ = climb(1e-6, 2.0, q, runs, rule)
+    assert dt < 0.15 and not runs[0](rule, dt, round(2.0 / dt)).halved
+    loose, strict = (rules.named(f"gauss:6:{tol}", c.INTEGRATORS) for tol in ("1e-4", "1e-12"))
+    few, many = (cost(runs[0], rule, 0.02, [(q, 0.0 * q)]) for rule in (loose, strict))
+    assert few < many and few % 6 == many % 6 == 1  # one before the rounds, and one a stage
+
+
+ORDERS = {"midpoint:2": 2, "midpoint:6": 6, "gauss:2": 4, "gauss:3:1e-15": 6}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_a_rule_is_of_the_order_that_its_name_says(name):
+    q, _ = true_position(partial(asked, "double", "project"), 1.0)
+    ends = [asked("double", "none", name, 1.0 / n, n).q[-1] for n in (50, 100)]
+    coarse, fine = (distance(end, q) for end in ends)
+    assert math.log2(coarse / fine) == pytest.approx(ORDERS[name], abs=0.4)
