@@ -8,6 +8,7 @@ the lines that run: once on symbols, and then compiled (--show-step). Change one
 """
 
 # --- region: setup ---
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -424,7 +425,8 @@ def main(argv=None):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
     sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
-    after = ["the picture"] * args.picture + ["the recording"] * args.rerun
+    after = ["the picture"] * args.picture + ["the page"] * args.page
+    after += ["the recording"] * args.rerun
     banner.work.plan("the truth", *modes, "the true motion", *after)
     banner.work.begin("the truth")
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
@@ -447,7 +449,8 @@ def main(argv=None):
     found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
     banner.work.wipe()
     report(found)
-    text = publish.publish(found)
+    page = partial(publish.play.page, sys.modules[__name__], step_fn=rule)  # of these very lines
+    text = publish.publish(found, page)
     banner.work.wipe()
     print(text)
 

@@ -65,7 +65,7 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {publish.METRICS, publish.PICTURE}
+    assert files == {publish.METRICS, publish.PICTURE, publish.PAGE}
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     assert not c.parse(["--out", str(tmp_path)])[0].rerun
     line = complaint(capsys, "--rerun")  # told before the run, not after it
@@ -301,7 +301,7 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     done = run(tmp_path / "\u00e4", variables={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0 and done.stdout.rstrip().endswith(
-        "\\xe4:\n  metrics.json, motion.svg"
+        "\\xe4:\n  metrics.json, motion.svg, play.html"
     )
     done = script("raise OSError(28, 'Full', 'a.json')", preexec_fn=partial(os.close, 1))
     assert (done.returncode, done.stderr) == (1, "-c: error: Full: a.json\n")

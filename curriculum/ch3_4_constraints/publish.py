@@ -9,17 +9,20 @@ import textwrap
 from functools import partial
 from pathlib import Path
 
+from curriculum.ch3_4_constraints import play
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
 from curriculum.ch3_4_constraints.scene_files import read_document, shipped
 from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
+from curriculum.common.trace import Untraceable
 
 WIDTH = 80  # columns of what is printed
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
+PAGE = play.PAGE
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
-results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an argparse type
+results_folder = partial(writable, names=(METRICS, PICTURE, PAGE, RECORDING))  # an argparse type
 
 
 def scene_list(counts, folder):
@@ -36,10 +39,11 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(found):
-    """Write metrics.json, and the picture and the recording if they are asked for; say so in words.
+def publish(found, page):
+    """Write metrics.json and, if asked for, picture, page and recording; say so in words.
 
     The metrics are the rows of a Comparison, what was used, and those flags that decide them.
+    `page` makes the page's text, as play.page, whose first and `step_fn` arguments it has already.
     Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
     args = found.args
@@ -48,15 +52,24 @@ def publish(found):
     used["error_at"] = found.truth.step * found.dt
     used["known"] = None if found.truth.q is None else float(f"{found.truth.known:.2g}")  # m
     files = {METRICS: as_json(flags | used | {"results": found.rows})}
-    files |= {PICTURE: None, RECORDING: None}
+    files |= {PICTURE: None, PAGE: None, RECORDING: None}
+    left_out = ""
     if args.picture:
         work.begin("the picture")
         files[PICTURE] = motion(found)
+    if args.page:
+        work.begin("the page")
+        knobs = args.baumgarte, args.time_constant, args.impedance
+        scene = {"name": found.scene, "system": found.system, "rule": args.integrator}
+        try:
+            files[PAGE] = page(**scene, dt=found.dt, knobs=knobs)
+        except Untraceable as why:
+            left_out = f"\n{PAGE} left out: {why}"
     if args.rerun:
         work.begin("the recording")
         files[RECORDING] = record(found)
     write_together(args.out, files)
-    text = wrote(args.out, [name for name in files if files[name]])
+    text = wrote(args.out, [name for name in files if files[name]]) + left_out
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
 
 

@@ -170,6 +170,7 @@ def chapter_parser(prog, folder, out, examples):
     results("--out DIR", default=out, help="a folder")
     switch = argparse.BooleanOptionalAction
     results("--picture", action=switch, default=True, help="one that moves, for any browser")
+    results("--page", action=switch, default=True, help="one to touch, for any browser")
     viewer = find_spec("rerun") is not None  # without it nothing can make the recording
     results("--rerun", action=switch, default=viewer, help="the recording, for Rerun's viewer")
     results("--show-step", action="store_true", help="print the code that a step becomes, no more")
