@@ -8,7 +8,7 @@ from functools import partial
 
 import constraints as c
 from curriculum.ch3_4_constraints import play
-from curriculum.ch3_4_constraints.scene_files import misfit
+from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.common import javascript
 from curriculum.common.trace import Program, Untraceable
 

@@ -16,8 +16,9 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.scene_files import check_system, misfit
+from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
+from curriculum.ch3_4_constraints.systems import SceneError, check_system
 from curriculum.common.cli import Parser, run_script, writable
 from curriculum.common.files import write_together
 from curriculum.common.javascript import PRELUDE, Writer, inexact
@@ -334,7 +335,7 @@ def main(argv=None):
     for name in args.names or about:
         try:
             files[f"{name}.html"] = scene_page(chapter, name)
-        except (Untraceable, chapter.scene_files.SceneError) as why:
+        except (Untraceable, SceneError) as why:
             print(f"{name} left out: {why}")
     rows = "\n".join(
         f'<li><a href="{html.escape(name)}">{html.escape(Path(name).stem)}</a>: '
