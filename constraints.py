@@ -358,7 +358,8 @@ def parse(argv):
     method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
     method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
     method("--tol M", type=number(high=1), help="m at 2 s; midpoint, gauss find number and step")
-    parser.names = {"--system": [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]}
+    scenes = [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]
+    parser.names = {"--system": scenes, "--integrator": INTEGRATORS}  # what words may be meant as
     args = parser.parse_args(argv)
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))

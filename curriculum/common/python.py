@@ -98,9 +98,11 @@ def source_of(program):
     routines, names = [], ", ".join(program.inputs)
     (first, _), (lines, results) = write(program.tape, routines, program.lasting(), program.out)
     rest = f"[:{len(program.inputs)}]" if len(results) > len(program.inputs) else ""
-    lines += [f"state = ({', '.join(results)},)", "keep(state)", f"{names}, = state{rest}"]
+    lines += [f"state = ({', '.join(results)},)", "keep(state)"]
+    lines += [f"{names}, = state{rest}"] if names else []
     source = f"def f({', '.join(['state', 'count', 'keep', *program.knobs])}):\n"
-    source += "".join(f"    {line}\n" for line in [*first, f"{names}, = state"])
+    begin = [f"{names}, = state"] if names else []
+    source += "".join(f"    {line}\n" for line in [*first, *begin])
     source += "    for _ in range(count):\n" + "".join(f"        {line}\n" for line in lines)
     for k, called in enumerate(routines):  # which may call others: the list grows
         ((lines, made),) = write(called.tape, routines, called.made)

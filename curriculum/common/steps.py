@@ -145,7 +145,8 @@ class Traced:
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
-        return np.array([(q, v)[k][(..., *at)].ravel() for k, at in self.live])
+        found = [(q, v)[k][(..., *at)].ravel() for k, at in self.live]
+        return np.reshape(found, (len(found), math.prod(q.shape[:-2])))
 
     def states(self, rows):
         """q, v (count, N, 3) of rows (count, entries), stored components first."""
