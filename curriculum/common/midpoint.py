@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from curriculum.common.trace import Routine, entrywise
+from curriculum.common.trace import Routine, side_by_side
 
 import numpy as np
 
@@ -37,6 +37,8 @@ def make_midpoint(order):
                 (x, leap(before, x, 2.0 * dt / n)) if k < n else (before, x)
                 for n, (before, x) in zip(parts, ways, strict=True)
             ]
-        return tuple(entrywise(extrapolated, np.stack([x for _, x in ways]))[0])
+        ends = np.stack([x.ravel() for _, x in ways], axis=1)
+        made = side_by_side(lambda row: extrapolated(row)[0], ends)
+        return tuple(made.reshape(start.shape))
 
     return midpoint_step

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from functools import lru_cache
 
-from curriculum.common.trace import FUNCTIONS, Call, Stop
+from curriculum.common.trace import FUNCTIONS, Call, Lanes, Stop
 
 import numpy as np
 
@@ -59,7 +59,10 @@ def write(tape, routines, *groups):
 
 
 def part_lines(part, signed, routines):
-    """A Call or a Loop; `signed`(symbol) is an expression for what is computed before it."""
+    """A Call, Lanes or a Loop; `signed`(symbol) is an expression for what is computed before it."""
+    if isinstance(part, Lanes):
+        yield from lanes_lines(part, signed, routines)
+        return
     names = ", ".join(part.names)
     if isinstance(part, Call):
         if part.program not in routines:
@@ -79,6 +82,18 @@ def part_lines(part, signed, routines):
     yield from (f"    {line}" for line in [*test, *done, *rest])
     yield f"    {names}, = {', '.join(following)},"
     yield from ("else:", f"    raise Stop({part.complaint!r})")
+
+
+def lanes_lines(lanes, signed, routines):
+    """Rows in turn: what each makes is added to a list."""
+    program, everything = lanes.program, f"all_{lanes.names[0][0]}"
+    ((lines, made),) = write(program.tape, routines, program.made)
+    rows = ", ".join(f"({', '.join(map(signed, row))},)" for row in lanes.rows)
+    yield f"{everything} = []"
+    yield f"for {', '.join(program.inputs)}, in {rows}:"
+    yield from (f"    {line}" for line in lines)
+    yield f"    {everything} += {', '.join(made)},"
+    yield f"{', '.join(sum(lanes.names, []))}, = {everything}"
 
 
 def number_function(program):
