@@ -11,7 +11,6 @@ import numpy as np
 ROUGH = 0.02  # last terms as a share of all: from there on a polynomial is no picture of the motion
 DIGITS = 50  # in which nodes and weights are computed, so that every machine has the same doubles
 MOST = 60  # rounds
-FAR = 1e300  # what is left before the first of them
 
 
 def legendre(x, degree):
@@ -90,22 +89,23 @@ def make_gauss(stages, tol=1e-16):
         c, b, once, twice, last_terms = collocation(stages)
         start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
 
-        def iterate(state):
-            a, left = state[:-1].reshape(stages, *q.shape), state[-1]
+        def iterate(state):  # the accelerations, and how far the last round has moved the end
+            a, moved = state[:-1].reshape(stages, *q.shape), state[-1]
 
             def stage(c, once, twice, before):
                 x = q + dt * c * v + dt * dt * combined(twice, a)
                 after = force(x, v + dt * combined(once, a)) / m
                 return after, squares(after - before), squares(before)
 
-            following, moved, size = side_by_side(stage, c, once, twice, a)
-            moved, size = dt4 * total(moved), dt4 * total(size)
-            after = moved / (tol**2 * (start + size) + 1e-300)
-            return np.append(following, after), left
+            following, change, size = side_by_side(stage, c, once, twice, a)
+            change, size = dt4 * total(change), dt4 * total(size)
+            change = change / (tol**2 * (start + size) + 1e-300)
+            return np.append(following, change), moved
 
-        constant = np.append(np.stack([force(q, v) / m] * stages), FAR)
+        coast = np.zeros(stages * q.size + 1)
+        first, _ = iterate(coast)
         nearly = 1e-18 / tol**2
-        state = repeat(iterate, constant, MOST, "the Gauss stages do not settle", nearly)
+        state = repeat(iterate, first, MOST, "the Gauss stages do not settle", nearly)
         a = state[:-1].reshape(stages, *q.shape)
         ends = np.stack([b, b * (1.0 - c), *last_terms])
         speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)
