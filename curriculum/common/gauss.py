@@ -87,26 +87,27 @@ def make_gauss(stages, tol=1e-16):
 
     def gauss_step(q, v, m, force, dt):
         c, b, once, twice, last_terms = collocation(stages)
-        start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
 
-        def iterate(state):  # the accelerations, and how far the last round has moved the end
-            a, moved = state[:-1].reshape(stages, *q.shape), state[-1]
-
+        def iterate(a):  # and the square of how far that moves the end of the step
             def stage(c, once, twice, before):
                 x = q + dt * c * v + dt * dt * combined(twice, a)
                 after = force(x, v + dt * combined(once, a)) / m
-                return after, squares(after - before), squares(before)
+                return after, squares(after - before)
 
-            following, change, size = side_by_side(stage, c, once, twice, a)
-            change, size = dt4 * total(change), dt4 * total(size)
-            change = change / (tol**2 * (start + size) + 1e-300)
-            return np.append(following, change), moved
+            following, moved = side_by_side(stage, c, once, twice, a)
+            return following, dt4 * total(moved)
 
-        coast = np.zeros(stages * q.size + 1)
-        first, _ = iterate(coast)
-        nearly = 1e-18 / tol**2
-        state = repeat(iterate, first, MOST, "the Gauss stages do not settle", nearly)
-        a = state[:-1].reshape(stages, *q.shape)
+        start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
+        first, moved = iterate(np.zeros((stages, *q.shape)))  # the particles coast
+        scale = tol**2 * (start + moved) + 1e-300
+
+        def another(state):  # accelerations, and behind them the move that led to them
+            following, moved = iterate(state[:-1].reshape(first.shape))
+            return np.append(following, moved / scale), state[-1]
+
+        why, nearly = "the Gauss stages do not settle", 1e-18 / tol**2
+        state = repeat(another, np.append(first, moved / scale), MOST, why, nearly)
+        a = state[:-1].reshape(first.shape)
         ends = np.stack([b, b * (1.0 - c), *last_terms])
         speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)
         if stages > 5:
