@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from functools import lru_cache
 
-from curriculum.common.trace import FUNCTIONS, Call, Lanes, Stop
+from curriculum.common.trace import FUNCTIONS, INLINE, Call, Lanes, Stop
 
 import numpy as np
 
@@ -15,17 +15,18 @@ BINDS = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names, numbers and call
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
 
-def write(tape, routines, *groups):
+def write(tape, routines, *groups, given=None):
     """For each group of symbols, lines that compute what no group before has, and expressions.
 
-    `routines`: a list of programs, to which those that are called are added.
+    `routines`: a list of programs, to which those that are called are added. `given` {name:
+    expression}: what stands for some names.
     """
     everything = tape.needed(sum(groups, []))
     used = Counter(s.x for group in groups for s in group)
     used.update(x for name in everything for x in tape.nodes[name][1:])
     for name in set(tape.parts).intersection(everything):
         used.update(tape.nodes[name][1:])  # twice: not to be inlined
-    texts, done = {}, set()
+    texts, done = {name: (x, 3) for name, x in (given or {}).items()}, set()
 
     def text(x, binds=0):
         expression, bound = texts.get(x, (str(x), 4))
@@ -85,12 +86,20 @@ def part_lines(part, signed, routines):
 
 
 def lanes_lines(lanes, signed, routines):
-    """Rows in turn: what each makes is added to a list."""
-    program, everything = lanes.program, f"all_{lanes.names[0][0]}"
+    """Rows in turn: written out if they are short, else a loop adds what they make to a list."""
+    program, rows = lanes.program, [list(map(signed, row)) for row in lanes.rows]
+    if len(program.tape.nodes) <= INLINE:
+        for row, names in zip(rows, lanes.names, strict=True):
+            given = dict(zip(program.inputs, row, strict=True))
+            ((lines, made),) = write(program.tape, routines, program.made, given=given)
+            yield from lines
+            yield f"{', '.join(names)}, = {', '.join(made)},"
+        return
     ((lines, made),) = write(program.tape, routines, program.made)
-    rows = ", ".join(f"({', '.join(map(signed, row))},)" for row in lanes.rows)
+    everything = f"all_{lanes.names[0][0]}"
     yield f"{everything} = []"
-    yield f"for {', '.join(program.inputs)}, in {rows}:"
+    tuples = ", ".join(f"({', '.join(row)},)" for row in rows)
+    yield f"for {', '.join(program.inputs)}, in {tuples}:"
     yield from (f"    {line}" for line in lines)
     yield f"    {everything} += {', '.join(made)},"
     yield f"{', '.join(sum(lanes.names, []))}, = {everything}"
