@@ -4,7 +4,7 @@ What nobody needs any more is let go of at once. So a dozen arrays are alive at 
 the program is, and the processor's cache holds them if they have PIECE entries each.
 """
 
-from curriculum.common.trace import FUNCTIONS, Call
+from curriculum.common.trace import FUNCTIONS, Call, Lanes
 
 import numpy as np
 
@@ -47,7 +47,8 @@ class Writer:
                 continue
             if sign == "part":
                 part = tape.parts[name]
-                yield from (self.call if isinstance(part, Call) else self.loop)(part)
+                write = {Call: self.call, Lanes: self.lanes}.get(type(part), self.loop)
+                yield from write(part)
             else:
                 yield f"{name} = {UFUNCS[sign]}({', '.join(map(str, operands))})"
             for x in dict.fromkeys(operands):
@@ -60,6 +61,15 @@ class Writer:
             self.routines.append(call.program)
         called = f"routine{self.routines.index(call.program)}"
         yield f"{', '.join(call.names)}, = {called}({listed(call.arguments)})"
+
+    def lanes(self, lanes):
+        """Rows in turn."""
+        program = lanes.program
+        kept, needed = {s.x for s in program.made}, program.tape.needed(program.made)
+        for row, names in zip(lanes.rows, lanes.names, strict=True):
+            yield f"{', '.join(program.inputs)}, = {listed(row)}"
+            yield from self.operations(program.tape, needed, kept)
+            yield f"{', '.join(names)}, = {listed(program.made)}"
 
     def loop(self, loop):
         """A loop; members that are done keep their values, those that never are become NaN."""

@@ -8,12 +8,13 @@ extra `fast`; without it `available()` is false, and everything goes another way
 import ctypes
 import os
 import struct
+from collections import namedtuple
 from copy import copy
 from functools import cache
 from importlib.util import find_spec
 from itertools import count
 
-from curriculum.common.trace import FUNCTIONS, INLINE, Call, Lanes
+from curriculum.common.trace import FUNCTIONS, INLINE, Call, Lanes, Symbol
 
 import numpy as np
 
@@ -23,6 +24,8 @@ LANES = 16  # doubles: two or four vector registers, which is what keeps a proce
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
+
+Lane = namedtuple("Lane", "type vector number many")  # a number in a vector of so many and copies
 
 
 def available():
@@ -38,7 +41,8 @@ class Writer:
     """
 
     def __init__(self, lanes, routines, alone):
-        self.routines, self.alone, self.top, self.lines, self.count = routines, alone, [], [], count()
+        self.routines, self.alone = routines, alone
+        self.top, self.lines, self.count = [], [], count()
         self.set_lanes(lanes)
 
     def set_lanes(self, lanes):
@@ -48,7 +52,7 @@ class Writer:
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
 
     def widened(self, many):
-        """A writer of the same lines whose values are vectors of a power of two, at least `many`."""
+        """A writer of the same lines whose values have `many` lanes, or a power of two."""
         wide = copy(self)
         wide.set_lanes(1 << (many - 1).bit_length())
         return wide
@@ -58,24 +62,6 @@ class Writer:
         name = f"%u{next(self.count)}"
         self.lines.append(f"  {name} = {text}")
         return name
-
-    def gathered(self, values):
-        """One value of numbers, which the last of them fills up."""
-        if self.lanes == 1:
-            return values[0]
-        values = values + values[-1:] * (self.lanes - len(values))
-        known = [x if x.startswith("0x") else "poison" for x in values]
-        made = f"<{', '.join(f'double {x}' for x in known)}>"
-        for lane, x in enumerate(values):
-            if known[lane] == "poison":
-                made = self.new(f"insertelement {self.type} {made}, double {x}, i32 {lane}")
-        return made
-
-    def spread(self, value, many):
-        """The first `many` numbers of a value."""
-        if self.lanes == 1:
-            return [value]
-        return [self.new(f"extractelement {self.type} {value}, i32 {k}") for k in range(many)]
 
     def reduced(self, how, value):
         """One truth of all lanes: "and" or "or"."""
@@ -112,9 +98,42 @@ class Writer:
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
     def value(self, env, s):
+        """The value of a Symbol, a name or a number; `env` {name: value, or a Lane}."""
         x, minus = (s, False) if isinstance(s, (str, float)) else (s.x, s.minus)
-        value = env[x] if isinstance(x, str) else self.constant(x)
-        return self.new(f"fneg {self.type} {value}") if minus else value
+        if isinstance(x, float):
+            return self.constant(-x if minus else x)
+        if isinstance(env[x], Lane):
+            env[x] = self.new(f"extractelement {env[x].type} {env[x].vector}, i32 {env[x].number}")
+        return self.new(f"fneg {self.type} {env[x]}") if minus else env[x]
+
+    def gathered(self, wide, env, symbols):
+        """A vector, for the writer `wide`, of symbols; the last of them fills it up."""
+        last = len(symbols) - 1
+        filled = [min(k, last) for k in range(wide.lanes)]
+        lanes = [None if s.minus else env.get(s.x) for s in symbols]
+        if all(isinstance(x, Lane) for x in lanes) and len({x.vector for x in lanes}) == 1:
+            kind, vector, _, many = lanes[0]
+            numbers = [x.number for x in lanes]
+            if numbers == [*range(many)]:
+                return vector
+            mask = ", ".join(f"i32 {numbers[k]}" for k in filled)
+            return self.shuffled(kind, vector, f"<{wide.lanes} x i32> <{mask}>")
+        values = [self.value(env, s) for s in symbols]
+        known = [values[k] if values[k].startswith("0x") else "poison" for k in filled]
+        made = f"<{', '.join(f'double {x}' for x in known)}>"
+        for k, x in enumerate(values):
+            if known[k] == "poison":
+                made = self.new(f"insertelement {wide.type} {made}, double {x}, i32 {k}")
+        if known[-1] == "poison" and last < wide.lanes - 1:
+            mask = ", ".join(f"i32 {k}" for k in filled)
+            return self.shuffled(wide.type, made, f"<{wide.lanes} x i32> <{mask}>")
+        return made
+
+    def lanes_of(self, vector, many):
+        return [Lane(self.type, vector, k, many) for k in range(many)]
+
+    def shuffled(self, kind, vector, mask):
+        return self.new(f"shufflevector {kind} {vector}, {kind} poison, {mask}")
 
     def operation(self, sign, values):
         """What one operation makes of values."""
@@ -164,7 +183,7 @@ class Writer:
         env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
 
     def side_by_side(self, lanes, env):
-        """Rows as lanes of vectors; or in turn, where lanes are taken."""
+        """Rows as lanes of vectors; or in turn, where the lanes are members."""
         program = lanes.program
         needed = program.tape.needed(program.made)
         if self.lanes > 1:
@@ -174,14 +193,16 @@ class Writer:
                 self.operations(program.tape, needed, inner)
                 env |= {x: self.value(inner, s) for x, s in zip(names, program.made, strict=True)}
             return
-        wide = self.widened(len(lanes.rows))
-        inner = {x: wide.gathered([env[x]]) for x in lanes.taken}
-        for name, column in zip(program.inputs, zip(*lanes.rows, strict=True), strict=True):
-            inner[name] = wide.gathered([self.value(env, s) for s in column])
-        wide.operations(program.tape, needed, inner)
-        for s, names in zip(program.made, zip(*lanes.names, strict=True), strict=True):
-            numbers = wide.spread(wide.value(inner, s), len(names))
-            env |= dict(zip(names, numbers, strict=True))
+        for piece in pieces(len(lanes.rows)):
+            wide = self.widened(len(lanes.rows[piece]))
+            inner = {x: self.gathered(wide, env, [Symbol(None, x)]) for x in lanes.taken}
+            columns = zip(*lanes.rows[piece], strict=True)
+            for name, column in zip(program.inputs, columns, strict=True):
+                inner[name] = self.gathered(wide, env, column)
+            wide.operations(program.tape, needed, inner)
+            for s, names in zip(program.made, zip(*lanes.names[piece], strict=True), strict=True):
+                numbers = wide.lanes_of(wide.value(inner, s), len(names))
+                env |= zip(names, numbers, strict=True)
 
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
@@ -189,21 +210,21 @@ class Writer:
         groups = vectors(loop) if self.lanes == 1 else [[k] for k in range(len(loop.names))]
         writers = [self if len(group) == 1 else self.widened(len(group)) for group in groups]
 
-        def joined(numbers):
-            """A value for each group."""
+        def joined(env, symbols):
+            """A value for each group of symbols."""
             for w, group in zip(writers, groups, strict=True):
-                some = [numbers[k] for k in group]
-                yield some[0] if w is self else w.gathered(some)
+                some = [symbols[k] for k in group]
+                yield self.value(env, some[0]) if w is self else self.gathered(w, env, some)
 
         def named(values):
-            """The numbers of the groups' values by name."""
+            """The numbers of the groups' values, by name."""
             found = {}
             for w, group, value in zip(writers, groups, values, strict=True):
-                numbers = [value] if w is self else w.spread(value, len(group))
+                numbers = [value] if w is self else w.lanes_of(value, len(group))
                 found |= zip([loop.names[k] for k in group], numbers, strict=True)
             return found
 
-        start = joined([self.value(env, s) for s in loop.start])
+        start = joined(env, loop.start)
         places = [w.variable(value) for w, value in zip(writers, start, strict=True)]
         turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
         last = self.variable(self.constant(np.inf))
@@ -225,7 +246,7 @@ class Writer:
         ready = self.reduced("and", good)
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
         self.operations(tape, loop.rest, inner)
-        following = list(joined([self.value(inner, s) for s in loop.following]))
+        following = list(joined(inner, loop.following))
         for w, place, old, new in zip(writers, places, values, following, strict=True):
             w.store(w.new(f"select {truth} {good}, {w.type} {old}, {w.type} {new}"), place)
         self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
@@ -246,14 +267,20 @@ class Writer:
         return [f"define {head} {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
+def pieces(many):
+    """So many rows in pieces for one vector each: at most LANES, about equally many."""
+    size = -(-many // -(-many // LANES))
+    return [slice(k, k + size) for k in range(0, many, size)]
+
+
 def vectors(loop):
     """What a loop changes, by number, in groups: what Lanes make for all rows stays one vector."""
     left = dict.fromkeys(range(len(loop.names)))
     at = {s.x: k for k, s in enumerate(loop.following) if not s.minus}
     groups = []
     for part in loop.tape.parts.values():
-        if isinstance(part, Lanes):
-            columns = zip(*part.names, strict=True)
+        for piece in pieces(len(part.names)) if isinstance(part, Lanes) else ():
+            columns = zip(*part.names[piece], strict=True)
             groups += [[at[x] for x in column] for column in columns if at.keys() >= set(column)]
     for group in groups:
         for k in group:

@@ -35,8 +35,8 @@ class Stop(ArithmeticError):
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
-    Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of", part)
-    is one of the numbers that it makes. Its operands are all that it needs from this tape.
+    Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
+    part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
     `outer`: the tape on which a loop stands, whose names its body may use.
     """
 
