@@ -11,6 +11,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.scene_files import misfit
 from curriculum.ch3_4_constraints.studies._runs import SCENES, run
 from curriculum.common import compiled, crowds, native
+from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import once_for_all
 from curriculum.common.steps import Plain
 from curriculum.common.trace import Stop, repeat
@@ -280,3 +281,14 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
         together = in_every_way(rule, crowd, mode, dt, steps, (Python, Plain))
         assert together.way.startswith("compiled")
         assert all(map(np.array_equal, (together.q[:, 0], together.v[:, 0]), (alone.q, alone.v)))
+
+
+@pytest.mark.parametrize("stages", [3, 4, 8, 16])
+@pytest.mark.parametrize("name", ["double", "windows", "jansen_leg"])
+def test_stages_side_by_side_have_the_bits_of_stages_in_turn(name, stages):
+    """Where a register is full, where lanes are left over, and where it takes more than one."""
+    system = c.build_system(name)
+    found = in_every_way(
+        make_gauss(stages, 1e-9), system, "none", 0.02, 3, (Python, Machine, Plain)
+    )
+    assert found.way.startswith("compiled") and not found.stopped
