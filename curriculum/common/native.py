@@ -54,7 +54,7 @@ class Writer:
     def widened(self, many):
         """A writer of the same lines whose values have `many` lanes, or a power of two."""
         wide = copy(self)
-        wide.set_lanes(1 << (many - 1).bit_length())
+        wide.set_lanes(max(4, 1 << (many - 1).bit_length()))
         return wide
 
     def new(self, text):
