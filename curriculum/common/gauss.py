@@ -108,9 +108,10 @@ def make_gauss(stages, tol=1e-16):
         why, nearly = "the Gauss stages do not settle", 1e-18 / tol**2
         state = repeat(another, np.append(first, moved / scale), MOST, why, nearly)
         a = state[:-1].reshape(first.shape)
-        ends = np.stack([b, b * (1.0 - c), *last_terms])
+        ends, checked = np.stack([b, b * (1.0 - c), *last_terms]), stages > 5
+        ends = ends if checked else ends[:2]
         speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)
-        if stages > 5:
+        if checked:
             least = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike
             wild = squares(np.stack(terms)) / (ROUGH**2 * squares(a) / stages + least + 1e-300)
             end = np.stack([speed, place])

@@ -25,7 +25,9 @@ CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
-Lane = namedtuple("Lane", "type vector number many")  # a number in a vector of so many and copies
+Lane = namedtuple("Lane", "type vector number many")  # a number in a vector that begins with `many`
+    "Lane", "type vector number many"
+)  # of so many numbers; copies of the last fill it
 
 
 def available():
@@ -107,33 +109,32 @@ class Writer:
         return self.new(f"fneg {self.type} {env[x]}") if minus else env[x]
 
     def gathered(self, wide, env, symbols):
-        """A vector, for the writer `wide`, of symbols; the last of them fills it up."""
-        last = len(symbols) - 1
-        filled = [min(k, last) for k in range(wide.lanes)]
+        """A vector, for the writer `wide`, of symbols; copies of the last fill it up."""
+        filled = [min(k, len(symbols) - 1) for k in range(wide.lanes)]
         lanes = [None if s.minus else env.get(s.x) for s in symbols]
         if all(isinstance(x, Lane) for x in lanes) and len({x.vector for x in lanes}) == 1:
             kind, vector, _, many = lanes[0]
             numbers = [x.number for x in lanes]
             if numbers == [*range(many)]:
                 return vector
-            mask = ", ".join(f"i32 {numbers[k]}" for k in filled)
-            return self.shuffled(kind, vector, f"<{wide.lanes} x i32> <{mask}>")
+            return self.shuffled(kind, vector, [numbers[k] for k in filled])
         values = [self.value(env, s) for s in symbols]
-        known = [values[k] if values[k].startswith("0x") else "poison" for k in filled]
-        made = f"<{', '.join(f'double {x}' for x in known)}>"
+        given = [values[k] if values[k].startswith("0x") else "poison" for k in filled]
+        made = f"<{', '.join(f'double {x}' for x in given)}>"
         for k, x in enumerate(values):
-            if known[k] == "poison":
+            if given[k] == "poison":
                 made = self.new(f"insertelement {wide.type} {made}, double {x}, i32 {k}")
-        if known[-1] == "poison" and last < wide.lanes - 1:
-            mask = ", ".join(f"i32 {k}" for k in filled)
-            return self.shuffled(wide.type, made, f"<{wide.lanes} x i32> <{mask}>")
-        return made
+        return made if given[-1] != "poison" else self.shuffled(wide.type, made, filled)
 
-    def lanes_of(self, vector, many):
-        return [Lane(self.type, vector, k, many) for k in range(many)]
-
-    def shuffled(self, kind, vector, mask):
+    def shuffled(self, kind, vector, numbers):
+        """A vector of some lanes, by number, of another of type `kind`."""
+        mask = ", ".join(f"i32 {k}" for k in numbers)
+        mask = f"<{len(numbers)} x i32> <{mask}>"
         return self.new(f"shufflevector {kind} {vector}, {kind} poison, {mask}")
+
+    def spread(self, vector, many):
+        """Its first `many` numbers."""
+        return [Lane(self.type, vector, k, many) for k in range(many)]
 
     def operation(self, sign, values):
         """What one operation makes of values."""
@@ -201,7 +202,7 @@ class Writer:
                 inner[name] = self.gathered(wide, env, column)
             wide.operations(program.tape, needed, inner)
             for s, names in zip(program.made, zip(*lanes.names[piece], strict=True), strict=True):
-                numbers = wide.lanes_of(wide.value(inner, s), len(names))
+                numbers = wide.spread(wide.value(inner, s), len(names))
                 env |= zip(names, numbers, strict=True)
 
     def loop(self, loop, env):
@@ -220,7 +221,7 @@ class Writer:
             """The numbers of the groups' values, by name."""
             found = {}
             for w, group, value in zip(writers, groups, values, strict=True):
-                numbers = [value] if w is self else w.lanes_of(value, len(group))
+                numbers = [value] if w is self else w.spread(value, len(group))
                 found |= zip([loop.names[k] for k in group], numbers, strict=True)
             return found
 

@@ -267,13 +267,17 @@ class Program:
                 lasting.append(Symbol(self.tape, name))
         return lasting
 
+    def shaped(self, symbols):
+        """Arrays like the results, of other Symbols."""
+        symbols = iter(symbols)
+        flat = [lifted([next(symbols) for _ in array.flat]) for array in self.results]
+        return [x.reshape(array.shape) for x, array in zip(flat, self.results, strict=True)]
+
     def renamed(self, names, tape):
         """The results where what the program makes is called `names`, on a tape around it."""
-        names, arrays = iter(names), []
-        for array in self.results:
-            found = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in array.flat]
-            arrays.append(lifted(found).reshape(array.shape))
-        return arrays
+        names = iter(names)
+        here = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in self.out]
+        return self.shaped(here)
 
     def replay(self, arguments):
         """The results for other inputs, noted on the tape that is current."""
@@ -316,8 +320,7 @@ class Routine:
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or Tape.current.outer):
-            out = program.replay(arguments)
-            return np.array(out, dtype=object).reshape(program.results[0].shape)
+            return program.shaped(program.replay(arguments))[0]
         return Call(program, arguments).results[0]
 
 
@@ -326,10 +329,11 @@ def side_by_side(function, *arrays):
 
     On symbols it is traced once for all rows that are zero in the same places: see Lanes.
     """
+    rows = list(zip(*arrays, strict=True))
     if Tape.current is None:
-        made = [function(*row) for row in zip(*arrays, strict=True)]
+        made = [function(*row) for row in rows]
     else:
-        made = traced_rows(function, [list(map(lifted, row)) for row in zip(*arrays, strict=True)])
+        made = traced_rows(function, [list(map(lifted, row)) for row in rows])
     if isinstance(made[0], tuple):
         return tuple(np.stack(part) for part in zip(*made, strict=True))
     return np.stack(made)
@@ -352,32 +356,30 @@ def traced_rows(function, rows):
 
 
 class Lanes:
-    """A function that does the same to several rows: the lanes of one vector register.
+    """A function that does the same to several rows: they can be lanes of one vector register.
 
     `program`: what it does to a row, on a tape of its own that may use names from around it, those
-    `taken`. `rows` of Symbols are its inputs, `names` how what it makes is called here, row by row;
-    `results`: what the function returns for each row.
+    `taken`. `rows` of Symbols are its inputs; `names`: how what it makes is called here, row by
+    row. `results`: what the function returns for each row.
     """
 
     def __init__(self, function, rows):
-        outer, several = Tape.current, []
+        outer = Tape.current
         masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in rows[0]]
 
-        def tuple_of(*row):
+        def as_tuple(*row):
             found = function(*row)
-            several.append(isinstance(found, tuple))
-            return found if several[0] else (found,)
+            self.several = isinstance(found, tuple)
+            return found if self.several else (found,)
 
-        self.program = Program(tuple_of, *masks, tape=Tape(outer))
+        self.program = Program(as_tuple, *masks, tape=Tape(outer))
         self.rows = [[s for x in row for s in x.flat if s.x != 0.0] for row in rows]
-        self.taken = self.program.tape.taken(self.program.made, self.program.inputs)
         self.names = [outer.new_names(len(self.program.made)) for _ in rows]
+        self.taken = self.program.tape.taken(self.program.made, self.program.inputs)
         operands = [s.x for row in self.rows for s in row]
-        outer.add_part(self, [*operands, *self.taken], sum(self.names, []))
-        self.results = []
-        for names in self.names:
-            arrays = self.program.renamed(names, outer)
-            self.results.append(tuple(arrays) if several[0] else arrays[0])
+        outer.add_part(self, operands + self.taken, sum(self.names, []))
+        found = [tuple(self.program.renamed(names, outer)) for names in self.names]
+        self.results = found if self.several else [x for (x,) in found]
 
 
 class Call:
