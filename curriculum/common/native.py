@@ -25,9 +25,8 @@ CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
-Lane = namedtuple("Lane", "type vector number many")  # a number in a vector that begins with `many`
-    "Lane", "type vector number many"
-)  # of so many numbers; copies of the last fill it
+# a number in a vector, of which the first `many` count
+Lane = namedtuple("Lane", "type vector number many")
 
 
 def available():
