@@ -73,11 +73,11 @@ def rounds(x):
     order = [2, 0, 1]
 
     def body(y):
-        after = side_by_side(lambda a, b: 0.2 * INNER(a, b) + 0.1 * y[0, 0], y[:3], y[order])
+        after = side_by_side(lambda a, b: 0.2 * INNER(a, b) + 0.01 * (y[1, 0] * b), y[:3], y[order])
         after = np.concatenate([after[order], -0.5 * y[3:]])
         return after, np.sum((after - y) * (after - y)) / 1e-12
 
-    return loop(body, np.concatenate([x.T, x.T[:1]]))[1:].T[:, :3]
+    return loop(body, np.concatenate([x.T, x.T[:1]]))[1:].T
 
 
 EXAMPLES = {  # x (2, 3) -> (2, 3)

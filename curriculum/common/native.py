@@ -103,9 +103,10 @@ class Writer:
         x, minus = (s, False) if isinstance(s, (str, float)) else (s.x, s.minus)
         if isinstance(x, float):
             return self.constant(-x if minus else x)
-        if isinstance(env[x], Lane):
-            env[x] = self.new(f"extractelement {env[x].type} {env[x].vector}, i32 {env[x].number}")
-        return self.new(f"fneg {self.type} {env[x]}") if minus else env[x]
+        value = env[x]
+        if isinstance(value, Lane):
+            value = self.new(f"extractelement {value.type} {value.vector}, i32 {value.number}")
+        return self.new(f"fneg {self.type} {value}") if minus else value
 
     def gathered(self, wide, env, symbols):
         """A vector, for the writer `wide`, of symbols; copies of the last fill it up."""
