@@ -264,8 +264,8 @@ class Writer:
             self.store(never, UNSETTLED, "i1")
 
     def function(self, head, result):
-        """All lines of the function."""
-        return [f"define {head} {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
+        """All lines of the function; vectors on its stack do not cross lines of the cache."""
+        return [f"define {head} alignstack(64) {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
 def pieces(many):
