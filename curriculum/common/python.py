@@ -88,8 +88,8 @@ def part_lines(part, signed, routines):
 def lanes_lines(lanes, signed, routines):
     """Rows in turn: written out if they are short, else a loop adds what they make to a list."""
     program, rows = lanes.program, [list(map(signed, row)) for row in lanes.rows]
-    calls_only = all(isinstance(part, Call) for part in program.tape.parts.values())
-    if calls_only and len(program.tape.nodes) <= INLINE:  # bodies of parts would miss their names
+    short = len(rows) * len(program.tape.nodes) <= INLINE
+    if short and all(isinstance(part, Call) for part in program.tape.parts.values()):
         for row, names in zip(rows, lanes.names, strict=True):
             given = dict(zip(program.inputs, row, strict=True))
             ((lines, made),) = write(program.tape, routines, program.made, given=given)
