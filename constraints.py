@@ -8,16 +8,20 @@ the lines that run: once on symbols, and then compiled (--show-step). Change one
 """
 
 # --- region: setup ---
-from collections import namedtuple
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
-from curriculum.ch3_4_constraints import publish, recording, scene_files, statics, tables
+from curriculum.ch3_4_constraints import publish, scene_files, solving, statics, tables
+from curriculum.ch3_4_constraints.comparison import Comparison, frames
+from curriculum.ch3_4_constraints.solving import solve
 from curriculum.common import banner, ruler
-from curriculum.common.arrays import each_state, in_pieces
+from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
-from curriculum.common.elimination import eliminated, elimination_order, has_loop, refined, tied
+from curriculum.common.crowds import mapped
+from curriculum.common.elimination import has_loop
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
@@ -31,7 +35,6 @@ PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # they tell the modes apart
-LOOKS = 100  # states at which `unheld` is asked
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
@@ -42,7 +45,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #                      to an anchor, which stands still: -1 is the first, -2 the second
 #     lengths  (C,)    of the rods, in m
 #     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
-# A shape (..., N, 3) may have leading axes: members of a crowd, which go in step, or many states.
+# Every function below is of one state, q and v (N, 3).
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # those made here, and how many rods
 
 
@@ -71,64 +74,37 @@ def external_force(system, q, v=None):
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i. The rod is right when
 #     g = (d . d - L^2) / 2 = 0
-# That is its constraint. Follow g in time. With d' = v_i - v_j, its two derivatives are
+# That is its constraint. Follow g in time. Let d' = v_i - v_j be how fast d changes; then
 #     gdot  = d . d'               = J v
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
-# v and a hold all particles, 3N numbers; J has a row a rod: d in the columns of particle i, -d in
-# those of j. A rod acts along itself, oppositely on its ends: J^T lambda, one number lambda a rod,
-# in N/m, below zero if it pulls. Put M a = f + J^T lambda (M: the masses) into J a + Jdot v = 0:
+# v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
+# -d in those of j. (Jdot has d' where J has d.) A rod pulls along d, equally and oppositely at its
+# ends: lambda d and -lambda d; for all rods together J^T lambda. So there is one unknown number
+# lambda per rod, in N/m, below zero where the rod pulls. Newton, with M the masses, is
+#     M a = f + J^T lambda
+# Put that into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
-def dot(a, b):
-    """a . b (...,), sums over the last axis."""
-    return np.sum(a * b, axis=-1)
-
-
 def constraint_terms(system, q, v):
-    """J (..., C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (..., C) each."""
-    shape = (*q.shape[:-2], len(system["pairs"]))
-    jac = np.zeros((*shape, *q.shape[-2:]), np.result_type(q, 1.0))  # of floats, or of symbols
-    g, gdot, jdotv = (np.zeros(shape, jac.dtype) for _ in range(3))
+    """J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
+    q, v = ordered(q), ordered(v)  # arrays whose sums go in order: the same bits everywhere
+    rods, n = len(system["pairs"]), len(q)
+    anchors = system.get("anchors", PIVOT[None])
+    jac = np.zeros_like(q, shape=(rods, n, 3))
+    g, gdot, jdotv = np.zeros_like(q, shape=(3, rods))
     for k, (i, j) in enumerate(system["pairs"]):
-        d, rate = q[..., i, :], v[..., i, :]
-        if j >= 0:
-            d, rate = d - q[..., j, :], rate - v[..., j, :]
-            jac[..., k, j, :] = -d
+        if j < 0:
+            d = q[i] - anchors[-1 - j]
+            rate = v[i]
         else:
-            d = d - system.get("anchors", PIVOT[None])[-1 - j]
-        jac[..., k, i, :] = d
-        g[..., k] = 0.5 * (dot(d, d) - system["lengths"][k] * system["lengths"][k])
-        gdot[..., k] = dot(d, rate)
-        jdotv[..., k] = dot(rate, rate)
-    return jac.reshape(*shape, -1), g, gdot, jdotv
-
-
-def mobility(system, jac, along=None):
-    """A = J M^-1 J^T (..., C, C), added up over particles p; `along`: K, for A = J M^-1 K^T."""
-    along = jac if along is None else along
-    rods_of = tied(system["pairs"])
-    a = np.zeros((*jac.shape[:-1], jac.shape[-2]), jac.dtype)
-    for p, m in enumerate(system["m"]):  # p's columns of J are zero but for its own rods
-        rods, x = rods_of.get(p, []), slice(3 * p, 3 * p + 3)
-        share = jac[..., rods, x] @ np.swapaxes(along[..., rods, x], -1, -2) / m
-        a[(..., *np.ix_(rods, rods))] += share
-    return a
-
-
-def solve(system, a, b, turned=0.0, rough=False):
-    """lambda (..., C) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
-
-    Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
-    O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, and `a`
-    singular. There a little is added to it, of SLACK and of `turned` (..., C, C). Unless `rough`,
-    rounds of refinement remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). What
-    no lambda can meet is left: see `unheld`, and the chapter's side trip on loops.
-    """
-    order = elimination_order(system["pairs"])
-    if not has_loop(system["pairs"]):
-        return eliminated(a, order)(b)
-    blurred = eliminated(a + turned + statics.SLACK * (a * np.eye(len(order))), order)
-    return blurred(b) if rough else refined(blurred, a, b, "no finite tensions")
+            d = q[i] - q[j]
+            rate = v[i] - v[j]
+            jac[k, j] = -d
+        jac[k, i] = d
+        g[k] = 0.5 * (d @ d - system["lengths"][k] * system["lengths"][k])
+        gdot[k] = d @ rate  # = (J v)_k
+        jdotv[k] = rate @ rate  # = (Jdot v)_k
+    return jac.reshape(rods, 3 * n), g, gdot, jdotv
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
@@ -137,94 +113,50 @@ def solve(system, a, b, turned=0.0, rough=False):
 # e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
 # on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
-# A Hold is these four, in 1, 1/s, 1/s^2 and 1; `dt`, if they are for steps of so many s only;
-# `rule`, if for one rule only; `after`, (system, q_start, q, v, dt) -> (q, v), if steps are mended.
-Hold = namedtuple("Hold", "use_jdotv damping stiffness softness dt rule after", defaults=3 * [None])
+def multipliers(system, q, v, hold, f):
+    """J (C, 3N), Lagrange's multipliers lambda (C,) in N/m, and the A and b of A lambda = b.
 
-
-def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
-    """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    p, p_t = impedance, impedance * max(time_constant, 2.0 * dt)  # MuJoCo: two steps at least
-    soft = 2.0 / p_t, p / p_t**2, (1.0 - p) / p
-    return {
-        # gddot = 0. Fails by slow rot: what has drifted stays, and every step adds to it.
-        "none": Hold(1.0, 0.0, 0.0, 0.0),
-        # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
-        # Fails when dt w passes STABILITY_LIMIT.
-        "baumgarte": Hold(1.0, 2.0 * baumgarte, baumgarte**2, 0.0),
-        # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
-        # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Made for one rule only.
-        "impulse": Hold(0.0, 1.0 / dt, 1.0 / dt**2, 0.0, dt, "semi_implicit"),
-        # A rod that gives, as MuJoCo's tendon, g being |d| (|d| - L): with p, t its impedance and
-        # time constant, gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2 for a single one.
-        # Fails by design: a rod under load is longer.
-        "soft": Hold(0.0, *soft, dt),
-        # gddot = 0, and steps end with Newton's way back onto the rods. Fails if there is none.
-        "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
-    }
-
-
-def as_hold(hold):
-    """A Hold is itself, or a row of the table by name, or Baumgarte's w; 0.0 is `none`."""
-    named = scene_files.chosen(hold, hold_table()) if isinstance(hold, str) else hold
-    return named if isinstance(named, Hold) else hold_table(baumgarte=hold)["baumgarte"]
-
-
-def right_side(hold, lengths, pushed, g, gdot, jdotv):
-    """b (..., C) of the linear system, where `pushed` is J M^-1 f."""
-    if hold.softness:
-        length = np.sqrt(2.0 * g + np.square(lengths))  # |d|
-        g = length * (length - lengths)
-    return -(pushed + hold.use_jdotv * jdotv) - hold.damping * gdot - hold.stiffness * g
-
-
-def multipliers(system, q, v, hold=0.0, f=None):
-    """J (..., C, 3N), Lagrange's multipliers lambda in N/m, b - A lambda, and b (..., C)."""
+    f (N, 3) in N: all other forces. `hold`: a Hold, the name of one, or Baumgarte's w in rad/s.
+    """
     hold = as_hold(hold)
-    f = each_state(partial(external_force, system), q, v) if f is None else f
+    m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
-    accel = np.broadcast_to(f / system["m"], q.shape).reshape(*q.shape[:-2], 1, -1)  # M^-1 f
-    b = right_side(hold, system["lengths"], dot(jac, accel), g, gdot, jdotv)
-    a = mobility(system, jac) * (1.0 + hold.softness * np.eye(len(system["pairs"])))
-    turned = 0.0
-    if has_loop(system["pairs"]):  # dJ M^-1 dJ^T, of what J gains in an INSTANT: statics.SLACK
-        turned = mobility(system, constraint_terms(system, q + statics.INSTANT * v, v)[0] - jac)
-    lam = solve(system, a, b, turned)
-    return jac, lam, b - dot(a, lam[..., None, :]), b
+    a = (jac / m) @ jac.T  # J M^-1 J^T
+    if hold.softness:
+        size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|
+        g = size * (size - system["lengths"])  # as MuJoCo has it
+        a = a * (1.0 + hold.softness * np.eye(len(g)))
+    b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
+    b = b - hold.damping * gdot - hold.stiffness * g
+    lam = solve(system, a, b, v)  # np.linalg.solve(a, b), but sooner; and in loops, too
+    return jac, lam, a, b
 
 
-def rod_forces(jac, lam):
-    """J^T lambda (..., N, 3) in N: what the particles feel when the rods carry lambda."""
-    return np.sum(jac * lam[..., None], axis=-2).reshape(*jac.shape[:-2], -1, 3)
+def constraint_force(system, q, v, hold="none", f=None):
+    """The force of the rods (N, 3) in N, J^T lambda, beside the force f, or external_force's."""
+    if f is None:
+        f = ordered(external_force(system, q, v), q.shape)
+    jac, lam, _, _ = multipliers(system, q, v, hold, f)
+    return (jac.T @ lam).reshape(q.shape)
 
 
-def constraint_force(system, q, v, hold=0.0, f=None):
-    """The force of the rods (..., N, 3) in N: `hold` is a Hold, or Baumgarte's w in rad/s."""
-    return rod_forces(*multipliers(system, q, v, hold, f)[:2])
-
-
-def tensions(system, q, v, hold=0.0):
-    """Newtons (..., C) with which the rods pull, -lambda |d|; below zero they push."""
-    lam = multipliers(system, q, v, hold)[1]
-    return -lam * (rod_errors(system, q) + system["lengths"])
-
-
-def unheld(system, q, v, hold=0.0):
-    """How much of what b asks for no tensions answer (...): see statics.unanswered."""
-    _, _, left, b = multipliers(system, q, v, hold)
-    return statics.unanswered(left, b, system["lengths"])
-
-
-class Force(namedtuple("Force", "system hold")):
+class Force(NamedTuple):
     """Where rods meet integrators: force(q, v) -> (N, 3) in N, the rods' included."""
 
+    system: dict
+    hold: tuple
+
     def __call__(self, q, v):
-        f = each_state(partial(external_force, self.system), q, v)
+        q, v = ordered(q), ordered(v)
+        f = ordered(external_force(self.system, q, v), q.shape)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
     @property
-    def after(self):  # (q_start, q, v, dt) -> (q, v), what a finished step is mended by, or None
-        return self.hold.after and partial(self.hold.after, self.system)
+    def after(self):
+        """What mends a finished step, (q_start, q, v, dt) -> (q, v); or None."""
+        if self.hold.after is None:
+            return None
+        return partial(self.hold.after, self.system)
 
 
 def make_force(system, hold):
@@ -232,25 +164,86 @@ def make_force(system, hold):
     return Force(system, as_hold(hold))
 
 
+class Hold(NamedTuple):
+    """A way to hold rods: what it asks of gddot, and for which steps it is meant."""
+
+    use_jdotv: float  # 1, or 0 without the term Jdot v
+    damping: float  # 1/s
+    stiffness: float  # 1/s^2
+    softness: float  # a share of A's diagonal
+    dt: float | None = None  # s, if it is for steps of this length only
+    rule: str | None = None  # the name of an integrator, if it is for that one only
+    after: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v): it mends a step
+
+
+def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
+    """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
+    w, p = baumgarte, impedance
+    t = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps at least
+    return {
+        # gddot = 0. Fails by drift: what has gone wrong stays, and every step adds to it.
+        "none": Hold(1.0, 0.0, 0.0, 0.0),
+        # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
+        # Fails when dt w passes STABILITY_LIMIT.
+        "baumgarte": Hold(1.0, 2.0 * w, w * w, 0.0),
+        # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
+        # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Made for one rule only.
+        "impulse": Hold(0.0, 1.0 / dt, 1.0 / (dt * dt), 0.0, dt, "semi_implicit"),
+        # A rod that gives, as MuJoCo's tendon. For a single rod, with g = |d| (|d| - L), it makes
+        # gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2.
+        # Fails by design: a rod under load is longer.
+        "soft": Hold(0.0, 2.0 / (p * t), 1.0 / (p * t * t), (1.0 - p) / p, dt),
+        # gddot = 0, and steps end with Newton's way back onto the rods. Fails if there is none.
+        "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
+    }
+
+
+def as_hold(hold):
+    """A Hold is itself, a name is a row of the table, a number is Baumgarte's w in rad/s."""
+    if isinstance(hold, Hold):
+        return hold
+    if isinstance(hold, str):
+        return scene_files.chosen(hold, hold_table())
+    return hold_table(baumgarte=hold)["baumgarte"]
+
+
 def project(system, q_start, q, v, dt):
-    """A step from q_start that ended at q, v (..., N, 3), a little off, put back: g = 0, J v = 0.
+    """A step from q_start that ended at q, v (N, 3), a little off, put back: g = 0, J v = 0.
 
     Rods correct as they pull, q = q - M^-1 J(q_start)^T mu; v gains that move / dt: SHAKE (J.-P.
     Ryckaert et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along rods: RATTLE (H.
     Andersen, ibid. 52 (1983) 24). Else energy blows up. Raises Stop: the step is tried in halves.
     """
-    along = constraint_terms(system, q_start, v)[0]
+    m = np.repeat(system["m"], 3)
+    along, _, _, _ = constraint_terms(system, q_start, v)
     close = statics.near(system["lengths"], q_start)  # m^2: a g that counts as zero
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, mobility(system, jac, along), g, rough=True)  # the next round refines
-        return q - rod_forces(along, mu) / system["m"], dot(g / close, g / close)
+        mu = solve(system, (jac / m) @ along.T, g, rough=True)  # the next round refines
+        off = g / close
+        return q - (along.T @ mu / m).reshape(q.shape), off @ off
 
-    end = repeat(newton, q, 20, "no way back onto the rods")  # until newton's second is <= 1
+    # a while loop that can be compiled: q = newton(q) until off @ off is at most 1
+    end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    return end, v - rod_forces(jac, solve(system, mobility(system, jac), gdot)) / system["m"]
+    mu = solve(system, (jac / m) @ jac.T, gdot)
+    return end, v - (jac.T @ mu / m).reshape(q.shape)
+
+
+def tensions(system, q, v, hold="none"):
+    """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
+    f = ordered(external_force(system, q, v), q.shape)
+    _, lam, _, _ = multipliers(system, q, v, hold, f)
+    return -lam * (rod_errors(system, q) + system["lengths"])
+
+
+def unheld(system, q, v, hold="none"):
+    """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
+    f = ordered(external_force(system, q, v), q.shape)
+    jac, lam, a, b = multipliers(system, q, v, hold, f)
+    return solving.unanswered(system, jac, a, b - a @ lam, v)
 
 
 # --- endregion ---
@@ -295,41 +288,45 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "r
 # --- region: simulate ---
 # An honest run says at every step how far the worst rod is off, and how far the energy.
 def energy(system, q, v):
-    """Kinetic and potential energy (...,) in J at q, v (..., N, 3); U = -sum m GRAVITY . q."""
-    m = system["m"][:, 0]
-    each = 0.5 * m * dot(v, v) - m * dot(q, GRAVITY)
-    return np.cumsum(each, axis=-1)[..., -1]  # in order; np.sum's depends on how many states come
+    """Kinetic and potential energy in J; U = -sum m GRAVITY . q."""
+    m = system["m"]
+    return np.sum(ordered(0.5 * m * v * v - m * q * GRAVITY))
 
 
 def rod_errors(system, q):
-    """|d| - L (..., C) in m, what a ruler would show, at positions q (..., N, 3)."""
+    """|d| - L (C,) in m: what a ruler would show."""
     d = statics.differences(q, system.get("anchors", PIVOT[None]), system["pairs"])
-    return np.sqrt(dot(d, d)) - system["lengths"]
+    return np.sqrt(np.sum(d * d, axis=1)) - system["lengths"]
 
 
 def constraint_violation(system, q):
-    """The largest rod error (...,) in m, whatever its sign."""
-    return np.max(np.abs(rod_errors(system, q)), axis=-1)
+    """The largest rod error in m, whatever its sign."""
+    return np.max(np.abs(rod_errors(system, q)))
 
 
 def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     """`steps` steps of `dt` s by step_fn(q, v, m, force, dt), measured at every one: a runs.Run.
 
-    `keep`: steps whose states it has, too. Members of leading axes in q0, v0 go in step.
-    `way`: Compiled, or Plain, the lines as they stand.
+    That unpacks into tip (steps + 1, 3) in m, violations in m and energies in J, (steps + 1,) each.
+    `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
     system = {"anchors": PIVOT[None], **system}
     system = scene_files.check_run(system, force, dt, steps, step_fn, INTEGRATORS)
-    q, v, m = system["q0"], system["v0"], system["m"]
-    step_fn = way(followed(step_fn, getattr(force, "after", None)), steps)
-    log = Log(steps, keep, 100.0 * np.sum(system["lengths"]))  # m: so far off is flown apart
-    log.note(q, v, constraint_violation(system, q), energy(system, q, v))
-    with log:
-        for _ in log.turns():  # until all steps are done, or the run is lost
-            q, v = step_fn(q, v, m, force, dt)  # compiled, many steps: (steps, ..., N, 3)
-            measured = constraint_violation(system, q), energy(system, q, v)
-            log.note(q, v, *measured)
-    return log.run(step_fn)
+    step_fn = followed(step_fn, getattr(force, "after", None))
+
+    def measure(q, v):
+        return constraint_violation(system, q), energy(system, q, v)
+
+    step = way(step_fn, system["m"], force, dt, measure, steps)  # a step, and what it measures
+    log = Log(step, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: so far off is flown apart
+    q, v = system["q0"], system["v0"]
+    worst, joules = measure(q, v)
+    log.note(q, v, worst, joules)
+    with log:  # until all steps are done, or the run is lost
+        for _ in range(steps):
+            q, v, worst, joules = step(q, v)
+            log.note(q, v, worst, joules)
+    return log.run()
 
 
 # --- endregion ---
@@ -364,15 +361,16 @@ def parse(argv):
     return args, system, usual, partial(parser.attempt, "--tol")
 
 
-def report(args, rows, runs, dt, steps, truth):
+def report(found):
     """Print the table, a sentence for each mark in it, and the verdict."""
+    args, rows, runs, dt = found.args, found.rows, found.runs, found.dt
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
     print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
-    tables.comparison(rows, runs, f"{truth.step * dt:.3g} s", truth, args.tol)
+    tables.comparison(rows, runs, f"{found.truth.step * dt:.3g} s", found.truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    if args.system in SYSTEMS and args.baumgarte and steps >= SMOKE_STEPS:
+    if args.system in SYSTEMS and args.baumgarte and found.steps >= SMOKE_STEPS:
         tables.verdict(rows)
 
 
@@ -387,6 +385,13 @@ def main(argv=None):
         force = make_force(system, hold_table(dt, *knobs)[mode])
         return simulate(rule, system, force, dt, steps, keep, way)
 
+    def watched(mode):
+        """A run of which is asked at every step what no tensions make."""
+        asked = partial(unheld, system, hold=hold_table(dt, *knobs)[mode])
+        watch = asked if has_loop(system["pairs"]) else None  # without a loop it is rounding
+        way = partial(Plain if args.plain else Compiled, watch=watch)
+        return run(mode, rule, dt, steps, keep, way)
+
     if args.show_step:
         print(f"# {modes[0]}, {args.integrator}\n{run(modes[0], rule, args.dt, 1).source}")
         return
@@ -398,21 +403,21 @@ def main(argv=None):
     budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
-    shown = recording.frames(steps, dt, len(system["q0"])) if args.rerun or args.picture else ()
-    look = max(1, steps // LOOKS)
-    keep = [truth.step, *range(0, steps + 1, look), *shown]
-    runs = {mode: run(mode, rule, dt, steps, keep) for mode in banner.in_parts(modes)}
+    seen = args.rerun or args.picture
+    shown = frames(steps, dt, len(system["q0"])) if seen else np.array([], dtype=int)
+    keep = [truth.step, *shown]
+    runs = {mode: watched(mode) for mode in banner.in_parts(modes)}
     scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows, pulls = {}, {}
     for mode in modes:
-        hold = hold_table(dt, *knobs)[mode]
-        left = in_pieces(partial(unheld, system, hold=hold), *runs[mode].every(look))
-        rows[mode] = runs[mode].summary(scale, truth, np.max(left))
-        pulls[mode] = partial(in_pieces, partial(tensions, system, hold=hold))
-    report(args, rows, runs, dt, steps, truth)
-    used = {"dt": dt, "steps": steps, "rods": len(system["pairs"]), "error_at": truth.step * dt}
-    ghost = budget and shown and ruler.true_motion(partial(run, "none"), rk4_step, steps * dt)
-    print(publish.publish(args, used, system, runs, rows, scale, pulls, shown, ghost))
+        rows[mode] = runs[mode].summary(scale, truth)
+        pulls[mode] = mapped(partial(tensions, system, hold=hold_table(dt, *knobs)[mode]))
+    known = shown if truth.sought else shown[:0]  # the true motion is sought at these
+    close = 1e-3 * np.max(system["lengths"])
+    motion = ruler.true_motion(partial(run, "project"), dt, known, close)
+    found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
+    report(found)
+    print(publish.publish(found))
 
 
 if __name__ == "__main__":

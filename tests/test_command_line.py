@@ -169,6 +169,7 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
     monkeypatch.setattr(sys, "platform", "linux")
     browser = publish.look(smoke[1] / publish.RECORDING)
     assert window == browser.replace(" --web-viewer", "") != browser and window[0] != "/"
+    assert "--bind 127.0.0.1" in browser  # or it listens to the network
     opened, opener = tmp_path / "opened", tmp_path / "browser"
     opener.write_text(f"#!/bin/sh\necho $1 > {opened}\nkill 0")  # it ends the viewer, too
     opener.chmod(0o700)

@@ -1,19 +1,23 @@
 """The recording, read back with Rerun's own reader; the moving picture; the drawings."""
 
-import inspect
 import itertools
 import re
 import subprocess
 import sys
 from collections import defaultdict
+from functools import partial
 from types import FunctionType, SimpleNamespace
 from unittest import mock
 from xml.etree import ElementTree
 
 import constraints as c
-from curriculum.ch3_4_constraints import picture, publish, recording, svg, tables
+from curriculum.ch3_4_constraints import geometry, picture, publish, recording, svg
+from curriculum.ch3_4_constraints.comparison import FRAME_RATE, FRAMES, Comparison, frames
 from curriculum.ch3_4_constraints.pictures.make_pictures import FOLDER, PICTURES
-from curriculum.ch3_4_constraints.studies._runs import energy_scale
+from curriculum.ch3_4_constraints.studies._runs import RULES, energy_scale, run
+from curriculum.ch3_4_constraints.tables import length
+from curriculum.common import ruler
+from curriculum.common.compiled import Compiled
 
 import numpy as np
 import pytest
@@ -43,12 +47,12 @@ def chunks(reader, **store):
 
 
 def made(folder, *flags):
-    """What a run was recorded of, and its files read again: `found` {entity: {column: rows}},
-    `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
-    record, views = recording.record, {}
-    with mock.patch.object(publish, "record", wraps=record) as noted:
+    """The Comparison that a run has found, and its files read again: `seen` {entity: {column:
+    rows}}, `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
+    views = {}
+    with mock.patch.object(publish, "record", wraps=recording.record) as noted:
         c.main([*flags, "--out", str(folder)])
-    what = inspect.signature(record).bind(*noted.call_args.args).arguments
+    (comparison,) = noted.call_args.args
     reader = RrdReader(str(folder / publish.RECORDING))
     (store,), (blueprint,) = reader.recordings(), reader.blueprints()
     pages = chunks(reader, store=blueprint)
@@ -57,9 +61,9 @@ def made(folder, *flags):
             inside = [some for name, some in pages.items() if name.startswith(f"{entity}/")]
             view = {name: x[0] for some in (*inside, page) for name, x in some.items()}
             views[f"/{view['space_origin'][0]}"] = view
-    what |= {"found": chunks(reader), "views": views, "id": store.recording_id}
+    what = {"seen": chunks(reader), "views": views, "id": store.recording_id, "pages": pages}
     what |= {"drawn": ElementTree.parse(folder / publish.PICTURE), "path": reader.path}
-    return SimpleNamespace(**what)
+    return SimpleNamespace(**comparison._asdict(), comparison=comparison, **what)
 
 
 def colors(entity):
@@ -76,50 +80,88 @@ def recorded(tmp_path_factory):
 
 
 def test_a_curve_shows_what_its_title_says(recorded):
-    leg = recorded["leg"]
-    titles = ["pull of the first rod, N", "worst rod, powers of ten of a metre (-3: 1 mm)"]
+    leg, short = recorded["leg"], recorded["default"]
+    titles = [
+        "pull of the first rod, N",
+        "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)",
+    ]
     titles.append("energy error, share of m g L")
-    assert titles == [leg.views[f"/curves/{plot}"]["display_name"][0] for plot in range(3)]
-    for k, (mode, done) in enumerate(leg.runs.items()):
-        worst = np.maximum(c.constraint_violation(leg.system, done.q), 1e-9)
-        joule = c.energy(leg.system, done.q, done.v)
+    folders = "/pull", "/rods", "/energy"
+    assert titles == [leg.views[folder]["display_name"][0] for folder in folders]
+    for mode in leg.runs:
+        _, q, v = leg.comparison.states(mode, leg.shown)
+        errors = np.array([c.rod_errors(leg.system, state) for state in q])
+        over, under = (np.log10(np.maximum(1e9 * x, 1.0)) for x in (errors.max(1), -errors.min(1)))
+        joule = np.array([c.energy(leg.system, *state) for state in zip(q, v, strict=True)])
         gained = (joule - joule[0]) / energy_scale(leg.system)
-        for plot, curve in enumerate((leg.pulls[mode][:, 0], np.log10(worst), gained)):
-            shown = np.ravel(leg.found[f"/curves/{plot}/{k + 1}_{mode}"]["scalars"])
+        pull = leg.tensions[mode](q, v)[:, 0]
+        curves = pull[:, None], np.stack([over, -under], axis=1), gained[:, None]
+        for folder, curve in zip(folders, curves, strict=True):
+            shown = np.array([*leg.seen[f"{folder}/{mode}"]["scalars"]])
             assert np.max(np.abs(shown - curve)[1:]) < 1e-6 * max(np.ptp(curve), 1e-3)
+    # the sign is so: in the default run `none` has rods too long, and `baumgarte` too short
+    over, under = np.array([*short.seen["/rods/none"]["scalars"]])[-1]
+    assert over > 8.0 and under == 0.0
+    under = np.array([*short.seen["/rods/baumgarte"]["scalars"]])[:, 1]
+    assert np.mean(under < -6.0) > 0.8
 
 
 def test_particles_rods_trail_and_the_true_motion_are_where_they_were(recorded):
     leg = recorded["leg"]
-    found, anchors, lengths = leg.found, leg.system["anchors"], leg.system["lengths"]
-    assert np.allclose(found["/scene/anchors"]["positions"][0], anchors[::-1])
-    (begin, end), (label,) = found["/scene/bar"]["strips"][0][0], found["/scene/bar"]["labels"][0]
+    seen, anchors, lengths = leg.seen, leg.system["anchors"], leg.system["lengths"]
+    assert np.allclose(seen["/anchors"]["positions"][0], anchors[::-1])
+    (begin, end), (label,) = seen["/bar"]["strips"][0][0], seen["/bar"]["labels"][0]
     assert f"{np.subtract(end, begin)[0]:g} m" == label
-    for k, (mode, done) in enumerate(leg.runs.items()):
-        seen, curve = f"/scene/{k + 1}_{mode}", f"/curves/0/{k + 1}_{mode}"
-        assert {"$origin/**", "scene/bar", "scene/truth"} < set(leg.views[seen]["query"])
-        for entity in (f"{seen}/particles", f"{seen}/path", curve):
-            assert colors(found[entity]).tolist() == [recording.rgb(svg.MODES[mode]).tolist()]
-            assert np.allclose(found[entity]["seconds"], 0.01 * done.kept, atol=1e-9)
-        assert np.allclose(found[f"{seen}/particles"]["positions"], done.q, atol=1e-6)
-        assert np.allclose(found[f"{seen}/path"]["positions"], done.q[:, -1:], atol=1e-6)
-        for q, rods in zip(done.q, found[f"{seen}/rods"]["strips"], strict=True):
-            for rod, length, (i, j) in zip(rods, lengths, leg.system["pairs"], strict=True):
-                d = q[i] - (begin := q[j] if j >= 0 else anchors[-1 - j])
-                mark = begin + d * min(1.0, length / np.linalg.norm(d))
+    for mode in leg.runs:
+        steps, q, _ = leg.comparison.states(mode, leg.shown)
+        tile = f"/modes/{mode}"
+        assert {"$origin/**", "bar", "truth"} < set(leg.views[tile]["query"])
+        for entity in (f"{tile}/particles", f"{tile}/path", f"/pull/{mode}"):
+            assert colors(seen[entity]).tolist() == [recording.rgb(svg.MODES[mode]).tolist()]
+            assert np.allclose(seen[entity]["seconds"], 0.01 * steps, atol=1e-9)
+        assert np.allclose(seen[f"{tile}/particles"]["positions"], q, atol=1e-6)
+        assert np.allclose(seen[f"{tile}/path"]["positions"], q[:, -1:], atol=1e-6)
+        for state, rods in zip(q, seen[f"{tile}/rods"]["strips"], strict=True):
+            for rod, size, (i, j) in zip(rods, lengths, leg.system["pairs"], strict=True):
+                d = state[i] - (begin := state[j] if j >= 0 else anchors[-1 - j])
+                mark = begin + d * min(1.0, size / np.linalg.norm(d))
                 assert np.allclose(rod, [begin, mark], atol=1e-6)
-    *strips, last = found["/scene/truth"]["strips"]
+    *strips, last = seen["/truth"]["strips"]
     heads = np.array(strips)[:, 0, 1]
-    assert np.allclose(heads, leg.ghost[1][:, leg.system["pairs"][0][0]], atol=1e-6)
-    assert np.allclose(found["/scene/truth"]["seconds"][:-1], leg.ghost[0]) and not last
+    assert np.allclose(heads, leg.motion[:, leg.system["pairs"][0][0]], atol=1e-6)
+    # a frame of its own for each of the modes': a viewer would hold an old one
+    known = 0.01 * leg.shown[: len(heads)]
+    assert np.allclose(seen["/truth"]["seconds"][:-1], known) and not last
+
+
+def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
+    default = recorded["default"]
+    assert len(default.motion) == len(default.shown)  # 20 s
+
+    def project(name, rule, dt, steps, keep=(), way=Compiled):
+        return run(c.build_system(name), rule, "project", dt, steps, keep, way)
+
+    truth, _ = ruler.true_position(partial(project, "double"), default.shown[133] * 0.005)
+    assert ruler.distance(default.motion[133], truth) < 1e-5
+    triple = partial(project, "triple")
+    shown, close = frames(4000, 0.005, 3), 1e-3
+    motion = ruler.true_motion(triple, 0.005, shown, close)
+    assert 5.0 < 0.005 * shown[len(motion)] < 20.0  # s
+    other = triple(RULES["gauss12"], 0.0075, 2667, range(0, 2667, 2))
+    apart = [ruler.distance(*pair) for pair in zip(motion, other.q, strict=False)]
+    assert max(apart[: 4 * len(apart) // 5]) < close and max(apart) < 100.0 * close
+    monkeypatch.setattr(ruler, "HORIZON", 3.0)  # it is sought step by step, further and further
+    assert np.array_equal(ruler.true_motion(triple, 0.005, shown, close), motion)
+    assert not len(ruler.true_motion(triple, 0.005, shown[:1], close))
 
 
 def test_a_rod_glows_where_it_pulls_and_where_it_pushes(recorded):
     leg = recorded["leg"]
-    full = np.quantile(np.abs(np.concatenate(list(leg.pulls.values()))), 0.9)
-    assert f"full glow = {full:.3g} newtons" in leg.found["/panel"]["text"][0][0]
-    for k, mode in enumerate(leg.runs):
-        shown, share = colors(leg.found[f"/scene/{k + 1}_{mode}/rods"]), leg.pulls[mode].ravel()
+    pulls = {m: leg.tensions[m](*leg.comparison.states(m, leg.shown)[1:]) for m in leg.runs}
+    full = np.quantile(np.abs(np.concatenate([*pulls.values()])), 0.9)
+    assert f"full glow = {full:.3g} newtons" in leg.seen["/panel"]["text"][0][0]
+    for mode, newtons in pulls.items():
+        shown, share = colors(leg.seen[f"/modes/{mode}/rods"]), newtons.ravel()
         glow = np.clip(share / full, -1.0, 1.0)[:, None]
         grey, *ends = (recording.rgb(x).astype(int) for x in (svg.GREY, svg.PULL, svg.PUSH))
         expected = grey + abs(glow) * (np.where(glow > 0.0, *ends) - grey)
@@ -128,47 +170,65 @@ def test_a_rod_glows_where_it_pulls_and_where_it_pushes(recorded):
 
 def test_the_eye_sees_the_whole_scene_from_the_front(recorded):
     for some in recorded.values():
-        view, alive = some.views["/scene/1_none"], (x for x in some.runs.values() if not x.stopped)
+        view, alive = some.views["/modes/none"], (x for x in some.runs.values() if not x.stopped)
         q = np.concatenate([run.q for run in alive])
         eye, target = (np.array(view[name][0]) for name in ("position", "look_target"))
         assert np.allclose(target[:2], eye[:2]) and target[2] < eye[2]
         assert view["eye_up"] == [[0.0, 1.0, 0.0]]
-        _, wide, tall = recording.columns(6, (840, 800), np.ptp(q.reshape(-1, 3), axis=0)[:2], 28)
+        _, wide, tall = geometry.columns(6, (840, 800), np.ptp(q.reshape(-1, 3), axis=0)[:2], 28)
         x, y, ahead = np.moveaxis((q - eye) * [1.0, 1.0, -1.0], -1, 0)
         share = np.max(np.abs([x * tall / wide, y]) / ahead) / recording.SLOPE  # of half a tile
         assert np.all(ahead > 0.0) and 0.5 < share < 1.0  # nothing is cut, nor far away
 
 
 def test_a_lost_mode_leaves_the_picture_and_bends_no_axis(recorded):
-    """Its tile says when it was lost; and what a rod of another has too much is red."""
-    lost, gone = recorded["lost"], "2_baumgarte"
-    done, none, found = lost.runs["baumgarte"], lost.runs["none"], lost.found
-    alive = [f"{k + 1}_{m}" for k, (m, run) in enumerate(lost.runs.items()) if not run.stopped]
-    assert gone not in alive and "1_none" in alive
+    """Its tile says when it was lost."""
+    lost = recorded["lost"]
+    done, seen = lost.runs["baumgarte"], lost.seen
+    alive = [mode for mode, run in lost.runs.items() if not run.stopped]
+    assert "baumgarte" not in alive and "none" in alive
     words = f"lost at {0.05 * done.kept[-1]:.3g} s"
-    assert np.allclose(found[f"/scene/{gone}"]["seconds"], 0.05 * (done.kept[-1] + 1))
-    assert found[f"/scene/{gone}"]["is_recursive"] == [[True]]
-    assert found[f"/scene/lost_{gone}"]["labels"] == [[words]]
-    assert f"scene/lost_{gone}" in lost.views[f"/scene/{gone}"]["query"]
-    off = tables.length(np.max(none.violations))
-    for key, name in ((gone, f"baumgarte, {words}"), ("1_none", f"none, off {off}")):
-        assert lost.views[f"/scene/{key}"]["display_name"] == [name]
-    for plot in range(3):
-        curves, view = f"/curves/{plot}", lost.views[f"/curves/{plot}"]
-        shown = np.concatenate([found[f"{curves}/{key}"]["scalars"] for key in alive])
+    assert np.allclose(seen["/modes/baumgarte"]["seconds"], 0.05 * (done.kept[-1] + 1))
+    assert seen["/modes/baumgarte"]["is_recursive"] == [[True]]
+    assert seen["/lost/baumgarte"]["labels"] == [[words]]
+    assert "lost/baumgarte" in lost.views["/modes/baumgarte"]["query"]
+    off = length(np.max(lost.runs["none"].violations))
+    for mode, name in (("baumgarte", f"baumgarte, {words}"), ("none", f"none, off {off}")):
+        assert lost.views[f"/modes/{mode}"]["display_name"] == [name]
+    for folder in ("/pull", "/rods", "/energy"):
+        view = lost.views[folder]
+        shown = np.concatenate([np.ravel([*seen[f"{folder}/{m}"]["scalars"]]) for m in alive])
         (low, high), (time,) = view["range"][0], view["view_range"]
         assert low < np.quantile(shown, 0.02) and np.quantile(shown, 0.98) < high
         assert high - low < 1.2 * np.ptp(shown) and time["start"] == 0
-        if plot == 1:  # the topmost label would be cut in half
-            assert high - np.floor(high) > 0.04 * (high - low)
-        assert 3.0 < time["end"] / 1e9 < 3.3
-    assert np.max(found[f"/curves/2/{gone}"]["scalars"]) > 100.0 * high
-    strips, excess = found["/scene/1_none/excess"]["strips"], recording.rgb(svg.EXCESS)
-    assert colors(found["/scene/1_none/excess"]).tolist() == [excess.tolist()]
-    assert not strips[0]  # at the start no rod is too long, at the end both are
-    marks, heads = np.moveaxis(np.array(strips[-1]), 1, 0)
-    assert np.allclose(heads, none.q[-1], atol=1e-5)
-    assert np.allclose(np.linalg.norm(heads - marks, axis=1), c.rod_errors(lost.system, none.q[-1]))
+        assert 3.5 < time["end"] / 1e9 < 5.0  # behind the end of 3 s there is the legend
+    assert np.max([*seen["/energy/baumgarte"]["scalars"]]) > 100.0 * high
+
+
+def test_what_a_rod_has_too_much_is_red_and_what_it_lacks_is_dashed_and_blue(tmp_path):
+    """Of a rod of 1 m that is pulled to 1.5 m, and of one that is pushed to 0.5 m."""
+    rods = {"anchors": np.zeros((1, 3)), "pairs": [(0, -1), (1, -1)], "lengths": np.ones(2)}
+    q = np.array([[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]] + 10 * [[[1.5, 0.0, 0.0], [0.0, 0.5, 0.0]]])
+    found = compared(["none"], rods, q, np.arange(11), q)
+    (path := tmp_path / "two.rrd").write_bytes(recording.record(found))
+    seen = chunks(RrdReader(str(path)))
+    drawn = {name: seen[f"/modes/none/{name}"] for name in ("rods", "excess", "missing")}
+    right, *_, wrong = zip(*(entity["strips"] for entity in drawn.values()), strict=True)
+    assert np.allclose(right[0], [[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 1, 0]]])
+    assert not right[1] and not right[2]
+    assert np.allclose(wrong[0], [[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0.5, 0]]])
+    assert np.allclose(wrong[1], [[[1, 0, 0], [1.5, 0, 0]]])
+    dashes = 0.5 + 0.5 * np.array([[0.0, 0.2], [0.4, 0.6], [0.8, 1.0]])
+    assert np.allclose(np.array(wrong[2])[..., 1], dashes)
+    for name in ("excess", "missing"):
+        assert colors(drawn[name]).tolist() == [recording.rgb(svg.LIGHT[name]).tolist()]
+    picture_of = ElementTree.fromstring(picture.motion(found))
+    strokes = [path.get("stroke") for path in picture_of.findall(f"{SVG}svg/{SVG}path")]
+    assert strokes[1:] == [svg.EXCESS, svg.MISSING]
+    (blue,) = [
+        x for x in picture_of.findall(f"{SVG}svg/{SVG}path") if x.get("stroke") == svg.MISSING
+    ]
+    assert blue.get("stroke-dasharray") and geometry.worst_errors(rods, q)[1] == 0.5
 
 
 def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(recorded):
@@ -179,64 +239,141 @@ def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(recorded
     text = subprocess.check_output([*command, "print", recorded["lost"].path], text=True)
     # else a viewer in a browser makes up its own
     assert re.search("BlueprintActivation.*make_active: true, make_default: true", text)
-    (said,) = default.found["/panel"]["text"][0]
+    (said,) = default.seen["/panel"]["text"][0]
     assert said.startswith("**double, semi_implicit, steps of 0.005 s**")
+    assert default.seen["/__properties"]["name"] == [[default.comparison.title]]
+    (loop,) = default.pages["/time_panel"]["time_selection"][0]
+    assert [loop[at] / 1e9 for at in ("min", "max")] == [12.0, 20.0]
+
+
+def clock(inset):
+    """The words of a window in which words change."""
+    return [words.text for words in inset.iter(f"{SVG}tspan")]
 
 
 def test_the_picture_moves_as_the_run_did(recorded):
     default = recorded["default"]
-    for done, tile in zip(default.runs.values(), default.drawn.findall(f"{SVG}svg"), strict=True):
-        rods = tile.find(f"{SVG}path/{SVG}animate")
-        shapes = [re.findall(r"-?\d+", shape) for shape in rods.get("values").split(";")]
+    tiles = [tile for tile in default.drawn.findall(f"{SVG}svg") if tile.get("viewBox")]
+    for mode, tile in zip(default.runs, tiles, strict=True):
+        (path,) = [x for x in tile.findall(f"{SVG}path") if x.get("marker-end")]
+        shapes = path.find(f"{SVG}animate").get("values").split(";")
+        assert path.get("d") == shapes[-1]  # what is seen where nothing moves
+        shapes = [re.findall(r"-?\d+", shape) for shape in shapes]
         corners = np.cumsum(np.reshape(shapes, (len(shapes), -1, 2)).astype(float), axis=1)
-        assert float(rods.get("dur")[:-1]) / (len(shapes) - 1) == pytest.approx(1 / 20, rel=0.15)
+        seconds = float(path.find(f"{SVG}animate").get("dur")[:-1])
+        assert seconds / (len(shapes) - 1) == pytest.approx(1 / 20, rel=0.15)
         moved = (corners[:, 1:] - corners[:, :1]) * [1, -1]
-        where = done.q[np.isin(done.kept, 9 * np.arange(len(shapes)))][..., :2]
-        metre = np.sum(moved * where) / np.sum(where * where)
-        assert np.max(np.abs(moved - metre * where)) < 2.0  # tenths of a pixel
-        red = [x for x in tile.findall(f"{SVG}path") if x.get("stroke") == svg.EXCESS]
-        assert bool(red) == (np.max(done.violations) > 0.025)  # a pixel
-    hidden = default.drawn.find(f"{SVG}defs//{SVG}animate[@attributeName='display']")
-    assert float(hidden.get("keyTimes")[2:]) == pytest.approx(default.ghost[0][-1] / 20.0, abs=0.01)
-    lost = recorded["lost"]  # one mode disappears, and its words say when
+        _, q, _ = default.comparison.states(mode, 9 * np.arange(len(shapes)))
+        metre = np.sum(moved * q[..., :2]) / np.sum(q[..., :2] ** 2)
+        assert np.max(np.abs(moved - metre * q[..., :2])) < 2.0  # fifths of a pixel
+        error = [c.rod_errors(default.system, state) for state in q]
+        for color, worst in ((svg.EXCESS, np.max(error)), (svg.MISSING, -np.min(error))):
+            drawn = [x for x in tile.findall(f"{SVG}path") if x.get("stroke") == color]
+            assert bool(drawn) == (worst > picture.FINE / metre), mode  # a pixel
+    lost = recorded["lost"]  # one mode disappears
     at, shown = lost.runs["baumgarte"].kept[-1], lost.runs["none"].kept[-1]
     *_, hidden = lost.drawn.findall(f"{SVG}svg//{SVG}animate[@attributeName='display']")
     assert 0 < at < shown and float(hidden.get("keyTimes")[2:]) == pytest.approx(at / shown, 0.02)
-    assert f"lost at {0.05 * at:.3g} s" in [words.text for words in lost.drawn.iter(f"{SVG}text")]
+
+
+def test_the_picture_tells_the_time_and_how_far_rods_are_off_at_that_time(recorded):
+    for some in (recorded["default"], recorded["lost"]):
+        *figures, time = [x for x in some.drawn.findall(f"{SVG}svg") if not x.get("viewBox")]
+        tick = float(time.find(f".//{SVG}animateTransform").get("dur")[:-1]) / len(clock(time))
+        assert clock(time)[7] == "1.4 s" and tick == pytest.approx(0.2, rel=0.1)
+        for (mode, done), inset in zip(some.runs.items(), figures, strict=True):
+            for k, said in enumerate(clock(inset)):
+                at = np.searchsorted(done.kept, 0.5 * k / some.dt - 1e-6)
+                if at == len(done.kept):
+                    assert done.stopped and said == some.comparison.outcome(mode)
+                    continue
+                errors = c.rod_errors(some.system, done.q[at])
+                worst = errors[np.argmax(np.abs(errors))]
+                words = f"{length(abs(worst))} too {'long' if worst > 0.0 else 'short'}"
+                assert said in (words, "off < 1 pm") and (abs(worst) > 1e-12 or said != words)
+
+
+def compared(mode_names, system, q, shown, motion):
+    """A Comparison of made-up runs."""
+    done = {"kept": shown, "q": q, "v": q, "violations": np.zeros(len(q)), "stopped": None}
+    done |= {"energies": np.zeros(len(q))}
+    runs = dict.fromkeys(mode_names, SimpleNamespace(**done))
+    args = SimpleNamespace(system="\udcff", integrator="rk4")  # a file's name may be no text
+    pulls = dict.fromkeys(runs, lambda q, v: np.zeros((len(q), len(system["pairs"]))))
+    rest = {"rows": {}, "scale": 1.0, "tensions": pulls, "shown": shown, "motion": motion}
+    truth = ruler.Truth(0)
+    return Comparison(args, system, 0.01, len(q) - 1, truth, runs, **rest)
 
 
 def test_no_scene_makes_a_large_recording_or_picture():
     """Frames are sixty a second or every step, or fewer; and rods that turn at random are drawn as
     if they were the modes and the true motion."""
-    assert list(recording.frames(100, 0.05, 2)) == list(range(101))
-    assert len(recording.frames(20_000, 0.001, 2)) == pytest.approx(20 * recording.FRAME_RATE, 0.1)
+    assert list(frames(100, 0.05, 2)) == [*range(0, 101, 1)]
+    assert len(frames(20_000, 0.001, 2)) == pytest.approx(20 * FRAME_RATE, 0.1)
     for particles, steps in itertools.product([1, 7, 1000, 99_999], [1, 999, 100_000, 3_000_001]):
-        kept = {*recording.frames(steps, 1.0, particles), steps // 3, steps}  # a run keeps two more
-        assert 0 in kept and len(kept) * particles <= recording.MAX_RECORDED
-    # the name of a file may be no text, which no picture could hold
-    args, seconds = SimpleNamespace(system="\udcff", integrator="rk4"), 0.01 * np.arange(1001)
-    for links, steps in ((1, 1000), (11, 1000), (900, 50)):
+        shown = frames(steps, 1.0, particles)
+        assert shown[0] == 0 and np.all(np.diff(shown) > 0) and shown[-1] <= steps
+        assert len(shown) <= max(6, min(FRAMES, 300_000 // particles))
+    long = 0.005 * frames(400_000, 0.005, 2)  # s; at first and at last it is smooth
+    assert np.all(np.diff(long[long < 19.0]) < 0.02) and np.all(np.diff(long[long > 1985.0]) < 0.02)
+    for links, steps in ((1, 1000), (40, 1000), (900, 50)):
         angles = np.random.default_rng(0).normal(size=(steps + 1, links)).cumsum(axis=0)
         q = np.stack([np.sin(angles), np.cos(angles), 0.0 * angles], axis=-1).cumsum(axis=1)
-        what = {"kept": np.arange(steps + 1), "q": q, "violations": [0.0], "stopped": None}
-        runs = dict.fromkeys(c.hold_table(), SimpleNamespace(**what))
-        scene = args, {"dt": 0.01}, c.build_system("chain", links=links), runs
-        shown, ghost = recording.frames(steps, 0.01, links), (seconds[: steps + 1], q)
-        assert len(picture.motion(*scene, shown, ghost).encode()) <= picture.BYTES
+        shown, system = np.arange(steps + 1), c.build_system("chain", links=links)
+        found = compared(c.hold_table(), system, q, shown, q)
+        assert len(picture.motion(found).encode()) <= picture.BYTES
 
 
-@pytest.mark.parametrize("eyes", BLIND)
-def test_modes_and_forces_have_colours_that_all_can_tell_apart(eyes):
-    palette = *svg.MODES.values(), svg.PULL, svg.PUSH
-    coded = np.array([*map(recording.rgb, palette), recording.BACKGROUND]) / 255.0
+def test_a_row_of_the_readers_own_has_a_tile_and_a_colour():
+    q = np.linspace(1.0, 1.2, 101)[:, None, None] * c.build_system("double")["q0"]
+    modes = [*c.hold_table(), "mine", "and <his>/too"]
+    found = compared(modes, c.build_system("double"), q, np.arange(101), q)
+    drawn = ElementTree.fromstring(picture.motion(found))
+    assert {*modes} < {words.text for words in drawn.iter(f"{SVG}text")}
+    assert recording.record(found)
+    colours = svg.mode_colors(modes)
+    assert len({*colours.values()}) == len(modes)
+
+
+def seen_by(eyes, hexes):
+    """L*, a* and b* (CIE 1976) of colours, but for a constant, and how bright they are (0 to 1)."""
+    coded = np.array([[*bytes.fromhex(x[1:])] for x in hexes]) / 255.0
     light = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
-    share = np.clip(light[:-1] @ np.transpose(eyes), 0, 1) @ np.transpose(TO_XYZ)
-    root = np.cbrt(share / np.sum(TO_XYZ, axis=1))
-    lab = root @ [[0, 500, 0], [116, -500, 200], [0, 0, -200]]  # CIE 1976, of what is not dark
-    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(lab, 2)) > 10.0
-    # contrast of at least 3, as in WCAG, on white and on the viewer's ground, and so on black
-    *bright, ground = light @ TO_XYZ[1] + 0.05
-    assert 1.05 / max(bright) > 3.0 and min(bright) / ground > 3.0
+    share = np.clip(light @ np.transpose(eyes), 0, 1) @ np.transpose(TO_XYZ)
+    share = share / np.sum(TO_XYZ, axis=1)
+    root = np.where(share > (6 / 29) ** 3, np.cbrt(share), share / 3 / (6 / 29) ** 2 + 4 / 29)
+    return root @ [[0, 500, 0], [116, -500, 200], [0, 0, -200]], light @ TO_XYZ[1]
+
+
+def palette_of(which):
+    """The colours of drawings on white, or on dark, or of recordings; and the grounds they are on,
+    with the contrast that words or lines need there (WCAG)."""
+    plain = [pair for name, pair in svg.PALETTE.items() if name not in ("ink", "pale", "paper")]
+    white, dark = svg.PALETTE["paper"]
+    if which == "recording":
+        ground = f"#{bytes(recording.BACKGROUND).hex()}"
+        return (
+            [svg.RECORDED[light] for light, _ in plain],
+            [*svg.EITHER.values()],
+            3.0,
+            white,
+            ground,
+        )
+    colours = [pair[which == "dark"] for pair in plain]
+    return colours, colours, 4.5, dark if which == "dark" else white
+
+
+@pytest.mark.parametrize("which", ["white", "dark", "recording"])
+@pytest.mark.parametrize("eyes", BLIND)
+def test_colours_are_told_apart_by_all_and_can_be_read(eyes, which):
+    """In each kind of colour blindness; modes, forces, and what rods have too much and lack."""
+    colours, on_grounds, least, *grounds = palette_of(which)
+    places, _ = seen_by(eyes, colours)
+    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(places, 2)) > 15.0
+    _, bright = seen_by(np.eye(3), on_grounds)
+    _, papers = seen_by(np.eye(3), grounds)
+    for a, b in itertools.product(bright + 0.05, papers + 0.05):
+        assert max(a, b) / min(a, b) > least
 
 
 DRAWN = {name for name in PICTURES if isinstance(PICTURES[name], FunctionType)}
@@ -244,12 +381,12 @@ DRAWN = {name for name in PICTURES if isinstance(PICTURES[name], FunctionType)}
 
 def test_a_drawing_is_what_its_script_makes_and_has_a_title_and_the_colours_of_the_palette():
     """Those that no script makes, too: a mode, a pull and an excess look the same in all."""
-    palette = {*svg.MODES.values(), svg.PULL, svg.PUSH, svg.EXCESS, svg.INK, svg.GREY, svg.PALE}
+    palette = {*svg.LIGHT.values(), "none"}
     for path in FOLDER.glob("*.svg"):
         stored = path.read_text(encoding="utf-8")
         assert ElementTree.fromstring(stored).find(f"{SVG}title").text and svg.STYLE in stored
         colours = re.findall(r'(?:fill|stroke)="(.*?)"', stored)
-        assert {*colours} <= {*palette, "none", "var(--paper)"}, path.name
+        assert {*colours} <= palette, path.name
         if path.name in DRAWN - {"cost.svg"}:  # which is slow
             assert PICTURES[path.name]() == stored, "make_pictures makes it again"
 

@@ -4,6 +4,7 @@ import json
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stdout
+from dataclasses import replace
 from functools import cache
 from io import StringIO
 from itertools import count
@@ -41,10 +42,10 @@ def test_a_run_that_could_not_be_right_is_refused():
 def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
     found = run(DOUBLE, hold=40.0, dt=0.05, keep=range(4001))
     assert found.stopped == found.note == f"diverged at step {len(found.tip)}"
-    assert found._replace(halved=2).note == f"took 2 steps in halves, and {found.stopped}"
-    assert found.kind == "diverged" and list(found.kept) == list(range(len(found.tip)))
+    assert replace(found, halved=2).note == f"took 2 steps in halves, and {found.stopped}"
+    assert list(found.kept) == list(range(len(found.tip)))
     assert len(found.tip) < 50
-    assert all(np.isfinite(x).all() for x in (*found[:3], found.q, found.v))
+    assert all(np.isfinite(x).all() for x in (*found, found.q, found.v))
     # energy tells first: Euler moves q by the old v, so that rods are right for one more step
     monkeypatch.setattr(c, "external_force", lambda *_: np.array([[0.0, -1e200, 0.0]]))
     found = run(PENDULUM, "euler", steps=5)
@@ -93,13 +94,14 @@ def test_every_flag_reaches_the_result_and_stands_beside_it(flag, mode):
     assert found[name] == type(found[name])(value)
 
 
-def test_plain_is_the_same_run_in_numpy_and_of_the_mode_that_was_asked_for():
-    flags = "--stabilization project"
-    (found, _), (plain, lines) = results(flags, 9), results(f"{flags} --plain", 9)
+def test_plain_is_the_same_run_to_the_byte_and_of_the_mode_that_was_asked_for():
+    flags = "--stabilization project --no-picture"
+    (found, _), (plain, lines) = results(flags, 150), results(f"{flags} --plain", 150)
     assert lines[1].endswith("in plain numpy: the lines as they stand")
     assert found["results"].keys() == plain["results"].keys() == {"project"}
-    ours, theirs = (some["results"]["project"]["tip_final"] for some in (plain, found))
-    assert ours == pytest.approx(theirs, abs=1e-10)
+    for row in (found, plain):
+        row["results"]["project"].pop("error")  # plainly the truth is not looked for
+    assert found == plain
 
 
 def test_links_smoke_and_steps_say_how_many():
@@ -111,16 +113,17 @@ def test_links_smoke_and_steps_say_how_many():
 
 def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
     recorded = []
-    monkeypatch.setattr(publish, "record", lambda *run: recorded.extend(run) or b"")
+    monkeypatch.setattr(publish, "record", lambda found: recorded.append(found) or b"")
     found, lines = results("--integrator gauss --tol 1e-6 --dt 0.005 --rerun", 450)
     errors = {mode: row["error"] for mode, row in found["results"].items()}
     assert found["dt"] > 0.005 and found["error_at"] == pytest.approx(2.0)
     assert min(errors.values()) <= found["tol"] == 1e-6 < max(errors.values())
     (line,) = marked(lines, "--tol")
     assert all((mode in line.split("not met by")[1]) == (x > 1e-6) for mode, x in errors.items())
-    _, used, system, runs, *_, pulls, _ = recorded  # soft is as stiff as that step allows
-    (q, v), hold = runs["soft"].every(1), c.hold_table(used["dt"])["soft"]
-    assert np.array_equal(pulls["soft"], c.tensions(system, q, v, hold))
+    (shown,) = recorded  # soft is as stiff as that step allows
+    (q, v), hold = shown.runs["soft"].every(1), c.hold_table(shown.dt)["soft"]
+    expected = [c.tensions(shown.system, *state, hold) for state in zip(q, v, strict=True)]
+    assert np.array_equal(shown.tensions["soft"](q, v), expected)
 
 
 @pytest.mark.parametrize("system", ["chain --links 50", "heavy_tip"])
@@ -206,7 +209,7 @@ import constraints
 simulate, numbers, metrics = constraints.simulate, hashlib.sha256(), {}
 def noted(*arguments):
     run = simulate(*arguments)
-    for series in (*run[:3], run.q, run.v):
+    for series in (*run, run.q, run.v):
         numbers.update(series.tobytes())
     return run
 constraints.simulate = noted  # metrics are rounded: look at every bit, and at the ruler's

@@ -1,7 +1,10 @@
 """Studies: many seeds, one by one and together; when they turn over; and races with engines."""
 
+import base64
 import math
+import re
 import zlib
+from xml.etree import ElementTree
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
@@ -85,10 +88,14 @@ def test_a_rod_turns_over_when_its_angle_passes_the_upright(tmp_path):
         turned = np.abs(np.unwrap(np.arctan2(d[:, 0], -d[:, 1]))) > math.pi
         assert turn == (np.argmax(turned) if turned.any() else 0)
     assert 0 < np.count_nonzero(turns) < 64 and np.array_equal(turns, turns[::-1])
-    for name in ("a.png", "b.png"):
+    for name in ("a.svg", "b.svg"):
         plane.main(["--size", "16", "--seconds", "5", "--out", str(tmp_path / name)])
-    data = (tmp_path / "a.png").read_bytes()
-    assert data == (tmp_path / "b.png").read_bytes() and data[:8] == b"\x89PNG\r\n\x1a\n"
+    drawn = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert drawn == (tmp_path / "b.svg").read_text(encoding="utf-8")
+    words = [x.text for x in ElementTree.fromstring(drawn).iter("{http://www.w3.org/2000/svg}text")]
+    assert {"-180\u00b0", "second rod's angle at the start", "5 s", "never", "none"} < {*words}
+    data = base64.b64decode(re.search('base64,([^"]*)', drawn)[1])  # the map, before its key
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
     assert len(zlib.decompress(data[data.index(b"IDAT") + 4 :])) == 17 * (17 + 16 // plane.STRIP)
 
 

@@ -1,13 +1,13 @@
 """What is traced computes what the function computes, to the last bit; or tracing refuses."""
 
-import tracemalloc
 from functools import partial
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import native, trace
-from curriculum.common.arrays import Arrays
-from curriculum.common.python import number_function
+from curriculum.common import trace
+from curriculum.common.arrays import ordered
+from curriculum.common.crowds import Crowd, mapped
+from curriculum.common.python import Columns, OneByOne, source_of
 from curriculum.common.steps import Single
 from curriculum.common.trace import (
     Program,
@@ -27,11 +27,11 @@ loop = partial(repeat, most=90, complaint="no end")
 
 
 def fixed_point(following, x, close):
-    """x, following(x), ... until the squares of what changes are `close`, for each leading axis."""
+    """x, following(x), ... until the squares of what changes are `close`."""
 
     def body(y):
         after = following(y)
-        return after, np.sum((after - y) * (after - y), axis=(-2, -1)) / close
+        return after, np.sum((after - y) * (after - y)) / close
 
     return loop(body, x)
 
@@ -88,6 +88,10 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "differences": lambda x: 2.0 / (x[::-1] * x[::-1] + 1.0) - (x - x[::-1]) - (1.0 - (2.0 - x)),
     "both signs": lambda x: np.stack([-(x[0] * x[1]), x[0] * x[1]]),
     "infinite": lambda x: 1.0 + x / np.inf + 1e-5 * x,
+    "comparisons": lambda x: np.where(x < x[::-1], x * x, 1.0 - x) + 2.0 * (x[0] <= 0.7),
+    "limits": lambda x: np.maximum(x, 0.3) - np.minimum(0.5, x[::-1]) * x.max() + x.min(axis=1)[0],
+    "one-sided": lambda x: x + np.maximum(0.0, 0.5 - x[0, 0]) + np.clip(x, -0.5, 1.0),
+    "norms": lambda x: x * np.linalg.norm(x[0] - x[1]) + np.dot(x, x[0])[:, None] + x.mean(),
     "roots": lambda x: heron(x * x),
     "nested": lambda x: fixed_point(lambda y: 0.5 * (heron(0.5 * y + x * x) + y), x * x, 1e-9),
     "swapped": lambda x: loop(  # members trade places and signs; the size is minus something
@@ -106,7 +110,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
-LOOSE = dict.fromkeys(("matrix", "functions", "powers"), 1e-12)  # the last bit is numpy's own
+LOOSE = dict.fromkeys(("functions", "powers"), 1e-12)  # the last bit is numpy's own
 INLINED = [(name, trace.INLINE) for name in EXAMPLES] + [
     (name, 0) for name in ("routines", "rows", "loops of routines")
 ]
@@ -119,38 +123,62 @@ def program_of(function, *knobs):
 
 
 def turns(way, function, *starts, count=2):
-    """Where a function leads from starts (..., 2, 3), turn by turn, as far as it goes."""
-    step, found = way(lambda q, v, *_: (function(q), v)), []
+    """Where a function leads from starts (2, 3), turn by turn, as far as it goes."""
+    step, found = way(step_of(function), None, None, 0.0, lambda q, v: (v[0, 0],)), []
     for x in starts:
-        step.start(count)
+        step.start(0.0, count)
+        path, q, v = [], x, 0.0 * x
         with np.errstate(all="ignore"):
-            found.append(step(x, 0.0 * x, None, None, 0.0)[0])
-    return np.array(found)
+            for turn in range(count):
+                try:
+                    q, v, _ = step(q, v)
+                except Stop:
+                    if not turn:
+                        raise
+                    break
+                path.append(q)
+                if not np.isfinite(q).all():
+                    break
+        found.append(np.array(path))
+    return found
+
+
+def step_of(function):
+    return lambda q, v, *_: (function(q), v)
 
 
 @pytest.mark.parametrize(("name", "inline"), INLINED)
 def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypatch):
-    """As Python, as numpy calls, and as machine code for one member or for lanes, not all of them
-    full. Each member ends its loops where it would alone; machine code has the bits of Python."""
+    """As Python, and as machine code for one member or for lanes, not all of them full; without
+    machine code members go as columns or one by one. Each ends its loops where it would alone. All
+    have the bits of the lines as they stand."""
     monkeypatch.setattr(trace, "INLINE", inline)
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
-    python, machine = (partial(turns, way, EXAMPLES[name]) for way in (Python, Machine))
-    exact = python(*CROWD)
-    assert near(exact[:, 0], [EXAMPLES[name](x) for x in CROWD])
-    monkeypatch.delattr(Single, "one")  # machine code has no trouble, which Python would mend
-    assert np.array_equal(machine(*CROWD), exact)
-    monkeypatch.delattr(Single, "__call__")  # nor has anybody of a crowd, who would go alone
-    (numpy,), (lanes,) = python(CROWD), machine(CROWD)
-    assert near(numpy, exact.swapaxes(0, 1))
-    assert np.array_equal(lanes, exact.swapaxes(0, 1)) or not native.available()
+    python, machine = (turns(way, EXAMPLES[name], *CROWD) for way in (Python, Machine))
+    first = [path[0] for path in python]
+    assert near(first, [EXAMPLES[name](ordered(x)) for x in CROWD])
+    assert np.array_equal(machine, python)
+    monkeypatch.delattr(Single, "one")  # no member has trouble, which another way would mend
+    together = Crowd(step_of(EXAMPLES[name]), None, None, 0.0, CROWD, 0.0 * CROWD)
+    traced = together.traced
+    codes = [together.code, OneByOne(traced.source)]
+    codes += [] if traced.program.loops() else [Columns(traced.source)]
+    for code in codes:
+        together.code = code
+        together.put(CROWD, 0.0 * CROWD)
+        together.advance(1)
+        q, _ = together.states()
+        exact = not isinstance(code, Columns)
+        assert np.array_equal(q, first) if exact else near(q, first)
+    assert near(mapped(lambda q, v: EXAMPLES[name](q))(CROWD, 0.0 * CROWD), first)
 
 
 ROUTINE = Routine(heron)
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong
     "a divisor of zero": (lambda x: x - 1.0 + 0.0 / (x * x), 2.0),
     "a loop that does not settle in a routine": (lambda x: ROUTINE(x) + 1e100 * x, 1e10),
-    "one row's loop that does not settle": (
-        lambda x: side_by_side(lambda a, k: heron(k * a[None])[0] + 1e100 * a, x, np.array([0, 1])),
+    "loops of rows that do not settle": (
+        lambda x: side_by_side(lambda a, k: heron(k * a[None])[0] + 1e100 * a, x, np.array([1, 2])),
         1e10,
     ),
     "an exponential": (np.exp, 1.7),
@@ -167,19 +195,32 @@ def test_machine_code_ends_where_python_would_raise_an_error(function, start, mo
     (alone,), (expected,) = (turns(way, function, x, count=9) for way in (Machine, Python))
     assert 1 <= len(alone) < 9 and np.array_equal(alone, expected, equal_nan=True)
     last = alone[np.isfinite(alone).all(axis=(1, 2))][-1]
-    ((crowd,),) = turns(Machine, function, np.stack([*[x] * 7, last]), count=1)
-    assert np.array_equal(crowd[:7], [alone[0]] * 7) and not np.isfinite(crowd[7]).any()
+    many = np.stack([*[x] * 7, last])
+    crowd = Crowd(step_of(function), None, None, 0.0, many, 0.0 * many)
+    for code in (crowd.code, OneByOne(crowd.traced.source)):
+        crowd.code = code
+        crowd.put(many, 0.0 * many)
+        crowd.advance(1)
+        q, _ = crowd.states()
+        assert np.array_equal(q[:7], [alone[0]] * 7) and not np.isfinite(q[7]).any()
 
 
-def test_members_of_an_array_end_their_loops_each_by_itself_or_say_so():
-    """Of many, who is lost is NaN."""
-    assert np.array_equal(heron(CROWD**2), [heron(x**2) for x in CROWD])
-    far, one = np.full((2, 3), 1e200), np.ones((2, 3))
-    for attempt in (heron, partial(turns, Python, heron)):
+def test_a_loop_that_comes_to_no_end_says_so():
+    far = np.full((2, 3), 1e200)
+    for attempt in (heron, partial(turns, Python, heron), partial(turns, Machine, heron)):
         with pytest.raises(Stop, match="no end"), np.errstate(all="ignore"):
             attempt(far)
-    ((both,),) = turns(Python, heron, np.stack([one, far]), count=1)
-    assert np.array_equal(both[0], one) and np.isnan(both[1]).all()
+
+
+def test_what_cannot_be_traced_is_mapped_state_by_state():
+    q = CROWD - 1.0
+
+    def branching(q, v):
+        return (q if q[0, 0] > 0.0 else 2.0 * q), v[0, 0]
+
+    found = mapped(branching)(q, q)
+    assert np.array_equal(found[0], [branching(x, x)[0] for x in q])
+    assert np.array_equal(found[1], q[:, 0, 0])
 
 
 def test_what_is_not_needed_is_not_done_nor_kept():
@@ -191,14 +232,9 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     assert not program_of(lambda x: INNER(x, x)).tape.parts
     program = program_of(lambda x, h: x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0, "h")
-    assert "h" not in number_function(program)[1].split("for _ in range(count):")[1].split()
-    program = program_of(partial(tangle, 0))
-    function, given = Arrays(program).function, np.ones((6, 1 << 16))
-    tracemalloc.start()
-    function(*given)
-    _, most = tracemalloc.get_traced_memory()  # bytes: what nobody needs is let go of
-    tracemalloc.stop()
-    assert most < 0.2 * len(program.tape.nodes) * given[0].nbytes
+    assert "h" not in source_of(program).split("for _ in range(count):")[1].split()
+    constants = program_of(lambda x: x * np.exp(ordered(KEPT - 0.5) / 3.0) ** 2.0)
+    assert [sign for sign, *_ in constants.tape.nodes.values()] == ["*"] * 6
 
 
 def careful(x):

@@ -1,14 +1,21 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
-from curriculum.ch3_4_constraints.recording import box, columns, outcome, rod_ends, title
+from curriculum.ch3_4_constraints import svg
+from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors, worst_errors
 from curriculum.ch3_4_constraints.statics import nodes
-from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, Drawing, element
+from curriculum.ch3_4_constraints.svg import Drawing, element
+from curriculum.ch3_4_constraints.tables import length
 
 import numpy as np
 
 RATES = (20.0, 20.0), (10.0, 20.0), (10.0, 10.0), (10.0, 5.0), (10.0, 2.5), (10.0, 1.0)
 BYTES, ENDS = 145_000, 150  # the first of RATES (frames a second, s) that fits; ends of rods drawn
-SHEET, WORDS, FINE = (760, 600), 60, 10  # pixels, of the tiles; words in a tile; units a pixel
+SHEET, WORDS, FINE = (760, 600), 60, 5  # pixels, of the tiles; words in a tile; units a pixel
+CLOCK, FIGURES = 5, 2  # how often a second the time is told, and how far rods are off
+LEAST = 1e-12  # m: below this a rod is right
+CURVE = 60  # points of a curve
+DECADES = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm"}
+SMALL = 13  # pixels, of words in the chart
 
 
 def pens(pairs):
@@ -26,40 +33,63 @@ def pens(pairs):
 
 def moving(traces, seconds, total, **style):
     """A path in a loop of `total` s: lines through `traces` [(F, S, 2)], of whole numbers, at
-    `seconds` (F,), which are evenly spaced; hidden from the last of them on."""
+    `seconds` (F,), which are evenly spaced; hidden from the last of them on. Where nothing moves,
+    in a thumbnail or on paper, it is as it is at the last."""
     steps = [np.diff(trace, axis=1, prepend=0).reshape(len(trace), -1) for trace in traces]
     form = "".join("M%d %dl" + " ".join(["%d %d"] * (trace.shape[1] - 1)) for trace in traces)
     shapes = [form % tuple(row) for row in np.concatenate(steps, axis=1).tolist()]
+    shapes = [shape.replace(" -", "-") for shape in shapes]
+    last = shapes[-1]
     loop, times, hide = {"dur": f"{total:g}s", "repeatCount": "indefinite"}, {}, ""
     if 0.0 < seconds[-1] < total - 1e-9:
-        shapes.append(shapes[-1])
+        shapes.append(last)
         times = {"keyTimes": ";".join([*(f"{x:.4g}" for x in seconds / total), "1"])}
         once = {"calcMode": "discrete", "keyTimes": f"0;{seconds[-1] / total:.4g}"}
         hide = element("animate", attributeName="display", values="inline;none", **once, **loop)
-    values = ";".join(shapes).replace(" -", "-")
-    shape = element("animate", attributeName="d", values=values, **times, **loop)
-    return element("path", shape, hide, fill="none", **style)
+    shape = element("animate", attributeName="d", values=";".join(shapes), **times, **loop)
+    return element("path", shape, hide, d=last, fill="none", **style)
 
 
-def motion(args, used, system, runs, keep, ghost, rates=RATES):
-    """The text of an SVG that moves: `runs` {mode: Run} side by side, of whose kept states those
-    of the steps `keep`, a range, are shown at the pace of the simulated time.
+def changing(words, total, x, y, size, anchor="middle"):
+    """Words at x, y that change in a loop of `total` s, evenly: [(text, colour), ...].
 
-    `args`, `used`, `ghost`: as recording.record takes them; of `ghost` 20 evenly spaced frames a
-    second will do. The first of `rates` is taken whose text has no more than BYTES, or else the
-    last. Equal runs are equal bytes.
+    They are a column that moves behind a window of one line. Where nothing moves it shows the last.
+    """
+    line, wide = round(1.4 * size), 20 * size
+    inset = {"start": 0, "middle": wide // 2, "end": wide}[anchor]
+    rows = [
+        element("tspan", text.translate(svg.ESCAPES), x=inset, y=size + line * k, fill=color)
+        for k, (text, color) in enumerate(words)
+    ]
+    places = [f"0 {-line * k}" for k in range(len(words))]
+    loop = {"dur": f"{total:g}s", "repeatCount": "indefinite", "calcMode": "discrete"}
+    kind = {"attributeName": "transform", "type": "translate", "values": ";".join(places)}
+    move = element("animateTransform", **kind, **loop)
+    style = {"font_size": size, "text_anchor": anchor, "transform": f"translate({places[-1]})"}
+    column = element("text", move, *rows, **style)
+    window = {"x": round(x - inset, 1), "y": round(y - size, 1), "width": wide, "height": line}
+    return element("svg", column, **window)
+
+
+def motion(found, rates=RATES):
+    """The text of an SVG that moves: the modes of a Comparison side by side, at the pace of the
+    simulated time, and beside them how far their rods are off.
+
+    The first of `rates` is taken whose text has no more than BYTES, or else the last. Equal runs
+    are equal bytes.
     """
     (rate, most), *slower = rates
-    (low, high, bar), dt, lines = box(system, runs), used["dt"], pens(system["pairs"])
+    system, runs, dt = found.system, found.runs, found.dt
+    low, high, bar = box(system, runs)
+    lines, colors = pens(system["pairs"]), svg.mode_colors(runs)
     size = (high - low)[:2]
-    across, wide, room = columns(len(runs), SHEET, size, WORDS)
+    across, wide, room = columns(len(runs) + 1, SHEET, size, WORDS)
     scale = min(wide / size[0], room / size[1])  # pixels a metre
     width, tall = scale * size
-    bottom = -(-len(runs) // across) * (tall + WORDS)
-    sheet = Drawing(SHEET[0], round(bottom) + 34, title(args, used))
-    stride = keep.step * max(1, round(1.0 / (rate * keep.step * dt)))
-    last = min(most / dt + 1e-9, max(run.kept[-1] for run in runs.values()))
-    total = max(1, int(last / stride)) * stride * dt
+    bottom = -(-(len(runs) + 1) // across) * (tall + WORDS)
+    sheet = Drawing(SHEET[0], round(bottom) + 34, found.title)
+    steps = even_steps(found, rate, most)
+    total = max(steps[-1], 1) * dt
 
     def place(points):
         return np.rint(FINE * scale * (points[..., :2] - [low[0], high[1]]) * [1, -1]).astype(int)
@@ -68,37 +98,123 @@ def motion(args, used, system, runs, keep, ghost, rates=RATES):
         return [place(nodes(q, system["anchors"]))[:, line] for line in lines]
 
     anchors = place(system["anchors"][::-1])
-    still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=GREY) for x, y in anchors]
-    if ghost:
-        seconds, q = (x[ghost[0] < total + 1e-9] for x in ghost)
-        dash = {"stroke": GREY, "stroke_dasharray": f"{4 * FINE} {6 * FINE}"}
+    still = [element("circle", cx=x, cy=y, r=5 * FINE, fill=svg.GREY) for x, y in anchors]
+    known = np.flatnonzero(np.isin(found.shown[: len(found.motion)], steps))
+    if len(known) > 1:
+        seconds, q = found.shown[known] * dt, found.motion[known]
+        dash = {"stroke": svg.GREY, "stroke_dasharray": f"{4 * FINE} {6 * FINE}"}
         still.append(moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **dash))
     sheet.add("defs", element("g", *still, id="still"))
-    for k, (mode, run) in enumerate(runs.items()):
-        left, top, color = wide * (k % across), (tall + WORDS) * (k // across), MODES[mode]
-        shown = (run.kept % stride == 0) & (run.kept * dt < total + 1e-9)
-        seconds, q = run.kept[shown] * dt, run.q[shown]
-        _, marks, heads = map(place, rod_ends(system, q))
-        far = np.flatnonzero(np.max(np.abs(heads - marks), axis=(0, 2)) > FINE)[:ENDS]
+    for k, mode in enumerate(runs):
+        there, q, _ = found.states(mode, steps)
+        seconds, color = there * dt, colors[mode]
         ball = element("circle", r=1.3, fill=color)
-        dots = element("marker", ball, id=mode, viewBox="-2 -2 4 4", overflow="visible")
-        style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#{mode})") | {"stroke": color}
+        dots = element("marker", ball, id=f"dot{k}", viewBox="-2 -2 4 4", overflow="visible")
+        style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#dot{k})") | {"stroke": color}
         rods = moving(lines_through(q), seconds, total, stroke_width=4 * FINE, **style)
         parts = [dots, element("use", href="#still"), rods]
-        if len(far):
-            excess = [np.stack([marks[:, rod], heads[:, rod]], axis=1) for rod in far]
-            style = {"stroke": EXCESS, "stroke_width": 7 * FINE, "stroke_linecap": "butt"}
-            parts.append(moving(excess, seconds, total, **style))
-        view = {"viewBox": f"0 0 {FINE * width:.0f} {FINE * tall:.0f}", "width": round(width, 1)}
+        for pieces, look in off(system, q, place):
+            parts.append(moving(pieces, seconds, total, **look))
+        left, top = wide * (k % across), (tall + WORDS) * (k // across)
         middle, at = left + wide / 2, {"y": round(top, 1), "height": round(tall, 1)}
+        view = {"viewBox": f"0 0 {FINE * width:.0f} {FINE * tall:.0f}", "width": round(width, 1)}
         sheet.add("svg", *parts, x=round(middle - width / 2, 1), **at, **view)
-        said = EXCESS if run.stopped else INK
         sheet.words(middle, top + tall + 22, mode, color, "middle", 22, "bold")
-        sheet.words(middle, top + tall + 44, outcome(run, dt), said, "middle", 19)
-    sheet.line([(16, bottom + 14), (16 + scale * bar, bottom + 14)], GREY, 3)
-    legend = f"{bar:g} m; red: what a rod has too much" + "; dashed: the true motion" * bool(ghost)
-    sheet.words(26 + scale * bar, bottom + 20, legend, size=17)
+        words = figures(found, mode, total)
+        sheet.parts.append(changing(words, total, middle, top + tall + 44, 19))
+    left, top = wide * (len(runs) % across), (tall + WORDS) * (len(runs) // across)
+    drift(sheet, found, colors, total, (left, top, left + wide, top + tall + WORDS))
+    legend(sheet, bottom + 20, scale * bar, bar, len(known) > 1)
+    ticks = np.arange(0.0, total - 1e-9, 1.0 / CLOCK)
+    clock = [(f"{seconds:.1f} s", svg.INK) for seconds in ticks]
+    sheet.parts.append(changing(clock, total, SHEET[0] - 16, bottom + 20, 19, "end"))
     text = sheet.text()
     if slower and len(text) > BYTES:
-        return motion(args, used, system, runs, keep, ghost, slower)
+        return motion(found, slower)
     return text
+
+
+def even_steps(found, rate, most):
+    """Evenly spaced steps (F,) among those that are shown, about `rate` a second for `most` s."""
+    every = found.shown[min(1, len(found.shown) - 1)] or 1
+    stride = every * max(1, round(1.0 / (rate * every * found.dt)))
+    last = min(most / found.dt + 1e-9, max(run.kept[-1] for run in found.runs.values()))
+    steps = np.arange(0, last + 1e-9, stride).astype(int)
+    return steps[np.logical_and.accumulate(np.isin(steps, found.shown))]
+
+
+def off(system, q, place):
+    """What rods have too much, and what they lack, at q (F, N, 3): [(traces, style), ...]."""
+    _, marks, heads = map(place, rod_ends(system, q))
+    error = rod_errors(system, q)
+    far = np.max(np.abs(heads - marks), axis=-1) > FINE  # a pixel
+    too_long = {"stroke": svg.EXCESS, "stroke_width": 7 * FINE}
+    too_short = {"stroke": svg.MISSING, "stroke_width": 4 * FINE}
+    too_short["stroke_dasharray"] = f"{3 * FINE} {2 * FINE}"
+    for style, wrong in ((too_long, error > 0.0), (too_short, error < 0.0)):
+        rods = np.flatnonzero(np.any(far & wrong, axis=0))[:ENDS]
+        ends = np.where(wrong[..., None], heads, marks)  # nothing, while it is not so
+        traces = [np.stack([marks[:, rod], ends[:, rod]], axis=1) for rod in rods]
+        if traces:
+            yield traces, style | {"stroke_linecap": "butt"}
+
+
+def figures(found, mode, total):
+    """How far the worst rod of a mode is off, some times a second: [(text, colour), ...]."""
+    run = found.runs[mode]
+    words = []
+    for seconds in np.arange(0.0, total - 1e-9, 1.0 / FIGURES):
+        at = np.searchsorted(run.kept, seconds / found.dt - 1e-6)
+        if at == len(run.kept):
+            words.append((found.outcome(mode), svg.EXCESS))
+            continue
+        (worst,) = worst_errors(found.system, run.q[at : at + 1])
+        if abs(worst) < LEAST:
+            words.append((f"off {length(abs(worst))}", svg.INK))
+        elif worst > 0.0:
+            words.append((f"{length(worst)} too long", svg.EXCESS))
+        else:
+            words.append((f"{length(-worst)} too short", svg.MISSING))
+    return words
+
+
+def drift(sheet, found, colors, total, corners):
+    """Draw the worst rod error of all modes against the time, and a line that moves with it."""
+    left, top, right, bottom = corners
+    inner = left + 52, top + 34, right - 86, bottom - 34
+    curves, highest = {}, LEAST
+    for mode, run in found.runs.items():
+        worst = run.violations[: round(total / found.dt) + 1]
+        parts = np.array_split(worst, min(CURVE, len(worst)))
+        seconds = np.linspace(0.0, (len(worst) - 1) * found.dt, len(parts))
+        values = np.maximum([np.max(part) for part in parts], LEAST)
+        curves[mode] = colors[mode], list(zip(seconds, values, strict=True))
+        if not run.stopped:
+            highest = max(highest, np.max(values))
+    limits = 0.3 * LEAST, 3.0 * max(highest, 1e-2)
+    for _, points in curves.values():
+        points[:] = [(seconds, min(value, limits[1])) for seconds, value in points]
+    tall = len(DECADES) * 1.3 * SMALL < inner[3] - inner[1]
+    y = "", limits, DECADES if tall else dict([*DECADES.items()][::2])
+    x = "", (0.0, total), {0.0: "0", total: f"{total:.3g} s"}
+    sheet.words(left + 16, top + 20, "the worst rod", size=SMALL + 2)
+    svg.plot(sheet, inner, x, y, curves, SMALL)
+    loop = {"dur": f"{total:g}s", "repeatCount": "indefinite"}
+    kind = {"attributeName": "transform", "type": "translate"}
+    sweep = element("animateTransform", values=f"0;{inner[2] - inner[0]:.1f}", **kind, **loop)
+    upright = f"M{inner[0]:.1f} {inner[1]:.1f}V{inner[3]:.1f}"
+    sheet.add("path", sweep, d=upright, stroke=svg.INK, stroke_width=1)
+
+
+def legend(sheet, y, width, bar, known):
+    """Draw what lines mean, below the tiles: a scale, and a piece of each line with its name."""
+    at = 16
+    kinds = [(width, svg.GREY, 3, "none", f"{bar:g} m"), (24, svg.EXCESS, 7, "none", "too long")]
+    kinds.append((24, svg.MISSING, 4, "3 2", "too short"))
+    if known:
+        kinds.append((30, svg.GREY, 4, "4 6", "the true motion"))
+    for wide, color, thick, dash, words in kinds:
+        style = {"stroke_width": thick, "stroke_dasharray": dash, "stroke_linecap": "butt"}
+        sheet.add("path", d=f"M{at:.1f} {y - 6:.1f}h{wide:.1f}", stroke=color, **style)
+        sheet.words(at + wide + 8, y, words, size=17)
+        at += wide + 30 + 8.5 * len(words)

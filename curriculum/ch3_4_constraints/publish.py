@@ -28,21 +28,19 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(args, used, system, runs, rows, scale, pulls, shown, ghost):
-    """Write metrics.json and, if they are asked for, the picture and the recording; in words.
+def publish(found):
+    """Write metrics.json, and the picture and the recording if they are asked for; say so in words.
 
-    The metrics are `rows`, what was `used`, and those flags that decide them. Nothing of an earlier
-    run stays beside them; if a file cannot be written, all stays as it was. The rest: as `record`
-    takes it.
+    The metrics are the rows of a Comparison, what was used, and those flags that decide them.
+    Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
+    args = found.args
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    files = {METRICS: as_json(flags | used | {"results": rows}), PICTURE: None, RECORDING: None}
-    scene = args, used, system, runs
-    if args.picture:
-        files[PICTURE] = motion(*scene, shown, ghost)
-    if args.rerun:
-        found = {mode: pulls[mode](run.q, run.v) for mode, run in runs.items()}
-        files[RECORDING] = record(*scene, rows, scale, found, ghost)
+    used = {"dt": found.dt, "steps": found.steps, "rods": len(found.system["pairs"])}
+    used["error_at"] = found.truth.step * found.dt
+    files = {METRICS: as_json(flags | used | {"results": found.rows})}
+    files[PICTURE] = motion(found) if args.picture else None
+    files[RECORDING] = record(found) if args.rerun else None
     write_together(args.out, files)
     text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
@@ -54,4 +52,5 @@ def look(recording):
     short = os.sep in nearby and len(nearby) < len(sys.executable)
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
     viewer = ["rerun"] if window else ["rerun", "--web-viewer"]
-    return shlex.join([nearby if short else sys.executable, "-m", *viewer, str(recording)])
+    alone = ["--bind", "127.0.0.1"]  # else its ports are open to the network
+    return shlex.join([nearby if short else sys.executable, "-m", *viewer, *alone, str(recording)])

@@ -8,27 +8,11 @@ STILL = 1e-6  # relative: how exactly velocities must keep the lengths; below, a
 LOST = 1.5e-8  # singular values of J by the largest: A squares them, and then they are rounding
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
 
-# Rods in a loop may be one too many, or lose rank in passing. So their linear system is blurred: by
-# a share of A's diagonal, well over rounding, and by dJ M^-1 dJ^T, where dJ is what J changes by in
-# a time (s) far shorter than the chapter's steps.
-SLACK, INSTANT = 1e-12, 1e-4
-
 
 def near(lengths, q):
-    """The g (..., C) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
-    far = np.mean(np.sum(np.abs(q), axis=-1), axis=-1, keepdims=True)
-    return 1e-12 * np.square(lengths) + 1e-15 * far * lengths
-
-
-def unanswered(left, b, lengths):
-    """How much (...) is `left` of b (..., C), the second derivatives of g that are asked for.
-
-    In m/s^2 along a rod; or as a share of b, if that is more: where rods are nearly in line, a
-    little along them is much across.
-    """
-    left = np.abs(left)
-    share = np.max(left, axis=-1) / (np.max(np.abs(b), axis=-1) + 1e-9)
-    return np.maximum(np.max(left / lengths, axis=-1), share)
+    """The g (C,) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
+    far = np.sum(np.abs(q)) / len(q)
+    return 1e-12 * lengths * lengths + 1e-15 * far * lengths
 
 
 def nodes(x, fixed):

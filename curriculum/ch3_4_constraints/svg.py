@@ -1,18 +1,54 @@
 """A little SVG (lines, arrows, words, charts), and the one palette of pictures and recordings."""
 
 import math
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
-# Told apart by everybody, in each kind of colour blindness, and readable on any ground.
-MODES = {"none": "#458fac", "baumgarte": "#5a4cef", "impulse": "#947c00", "soft": "#bd144e"}
-MODES["project"] = "#ff008d"
-PULL, PUSH, EXCESS = "#cd8166", "#bb72ff", "#ff1f1f"  # of a rod; and what it has too much
-INK, GREY, PALE = "currentColor", "#7d8590", "#7d859055"
-STYLE = """<style>svg{color:#1f2328;--paper:#fff}
-@media(prefers-color-scheme:dark){svg{color:#e6edf3;--paper:#0d1117}}</style>"""
-LINE = 18  # pixels from a line of words to the next
+# Each colour on white paper, and on dark. Both have a contrast of at least 4.5 to their paper, as
+# words need, and are told apart in each kind of colour blindness: a test computes that.
+PALETTE = {
+    "none": ("#005368", "#2ee5ff"),
+    "baumgarte": ("#422bd1", "#8169f0"),
+    "impulse": ("#534406", "#ffc900"),
+    "soft": ("#bb3f9d", "#fa84c4"),
+    "project": ("#0c864b", "#1eb765"),
+    "spare": ("#092800", "#c6d5b8"),
+    "pull": ("#be5700", "#ed7705"),
+    "push": ("#850aa4", "#b35cb4"),
+    "excess": ("#ca2837", "#e63e37"),
+    "missing": ("#0072e5", "#88a8fe"),
+    "grey": ("#727373", "#8b837a"),
+    "ink": ("#1f2328", "#e6edf3"),
+    "pale": ("#d8dbdf", "#30363d"),
+    "paper": ("#ffffff", "#0d1117"),
+}
+# Lines of a recording, whose plots are as light or dark as the reader's viewer: a contrast of 3.
+EITHER = {
+    "none": "#126d78",
+    "baumgarte": "#424aef",
+    "impulse": "#6f6113",
+    "soft": "#da6dac",
+    "project": "#03a252",
+    "spare": "#a65ae9",
+}
+LIGHT = {name: light for name, (light, _) in PALETTE.items()}
+DARK = dict(PALETTE.values())  # what a light colour becomes
+RECORDED = DARK | {LIGHT[name]: color for name, color in EITHER.items()}
+MODES = {name: LIGHT[name] for name in ("none", "baumgarte", "impulse", "soft", "project")}
+PULL, PUSH = LIGHT["pull"], LIGHT["push"]  # of a rod
+EXCESS, MISSING = LIGHT["excess"], LIGHT["missing"]  # what a rod has too much, and what it lacks
+INK, GREY, PALE, PAPER = (LIGHT[name] for name in ("ink", "grey", "pale", "paper"))
+# Colours stand in the drawing as they are on white; only where a style sheet is read and the
+# reader's screen is dark does another take their place.
+RULES = (f'[fill="{a}"]{{fill:{b}}}[stroke="{a}"]{{stroke:{b}}}' for a, b in DARK.items())
+STYLE = f"<style>@media(prefers-color-scheme:dark){{{''.join(RULES)}}}</style>"
+
+
+def mode_colors(modes):
+    """{mode: colour}, also of rows that a reader has added to the table."""
+    spare = cycle([LIGHT["spare"], INK, GREY])
+    return {mode: MODES.get(mode) or next(spare) for mode in modes}
 
 
 def element(name, *inside, **attributes):
@@ -27,7 +63,7 @@ class Drawing:
     """A sheet of so many pixels, y down, light or dark as the reader's screen is."""
 
     def __init__(self, width, height, title):
-        paper = element("rect", width=width, height=height, rx=6, fill="var(--paper)")
+        paper = element("rect", width=width, height=height, rx=6, fill=PAPER)
         self.parts = [element("title", title.translate(ESCAPES)), STYLE, paper]
         self.look = {"width": width, "height": height, "viewBox": f"0 0 {width} {height}"}
 
@@ -72,29 +108,46 @@ def position(value, limits, begin, end):
 
 
 def chart(title, x, y, curves, size=(480, 420), right=100):
-    """The text of a chart of `curves` {name: (colour, [(x, y), ...])}, named where they end; x and
-    y: (name, limits, {value: words}), logarithmic if the limits are above 0."""
-    sheet, left, end, bottom, top = Drawing(*size, title), 64, size[0] - right, size[1] - 58, 48
-    for value, words in x[2].items():
-        at = position(value, x[1], left, end)
-        sheet.line([(at, bottom), (at, top)], PALE, 1)
-        sheet.words(at, bottom + LINE + 2, words, GREY, "middle")
-    for value, words in y[2].items():
-        at = position(value, y[1], bottom, top)
-        sheet.line([(left, at), (end, at)], PALE, 1)
-        sheet.words(left - 8, at + 5, words, GREY, "end")
+    """The text of a chart of `curves`, as `plot` draws them; `right`: pixels for their names."""
+    sheet = Drawing(*size, title)
+    left = 64
     sheet.words(left, size[1] - 12, x[0])
     sheet.words(16, 28, y[0])
+    plot(sheet, (left, 48, size[0] - right, size[1] - 58), x, y, curves)
+    return sheet.text()
+
+
+def between(axis):
+    """The (value, words) of an axis that are within its limits."""
+    _, (low, high), values = axis
+    return [(value, words) for value, words in values.items() if low <= value <= high]
+
+
+def plot(sheet, corners, x, y, curves, size=15):
+    """Draw `curves` {name: (colour, [(x, y), ...])} between (left, top, right, bottom), in pixels.
+
+    x and y: (name, limits, {value: words}), logarithmic if the limits are above 0. A curve has its
+    name where it ends, in words of `size`; a third entry beside its points is a line's dashes.
+    """
+    left, top, end, bottom = corners
+    line = 1.2 * size  # from a line of words to the next
+    for value, words in between(x):
+        at = position(value, x[1], left, end)
+        sheet.line([(at, bottom), (at, top)], PALE, 1)
+        sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
+    for value, words in between(y):
+        at = position(value, y[1], bottom, top)
+        sheet.line([(left, at), (end, at)], PALE, 1)
+        sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
     names = []
-    for name, (color, values) in curves.items():
+    for name, (color, values, *dash) in curves.items():
         points = [(position(a, x[1], left, end), position(b, y[1], bottom, top)) for a, b in values]
-        sheet.line(points, color, 2.5)
+        sheet.line(points, color, 2.5 if size > 13 else 2, *dash)
         names.append([*points[-1], name, color])
     names.sort(key=lambda name: name[1])
     for above, below in list(pairwise(names)) * 100:  # names that overlap are moved apart
-        overlap = LINE - (below[1] - above[1])
+        overlap = line - (below[1] - above[1])
         if overlap > 0.0 and abs(above[0] - below[0]) < 100.0:
             above[1], below[1] = above[1] - 0.5 * overlap, below[1] + 0.5 * overlap
     for at, height, name, color in names:
-        sheet.words(at + 6, height + 5, name, color, weight="bold")
-    return sheet.text()
+        sheet.words(at + 6, height + size / 3, name, color, size=size, weight="bold")

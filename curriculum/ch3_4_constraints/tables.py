@@ -5,7 +5,7 @@ import textwrap
 
 import numpy as np
 
-UNHELD = 1e-3  # so much may stay unanswered without a word
+UNHELD = 1e-3  # m/s^2: so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
 
@@ -42,7 +42,7 @@ def comparison(rows, runs, at, truth, tol):
         if run.note:
             print(f"* {mode} {run.note}")
         if (left := rows[mode]["unheld"]) > UNHELD:
-            print(f"* {mode}: tensions leave {left:.2g} unanswered, m/s^2 along a rod or a share")
+            print(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         unknown = "not known to 1 nm" if truth.sought else "not looked for"

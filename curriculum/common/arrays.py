@@ -1,141 +1,242 @@
-"""A program as numpy calls: a function of whole arrays, a line an operation.
+"""Arrays whose products and sums go in one order, of floats or of symbols.
 
-What nobody needs any more is let go of at once. So a dozen arrays are alive at a time, however long
-the program is, and the processor's cache holds them if they have PIECE entries each.
+numpy hands the products of matrices to a library, which adds their terms as the processor likes
+best, and sums eight numbers at a time. So the last digit differs from machine to machine, and from
+the same lines where they are compiled. In an Ordered array terms are added from first to last. What
+is zero for certain is left out, which changes no digit, and makes a large sparse product short.
 """
 
-from curriculum.common.trace import FUNCTIONS, Call, Lanes
+import operator
 
 import numpy as np
 
-PIECE = 1 << 13
-MATRICES = 1 << 23  # their entries
-UFUNCS = {"+": "add", "-": "subtract", "*": "multiply", "/": "divide", "**": "power"}
-UFUNCS |= {"abs": "absolute"} | {name: name for name in FUNCTIONS}
-NAMES = {name: getattr(np, name) for name in [*UFUNCS.values(), "all", "where", "inf", "nan"]}
+SMALL = 1 << 18  # terms of a product that are made at once
+FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
+NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
 
-def signed(symbol):
-    """A symbol's value."""
-    return f"{'-' * symbol.minus}{symbol.x}"
+def ordered(x, shape=None):
+    """x as an array whose products and sums go in order; it must have the `shape`, if one is given.
 
-
-def listed(symbols):
-    """A tuple of them."""
-    return "".join(f"{signed(s)}, " for s in symbols)
-
-
-class Writer:
-    """Lines of numpy calls. `routines`: the programs that they call."""
-
-    def __init__(self):
-        self.routines = []
-
-    def function(self, name, program, results):
-        """A function of a program's inputs and knobs that returns some of its results."""
-        tape, given = program.tape, ", ".join([*program.inputs, *program.knobs])
-        lines = self.operations(tape, tape.needed(results), {s.x for s in results})
-        body = "".join(f"    {line}\n" for line in lines)
-        return f"def {name}({given}):\n{body}    return {listed(results)}\n"
-
-    def operations(self, tape, names, kept):
-        """The operations `names` of a tape; all but `kept` are let go of after their last use."""
-        last = {x: name for name in names for x in tape.nodes[name][1:]}
-        for name in names:
-            sign, *operands = tape.nodes[name]
-            if sign == "of":
-                continue
-            if sign == "part":
-                part = tape.parts[name]
-                write = {Call: self.call, Lanes: self.lanes}.get(type(part), self.loop)
-                yield from write(part)
-            else:
-                yield f"{name} = {UFUNCS[sign]}({', '.join(map(str, operands))})"
-            for x in dict.fromkeys(operands):
-                if x in tape.nodes and x not in kept and last[x] == name:
-                    yield f"del {x}"
-
-    def call(self, call):
-        """The numbers that a routine makes."""
-        if call.program not in self.routines:
-            self.routines.append(call.program)
-        called = f"routine{self.routines.index(call.program)}"
-        yield f"{', '.join(call.names)}, = {called}({listed(call.arguments)})"
-
-    def lanes(self, lanes):
-        """Rows in turn."""
-        program = lanes.program
-        kept, needed = {s.x for s in program.made}, program.tape.needed(program.made)
-        for row, names in zip(lanes.rows, lanes.names, strict=True):
-            yield f"{', '.join(program.inputs)}, = {listed(row)}"
-            yield from self.operations(program.tape, needed, kept)
-            yield f"{', '.join(names)}, = {listed(program.made)}"
-
-    def loop(self, loop):
-        """A loop; members that are done keep their values, those that never are become NaN."""
-        tape, names, size = loop.tape, loop.names, signed(loop.size)
-        last, done = f"last_{names[0]}", f"done_{names[0]}"
-        kept = {s.x for s in (loop.size, *loop.following)}
-        later = kept.union(*(tape.nodes[name][1:] for name in loop.rest))
-        turn = [
-            *self.operations(tape, loop.test, later),
-            f"{done} = {done} | ({size} <= 1.0) | (({last} <= {size}) & ({size} <= {loop.nearly}))",
-            f"if all({done}):",
-            "    break",
-            f"{last} = {size}",
-            *self.operations(tape, loop.rest, kept),
-            f"following = {listed(loop.following)}",
-            *(f"{x} = where({done}, {x}, following[{k}])" for k, x in enumerate(names)),
-        ]
-        yield f"{', '.join(names)}, = {listed(loop.start)}"
-        yield f"{last}, {done} = inf, False"
-        yield f"for _ in range({loop.most}):"
-        yield from (f"    {line}" for line in turn)
-        yield "else:"
-        yield from (f"    {x} = where({done}, {x}, nan)" for x in names)
-
-
-class Arrays:
-    """A Program's function, iterated by numpy, and called as native.Native is.
-
-    function(*inputs, *knobs) -> tuple of results, all arrays of one shape; only knobs are numbers.
+    What lacks axes is repeated, as numpy does. Raises ValueError.
     """
-
-    lanes = 1
-
-    def __init__(self, program):
-        writer = Writer()
-        source = writer.function("f", program, program.out)
-        for k, routine in enumerate(writer.routines):  # which may call others: the list grows
-            source += writer.function(f"routine{k}", routine, routine.made)
-        exec(source, space := dict(NAMES))
-        self.function = space["f"]
-
-    def __call__(self, state, count, out, *knobs):
-        values, entries = list(state.copy()), len(state)
-        for k in range(count):
-            with np.errstate(all="ignore"):
-                values = self.function(*values[:entries], *knobs)
-            if out is not None:
-                put(out[k], values[entries:] or values)
-        put(state, values)
+    if not isinstance(x, Ordered):
+        x = np.asarray(x)
+        x = x.view(Symbols) if x.dtype == object else x.astype(float, copy=False).view(Ordered)
+    if shape is not None and x.shape != shape:
+        try:
+            x = np.broadcast_to(x, shape, subok=True)
+        except ValueError:
+            raise ValueError(f"an array of shape {x.shape}, must be {shape}") from None
+    return x
 
 
-def put(places, values):
-    """Put arrays, or numbers, into the rows of an array."""
-    for place, value in zip(places, values, strict=False):
-        place[:] = value
+class Ordered(np.ndarray):
+    """An array of floats; see above."""
+
+    __array_priority__ = 1.0  # what is joined of this and others is one, too
+
+    def __array_wrap__(self, made, context=None, return_scalar=False):
+        return made.view(type(self)) if made.ndim else made[()]
+
+    def __matmul__(self, other):
+        return product(self, other)
+
+    def __rmatmul__(self, other):
+        return product(other, self)
+
+    def dot(self, other):
+        return product(self, other)
+
+    def sum(self, axis=None, dtype=None, out=None, keepdims=False):
+        if axis is None:
+            return np.asarray(self).ravel().cumsum()[-1] if self.size else 0.0
+        if isinstance(axis, tuple):  # the last axis first
+            made = self
+            for one in sorted((x % self.ndim for x in axis), reverse=True):
+                made = made.sum(one, keepdims=keepdims)
+            return made
+        made = np.asarray(self).cumsum(axis).take([-1], axis)
+        made = made if keepdims else made.squeeze(axis)
+        return ordered(made) if made.ndim else made.item()
+
+    def mean(self, axis=None, **how):
+        return self.sum(axis, **how) / (self.size if axis is None else self.shape[axis])
+
+    def __array_function__(self, function, types, given, how):
+        if function in OWN:
+            return OWN[function](*given, **how)
+        return super().__array_function__(function, types, given, how)
 
 
-def each_state(function, q, v):
-    """function(q, v) (N, 3), which is of one state, of each of q, v (..., N, 3)."""
-    shape = q.shape[-2:]
-    states = zip(q.reshape(-1, *shape), v.reshape(-1, *shape), strict=True)
-    return np.reshape([np.broadcast_to(function(*state), shape) for state in states], q.shape)
+class Symbols(Ordered):
+    """An array of objects, numbers and symbols; what numpy makes of it is one, too."""
+
+    def max(self, axis=None, **_):
+        return np.maximum.reduce(self, axis=axis)
+
+    def min(self, axis=None, **_):
+        return np.minimum.reduce(self, axis=axis)
+
+    def __array_ufunc__(self, ufunc, method, *given, out=None, **how):
+        return symbolic(ufunc, method, given, out, how)
 
 
-def in_pieces(function, q, v):
-    """function(q, v) of many states (K, N, 3), some at a time: their matrices would fill memory."""
-    some = max(1, MATRICES // q[0].size ** 2)
-    pieces = [slice(k, k + some) for k in range(0, len(q), some)]
-    return np.concatenate([function(q[piece], v[piece]) for piece in pieces])
+def symbolic(ufunc, method, given, out=None, how=None):
+    """What a function of numpy makes of arrays of symbols, or of a symbol."""
+    how = how or {}
+    arrays = [np.asarray(x) for x in given]
+    if ufunc is np.matmul:
+        made = product(*arrays)
+    elif method == "__call__" and ufunc in SPARSE and any(x.ndim for x in arrays):
+        made = SPARSE[ufunc](*arrays)
+    elif ufunc in ENTRIES:
+        if method == "reduce" and how.get("axis", 0) is None:
+            arrays, how = [arrays[0].ravel()], {}
+        made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
+    else:
+        made = getattr(ufunc, method)(*arrays, **how)
+    if out and out[0] is not None:
+        np.asarray(out[0])[...] = made
+        return out[0]
+    if isinstance(made, np.ndarray):
+        return ordered(made) if made.ndim else made.item()
+    return made
+
+
+def certain(a):
+    """Where an array is not zero for certain: a mask."""
+    if a.dtype != object:
+        return a != 0
+    objects = np.array(a, order="C")
+    mask = np.frombuffer(objects, np.intp).reshape(a.shape) != id(NOTHING)  # their addresses
+    mask[mask] = [getattr(s, "x", s) != 0.0 for s in objects[mask].tolist()]
+    return mask
+
+
+def times(a, b):
+    """a * b, where neither is zero for certain."""
+    a, b = np.broadcast_arrays(a, b)
+    made, both = np.zeros(a.shape, object), certain(a) & certain(b)
+    made[both] = np.multiply(a[both], b[both])
+    return made
+
+
+def over(a, b):
+    """a / b; of what is zero for certain only where b may be zero, too."""
+    a, b = np.broadcast_arrays(a, b)
+    made = np.zeros(a.shape, object)
+    some = certain(a) if b.dtype != object and np.all(b != 0) else np.ones(a.shape, bool)
+    made[some] = np.divide(a[some], b[some])
+    return made
+
+
+def plus(a, b):
+    """a + b, added where neither is zero for certain."""
+    a, b = np.broadcast_arrays(a, b)
+    made, both = np.array(a, object), certain(b)
+    made[both] = np.add(a[both], b[both])
+    return made
+
+
+def less(a, b):
+    """a - b, likewise."""
+    a, b = np.broadcast_arrays(a, b)
+    made, both = np.array(a, object), certain(b)
+    made[both] = np.subtract(a[both], b[both])
+    return made
+
+
+def product(a, b):
+    """a @ b of vectors and matrices, its terms added in order, without those that are zero."""
+    a, b = np.asarray(a), np.asarray(b)
+    rows = a[None] if a.ndim == 1 else a
+    columns = b[:, None] if b.ndim == 1 else b
+    if max(rows.ndim, columns.ndim) > 2 or rows.shape[1] != len(columns) or not len(columns):
+        return np.matmul(a, b)  # which says what is wrong
+    if object in (a.dtype, b.dtype) or len(rows) * columns.size > SMALL:
+        made = sparse_product(rows, columns)
+    else:
+        made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
+    if a.ndim == b.ndim == 1:
+        return made[0, 0]
+    return ordered(made[0] if a.ndim == 1 else made[:, 0] if b.ndim == 1 else made)
+
+
+def sparse_product(a, b):
+    """a @ b of matrices, of which little is not zero for certain."""
+    columns = [[] for _ in b]
+    for k, j, y in filled(b):
+        columns[k].append((j, y))
+    sums = [{} for _ in a]
+    for i, k, x in filled(a):
+        row = sums[i]
+        for j, y in columns[k]:
+            row[j] = row[j] + x * y if j in row else x * y
+    made = np.zeros((len(a), b.shape[1]), np.result_type(a, b))
+    for i, row in enumerate(sums):
+        for j, total in row.items():
+            made[i, j] = total
+    return made
+
+
+def filled(a):
+    """(row, column, entry) of what is not zero for certain in a matrix, row by row."""
+    mask = certain(a)
+    i, k = mask.nonzero()
+    return zip(i.tolist(), k.tolist(), a[mask].tolist(), strict=True)
+
+
+def norm(x, ord=None, axis=None, keepdims=False):
+    """np.linalg.norm, of vectors."""
+    if ord not in (None, 2):
+        raise ValueError(f"a norm of order {ord} is not made here")
+    return np.sqrt(np.sum(ordered(x) * x, axis=axis, keepdims=keepdims))
+
+
+def clip(x, low=None, high=None):
+    """np.clip."""
+    x = x if low is None else np.maximum(x, low)
+    return x if high is None else np.minimum(x, high)
+
+
+def chosen(condition, a, b):
+    """a or b, or a symbol that will be one of them."""
+    if hasattr(condition, "choose"):
+        return condition.choose(a, b)
+    return a if condition else b
+
+
+def where(condition, a, b):
+    """np.where, whose condition may be of symbols."""
+    given = [np.asarray(x) for x in (condition, a, b)]
+    if object not in [x.dtype for x in given]:
+        return np.where(*given)
+    made = np.frompyfunc(chosen, 3, 1)(*given)
+    return ordered(made) if np.ndim(made) else made
+
+
+def method(name):
+    """The function of this name of an entry: a symbol's method, or numpy's."""
+    of_numbers = getattr(np, name)
+    return np.frompyfunc(lambda s: getattr(s, name, lambda: of_numbers(s))(), 1, 1)
+
+
+def either(name, function):
+    """What a symbol's method of this name makes of two entries, or `function` of two numbers."""
+
+    def entry(a, b):
+        if hasattr(a, name):
+            return getattr(a, name)(b)
+        return getattr(b, name)(a) if hasattr(b, name) else function(a, b)
+
+    return np.frompyfunc(entry, 2, 1)
+
+
+SPARSE = {np.multiply: times, np.divide: over, np.add: plus, np.subtract: less}
+OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
+ENTRIES = {getattr(np, name): method(name) for name in FUNCTIONS}
+ENTRIES |= {np.maximum: either("larger", np.maximum), np.minimum: either("smaller", np.minimum)}
+for name in ("less", "less_equal", "greater", "greater_equal"):
+    short = name[0] + ("e" if "_" in name else "t")
+    ENTRIES[getattr(np, name)] = np.frompyfunc(getattr(operator, short), 2, 1)

@@ -1,65 +1,16 @@
-"""Members (R, N, 3) of one system, each of which goes as if it were alone, to the last bit."""
+"""A step of one state, or a function of one, for many states: each as if it were alone."""
 
-from functools import cache, cached_property
+from functools import cache
 
 from curriculum.common import native
-from curriculum.common.arrays import PIECE, Arrays
+from curriculum.common.arrays import ordered
+from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
+from curriculum.common.trace import Untraceable
 
 import numpy as np
 
-
-class Together:
-    """A program of members side by side: by numpy calls, or in vector registers on all cores."""
-
-    def __init__(self, program):
-        self.program, self.machine = program, None
-
-    def to_machine(self, best=True):
-        self.machine = native.Native(self.program, native.LANES, best)
-
-    @cached_property
-    def arrays(self):
-        return Arrays(self.program)
-
-    def run(self, state, count, *knobs, keep=True):
-        """`count` steps: state (entries, members) becomes the end; rows (count, numbers, members).
-
-        A row is what the program makes beside the state or, if that is nothing, the state. There
-        are none if they are not to `keep`.
-        """
-        (entries, members), made = state.shape, len(self.program.out)
-        code, some, each = self.machine or self.arrays, PIECE, map
-        if self.machine:  # threads run side by side: ctypes lets go of the interpreter
-            some, each = -(-members // (native.CORES * code.lanes)) * code.lanes, pool().map
-        filled = -(-members // code.lanes) * code.lanes
-        rows = np.empty((count, made - entries or entries, filled)) if keep else None
-        ends = np.empty((entries, filled))
-        ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
-
-        def advance(first):
-            piece = slice(first, first + some)
-            code(ends[:, piece], count, rows[:, :, piece] if keep else None, *knobs)
-
-        list(each(advance, range(0, members, some)))
-        state[:] = ends[:, :members]
-        return rows[:, :, :members] if keep else None
-
-
-class Many(Together):
-    """A step of members side by side; who has trouble goes `alone`."""
-
-    def __init__(self, alone):
-        super().__init__(alone.traced.program)
-        self.alone = alone
-
-    def __call__(self, state, count, dt):
-        """Rows (count, entries, members) after `state` (entries, members); NaN for who is lost."""
-        rows = self.run(state.copy(), count, dt)
-        for member in np.flatnonzero(~np.isfinite(rows).all(axis=(0, 1))):  # or a loop did not end
-            found, _ = self.alone(state[:, member], count, dt)
-            rows[: len(found), :, member], rows[len(found) :, :, member] = found, np.nan
-        return rows, None
+WORTH = 3_000_000  # operations: from so many on machine code is worth its making
 
 
 @cache
@@ -70,19 +21,51 @@ def pool():
     return ThreadPoolExecutor(native.CORES)
 
 
-class Crowd(Together):
-    """Many members: `advance` them, look at their `states`, `put` others.
+def code_of(traced, work):
+    """What runs a Traced step for many members, called as native.Native is.
 
-    One that cannot go on is NaN. `measure`: a function of one state (N, 3), (q, v) -> tuple of
-    arrays, asked at every step. Raises Untraceable.
+    `work`: how many operations there are to do. Members go side by side, in vector registers or as
+    columns of numpy, or one by one where there is a loop and no machine code.
+    """
+    if native.available() and work > WORTH:
+        return native.Native(traced.program, native.LANES)
+    return OneByOne(traced.source) if traced.program.loops() else Columns(traced.source)
+
+
+def run(code, program, state, count, *knobs):
+    """`count` steps of members: their ends (entries, members), from `state`, and what was made.
+
+    That is (count, numbers, members), what the program makes beside the state at each step.
+    """
+    entries, members = state.shape
+    some = -(-members // (native.CORES * code.lanes)) * code.lanes if code.lanes > 1 else members
+    filled = -(-members // code.lanes) * code.lanes
+    ends = np.empty((entries, filled))
+    ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
+    made = len(program.out) - entries
+    rows = np.empty((count, made, filled)) if made else None
+
+    def advance(first):  # threads run side by side: ctypes lets go of the interpreter
+        piece = slice(first, first + some)
+        code(ends[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
+
+    if some < filled:
+        list(pool().map(advance, range(0, members, some)))
+    else:
+        advance(0)
+    return ends[:, :members], None if rows is None else rows[:, :, :members]
+
+
+class Crowd:
+    """Many members q, v (R, N, 3): `advance` them, look at their `states`, `put` others.
+
+    One that cannot go on is NaN. `measure`: a function of one state, (q, v) -> tuple of arrays,
+    asked at every step. Raises Untraceable.
     """
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
-        self.traced = Traced(step_fn, m, force, dt, q, v, measure)
-        self.dt, self.measured = dt, measure is not None
-        super().__init__(self.traced.program)
-        if native.available():
-            self.to_machine()
+        self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
+        self.code = code_of(self.traced, np.inf)
         self.put(q, v)
 
     def put(self, q, v):
@@ -91,8 +74,67 @@ class Crowd(Together):
 
     def states(self):
         """q, v (R, N, 3)."""
-        return tuple(x[0] for x in self.traced.states(self.columns[None], self.columns.shape[1:]))
+        return self.traced.states(self.columns.T)
 
     def advance(self, count):
         """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
-        return self.run(self.columns, count, self.dt, keep=self.measured)
+        self.columns, rows = run(self.code, self.traced.program, self.columns, count, self.dt)
+        return rows
+
+
+def stay(q, v, m, force, dt):
+    """A step that leaves everything where it is."""
+    return q, v
+
+
+class mapped:  # noqa: N801 - it is called as a function is
+    """function(q, v) of one state (N, 3), for many: q, v (K, N, 3).
+
+    What the function makes of one state, a number, an array, or a tuple of these, comes with a
+    leading axis (K, ...). It is traced once, or done one by one if it cannot be.
+    """
+
+    def __init__(self, function):
+        self.function, self.known, self.single = function, {}, False
+
+    def measure(self, q, v):
+        """The function's results, as a tuple."""
+        made = self.function(q, v)
+        self.single = not isinstance(made, tuple)
+        return (made,) if self.single else made
+
+    def __call__(self, q, v):
+        resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
+        key = q.shape[1:], resting.tobytes()
+        if key not in self.known:
+            self.known[key] = self.traced(q, v)
+        traced, code = self.known[key]
+        made = self.by_code(traced, code, q, v) if traced else self.one_by_one(q, v)
+        return made[0] if self.single else tuple(made)
+
+    def traced(self, q, v):
+        """The function on symbols, and what runs that; or two Nones."""
+        try:
+            traced = Traced(stay, None, None, q, v, self.measure)
+        except Untraceable:
+            return None, None
+        program = traced.program
+        return traced, code_of(traced, len(q) * program.size() if program.loops() else 0)
+
+    def by_code(self, traced, code, q, v):
+        """All at once; a state that has trouble by itself."""
+        _, (rows,) = run(code, traced.program, traced.columns(q, v), 1, 0.0)
+        for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):
+            rows[:, k] = np.concatenate([np.ravel(x) for x in self.measure(*self.state(q, v, k))])
+        made, first = [], 0
+        for x in traced.program.results[1:]:
+            made.append(rows[first : first + x.size].T.reshape(-1, *x.shape))
+            first += x.size
+        return made
+
+    def one_by_one(self, q, v):
+        made = [self.measure(*self.state(q, v, k)) for k in range(len(q))]
+        return [np.array(x) for x in zip(*made, strict=True)]
+
+    def state(self, q, v, k):
+        return ordered(q[k]), ordered(v[k])

@@ -5,7 +5,9 @@ Pairs that share a particle feel each other.
 """
 
 from functools import lru_cache, wraps
+from heapq import heapify, heappop, heappush
 
+from curriculum.common.arrays import ordered
 from curriculum.common.trace import repeat
 
 import numpy as np
@@ -34,14 +36,19 @@ def elimination_order(pairs):
     `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
     those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
-    at, left, order = tied(pairs), set(range(len(pairs))), []
+    at, order = tied(pairs), []
     near = [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
-    while left:
-        k = min(left, key=lambda k: (len(near[k]), k))
-        left.remove(k)
+    queue, done = [(len(others), k) for k, others in enumerate(near)], set()
+    heapify(queue)
+    while queue:
+        many, k = heappop(queue)
+        if k in done or many != len(near[k]):  # it has got fewer or more meanwhile
+            continue
+        done.add(k)
         for other in near[k]:
             near[other] |= near[k]
             near[other] -= {k, other}
+            heappush(queue, (len(near[other]), other))
         order.append((k, sorted(near[k])))
     return order
 
@@ -59,13 +66,33 @@ def has_loop(pairs):
     return False
 
 
+@once
+def parts(pairs):
+    """[(the pairs, by number, that hang together, whether they close a loop)].
+
+    Pairs that only share an anchor do not feel each other. A loop may go through the ground: all
+    anchors are one.
+    """
+    at, left, found = tied(pairs), set(range(len(pairs))), []
+    while left:
+        part, todo = set(), {min(left)}
+        while todo:
+            part |= todo
+            ends = {i for k in todo for i in pairs[k] if i >= 0}
+            todo = set().union(*(at[i] for i in ends)) - part
+        left -= part
+        part = sorted(part)
+        found.append((part, has_loop([pairs[k] for k in part])))
+    return found
+
+
 def eliminated(a, order):
-    """solve(b) (..., n), which gives what np.linalg.solve(a, b) gives for a (..., n, n).
+    """solve(b) (n,), which gives what np.linalg.solve(a, b) gives for a (n, n).
 
     Gauss's elimination without pivots, for matrices like J M^-1 J^T. `order`: [(k, the others still
     left that k feels)], of `elimination_order`; what is zero for certain is never visited.
     """
-    a = np.moveaxis(a, (-2, -1), (0, 1)).astype(np.result_type(a, 1.0))  # a copy, of floats
+    a = np.array(a, np.result_type(a, 1.0))  # a copy, of floats or of symbols
     for k, rest in order:
         for i in rest:
             a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of x[k]
@@ -73,7 +100,7 @@ def eliminated(a, order):
                 a[i, j] = a[i, j] - a[i, k] * a[k, j]
 
     def solve(b):
-        x = np.moveaxis(b, -1, 0).astype(a.dtype)
+        x = np.array(b, a.dtype)
         for k, rest in order:
             for i in rest:
                 x[i] = x[i] - a[i, k] * x[k]
@@ -81,31 +108,32 @@ def eliminated(a, order):
             for j in rest:
                 x[k] = x[k] - a[k, j] * x[j]
             x[k] = x[k] / a[k, k]
-        return np.moveaxis(x, 0, -1)
+        return ordered(x)
 
     return solve
 
 
 def refined(rough, a, b, complaint):
-    """x (..., n) with a x = b, by rough(b) (..., n), which solves for a matrix near a (..., n, n).
+    """x (n,) with a x = b, by rough(b) (n,), which solves for a matrix near a (n, n).
 
     Rounds solve for what is left of b, weighed by a's diagonal, until that is 1e-15 of b or a round
     does not halve it: the residual ends them, not a count. Raises Stop(complaint) if nothing does.
     """
-    own = np.diagonal(a, axis1=-2, axis2=-1)
+    a, b = ordered(a), ordered(b)
+    own = ordered(np.diagonal(a))
 
     def weigh(x):
-        return np.sum(x * (x / own), axis=-1, keepdims=True)
+        return np.sum(x * (x / own))
 
-    enough = 1e-30 * weigh(b)[..., 0]  # 1e-15 of b, squared
+    enough = 1e-30 * weigh(b)  # 1e-15 of b, squared
 
     def another(state):  # x, and behind it what was left before the last round
-        x, before = state[..., :-1], state[..., -1]
-        residual = b - np.sum(a * x[..., None, :], axis=-1)
+        x, before = state[:-1], state[-1]
+        residual = b - a @ x
         left = weigh(residual)
-        now = left[..., 0]  # the size is at most 1 if that is enough, or more than before / 4
-        size = now * before / (4.0 * now * now + enough * before + 1e-300)
-        return np.concatenate([x + rough(residual), left], axis=-1), size
+        # the size is at most 1 if that is enough, or more than before / 4
+        size = left * before / (4.0 * left * left + enough * before + 1e-300)
+        return np.append(x + rough(residual), left), size
 
-    start = np.concatenate([rough(b), weigh(b)], axis=-1)
-    return repeat(another, start, 100, complaint)[..., :-1]
+    start = np.append(rough(b), weigh(b))
+    return repeat(another, start, 100, complaint)[:-1]

@@ -14,12 +14,14 @@ from functools import cache
 from importlib.util import find_spec
 from itertools import count
 
-from curriculum.common.trace import FUNCTIONS, INLINE, Call, Lanes, Symbol
+from curriculum.common.arrays import FUNCTIONS
+from curriculum.common.trace import INLINE, Call, Lanes, Symbol
 
 import numpy as np
 
 ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 LIBRARY = {name: name for name in FUNCTIONS if name != "sqrt"} | {"**": "pow"}
+COMPARED = {"<": "olt", "<=": "ole", "max": "oge", "min": "ole", "where": "une"}
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
@@ -142,9 +144,26 @@ class Writer:
             return self.new(f"{ARITHMETIC[sign]} {self.type} {', '.join(values)}")
         if sign in LIBRARY:
             return self.library(f"@c_{LIBRARY[sign]}", values)
+        if sign in COMPARED:
+            return self.compared(sign, *values)
         function = "fabs" if sign == "abs" else sign
         called = f"@llvm.{function}.{self.suffix}"
         return self.new(f"call {self.type} {called}({self.type} {values[0]})")
+
+    def compared(self, sign, a, b, c=None):
+        """What depends on a comparison: 1 or 0, one of two numbers, or NaN if one of them is."""
+        truth = self.new(
+            f"fcmp {COMPARED[sign]} {self.type} {a}, {b if c is None else self.constant(0.0)}"
+        )
+        if sign == "where":
+            chosen = b, c
+        elif sign in ("max", "min"):
+            odd = self.new(f"fcmp uno {self.type} {a}, {a}")
+            truth, chosen = self.new(f"or {self.truth} {truth}, {odd}"), (a, b)
+        else:
+            chosen = self.constant(1.0), self.constant(0.0)
+        first, second = (f"{self.type} {value}" for value in chosen)
+        return self.new(f"select {self.truth} {truth}, {first}, {second}")
 
     def finite(self, value):
         called = f"@llvm.is.fpclass.{self.suffix}"
@@ -265,7 +284,14 @@ class Writer:
 
     def function(self, head, result):
         """All lines of the function; vectors on its stack do not cross lines of the cache."""
-        return [f"define {head} alignstack(64) {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
+        return [
+            f"define {head} alignstack(64) {{",
+            "top:",
+            *self.top,
+            *self.lines,
+            f"  ret {result}",
+            "}",
+        ]
 
 
 def pieces(many):
@@ -302,12 +328,13 @@ def routine(name, program, lanes, routines, alone):
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, members, knobs): the steps done, of `lanes` members out of many.
+    """i64 run(state, count, out, members, knobs, unsettled): how many steps were done.
 
-    state (entries, members), where they begin, and then where they end; out (count, rows,
-    members), or null: every state, or what the program makes besides, if it does; knobs
-    (knobs, lanes). A single member ends with a step whose end is not finite, which is not counted;
-    if a loop is to blame, the result is ~steps.
+    Of `lanes` members out of many. state (entries, members): where they begin, and then where they
+    end. out (count, rows, members), or null: every state, or what the program makes besides, if it
+    does. knobs (knobs, lanes). A single member ends with a step whose end is not finite, which is
+    not counted;
+    `unsettled` becomes 1 if a loop that came to no end is to blame, and else 0.
     """
     w, tape, many = Writer(lanes, {}, lanes == 1), program.tape, len(program.inputs)
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
@@ -340,9 +367,10 @@ def assembly(program, lanes):
     for place, end in zip(state, given, strict=True):
         w.store(w.load(place), end)
     pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
-    steps = w.load(done, "i64")
-    told = f"i1 {w.load(UNSETTLED, 'i1')}, i64 {w.new(f'xor i64 {steps}, -1')}, i64 {steps}"
-    lines = w.function(f"i64 @run({pointers})", f"i64 {w.new(f'select {told}')}")
+    pointers += ", ptr noalias %unsettled"
+    never = w.new(f"zext i1 {w.load(UNSETTLED, 'i1')} to i64")
+    w.store(never, "%unsettled", "i64")
+    lines = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
     lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
     for name in LIBRARY.values():
         lines.append(f"declare double @c_{name}({'double, double' if name == 'pow' else 'double'})")
@@ -387,21 +415,21 @@ class Native:
         self.engine = llvm.create_mcjit_compiler(module, machine)
         self.engine.finalize_object()
         word, pointer = ctypes.c_int64, ctypes.c_void_p
-        kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer)
+        kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer, pointer)
         self.function = kind(self.engine.get_function_address("run"))
         self.lanes = lanes
 
     def __call__(self, state, count, out, *knobs):
-        """The steps done. state (entries, members), which is part of an array, becomes the end.
+        """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
 
         Members come by `lanes`. out (count, rows, members), or None, becomes all states, or what is
         measured of them. A single member ends with a step whose end is not finite, which is not
-        counted; if a loop came to no end, the result is ~steps.
+        counted; `unsettled`: whether a loop that came to no end is to blame.
         """
         same = np.array([x for x in knobs for _ in range(self.lanes)])
-        apart, done = state.strides[0] // 8, count
-        begin, rows, given = (address(x) for x in (state, out, same))
+        apart, done, unsettled = state.strides[0] // 8, count, np.zeros(1, np.int64)
+        begin, rows, given, told = (address(x) for x in (state, out, same, unsettled))
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
             place = rows and rows + first
-            done = self.function(begin + first, count, place, apart, given)
-        return done
+            done = self.function(begin + first, count, place, apart, given, told)
+        return done, bool(unsettled[0])

@@ -1,17 +1,26 @@
 """A program as Python: a function of floats, a line an operation; what is used once, in place."""
 
+import contextlib
 import math
-import re
 from collections import Counter
 from functools import lru_cache
 
-from curriculum.common.trace import FUNCTIONS, INLINE, Call, Lanes, Stop
+from curriculum.common.arrays import FUNCTIONS
+from curriculum.common.trace import INLINE, Call, Lanes, Stop
 
 import numpy as np
 
 NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow", "inf", "nan"]}
 NUMBERS |= {"abs": abs, "Stop": Stop}
-BINDS = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names, numbers and calls: 4
+NUMBERS["largest"] = lambda a, b: a if a >= b or a != a else b  # NaN, if one of them is
+NUMBERS["smallest"] = lambda a, b: a if a <= b or a != a else b
+NUMBERS["where"] = lambda condition, a, b: a if condition else b
+# the same names for columns of numbers, so that the same source does as many states at once
+COLUMNS = {name: getattr(np, name) for name in [*FUNCTIONS, "inf", "nan", "abs", "where"]}
+COLUMNS |= {"pow": np.power, "largest": np.maximum, "smallest": np.minimum}
+CALLED = {"**": "pow", "max": "largest", "min": "smallest"}  # signs that are calls, by their names
+BINDS = {"<": 0, "<=": 0, "+": 1, "-": 1, "*": 2, "/": 2}  # how tightly; names and calls: 4
+PIECE = 1 << 13  # members at a time: a dozen columns of them stay near the processor
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
 
@@ -48,10 +57,9 @@ def write(tape, routines, *groups, given=None):
                 bound = BINDS.get(sign, 4)
                 if sign in BINDS:
                     left, right = operands
-                    expression = f"{text(left, bound)} {sign} {text(right, bound + 1)}"
+                    expression = f"{text(left, bound or 1)} {sign} {text(right, bound + 1)}"
                 else:  # ** binds to the right, and is complex for a negative base
-                    function = "pow" if sign == "**" else sign
-                    expression = f"{function}({', '.join(map(text, operands))})"
+                    expression = f"{CALLED.get(sign, sign)}({', '.join(map(text, operands))})"
                 if used[name] == 1 and len(expression) < WIDTH:
                     texts[name] = expression, bound
                 else:
@@ -106,14 +114,16 @@ def lanes_lines(lanes, signed, routines):
     yield f"{', '.join(sum(lanes.names, []))}, = {everything}"
 
 
-def number_function(program):
-    """The function f(state, count, keep, *knobs) of floats that a program is, and its source.
+def source_of(program):
+    """A function f(state, count, keep, *knobs) that a program is, in Python.
 
-    It puts the results in place of the inputs `count` times, and calls keep(state) after each.
+    It puts the first results in place of the inputs `count` times, and calls keep(results) after
+    each.
     """
     routines, names = [], ", ".join(program.inputs)
     (first, _), (lines, results) = write(program.tape, routines, program.lasting(), program.out)
-    lines += [f"state = ({', '.join(results)},)", "keep(state)", f"{names}, = state"]
+    rest = f"[:{len(program.inputs)}]" if len(results) > len(program.inputs) else ""
+    lines += [f"state = ({', '.join(results)},)", "keep(state)", f"{names}, = state{rest}"]
     source = f"def f({', '.join(['state', 'count', 'keep', *program.knobs])}):\n"
     source += "".join(f"    {line}\n" for line in [*first, f"{names}, = state"])
     source += "    for _ in range(count):\n" + "".join(f"        {line}\n" for line in lines)
@@ -121,32 +131,98 @@ def number_function(program):
         ((lines, made),) = write(called.tape, routines, called.made)
         head, body = ", ".join(called.inputs), "".join(f"    {line}\n" for line in lines)
         source = f"def routine{k}({head}):\n{body}    return {', '.join(made)},\n\n\n" + source
-    return compiled(source, NUMBERS), source
+    return source
 
 
 def compiled(source, space):
-    """The function f of a source, which is made of names in `space` and of floats, and no more."""
+    """The function f of a source: of floats with NUMBERS, of columns of floats with COLUMNS.
+
+    Columns go through what has no loop.
+    """
     exec(source, space := dict(space))
     return space["f"]
 
 
+class Columns:
+    """A source without loops for many members, in numpy; called as native.Native is."""
+
+    lanes = 1
+
+    def __init__(self, source):
+        self.function = compiled(source, COLUMNS)
+
+    def __call__(self, state, count, out, *knobs):
+        entries, members = state.shape
+        for first in range(0, members, PIECE):
+            self.piece(state[:, first : first + PIECE], count, out, first, *knobs)
+
+    def piece(self, state, count, out, first, *knobs):
+        """Some members, whose columns stay near the processor."""
+        (entries, some), steps, values = state.shape, iter(range(count)), ()
+
+        def keep(row):
+            nonlocal values
+            values, step = row[:entries], next(steps)
+            if out is not None:
+                put(out[step, :, first : first + some], row[entries:] or values)
+
+        with np.errstate(all="ignore"):
+            self.function(tuple(state.copy()), count, keep, *knobs)
+        put(state, values)
+
+
+def put(places, values):
+    """Put arrays, or numbers, into the rows of an array."""
+    for place, value in zip(places, values, strict=True):
+        place[:] = value
+
+
+class OneByOne:
+    """A source for many members, in Python's floats; called as native.Native is.
+
+    A member whose loop comes to no end is NaN from there on.
+    """
+
+    lanes = 1
+
+    def __init__(self, source):
+        self.source, self.function = source, compiled(source, NUMBERS)
+
+    def __call__(self, state, count, out, *knobs):
+        entries = len(state)
+        for k, start in enumerate(state.T.tolist()):
+            rows = self.rows(tuple(start), count, *knobs)
+            state[:, k] = rows[-1][:entries] if len(rows) == count else np.nan
+            if out is not None:
+                out[len(rows) :, :, k] = np.nan
+                for step, row in enumerate(rows):
+                    out[step, :, k] = row[entries:] or row
+
+    def rows(self, start, count, *knobs):
+        """What the program makes of a member, step by step, as far as it goes."""
+        rows = []
+        try:
+            self.function(start, count, rows.append, *knobs)
+        except Stop:
+            pass
+        except (ArithmeticError, ValueError):  # where numpy's floats go on
+            rows = []
+            with contextlib.suppress(Stop):
+                careful(self.source)(tuple(map(np.float64, start)), count, rows.append, *knobs)
+        return rows
+
+
 @lru_cache(8)
 def careful(source):
-    """The same f, for numpy's floats: it makes inf or nan where Python's raise an error.
-
-    So that a constant divided by another does, too, those of the source become numpy's. (And what
-    looks like one in a sentence, which nobody reads here.)
-    """
+    """The same f, for numpy's floats: it makes inf or nan where Python's raise an error."""
 
     def function(name):
         def of(*x):
             try:
                 return np.float64(NUMBERS[name](*x))
             except (ArithmeticError, ValueError):
-                return getattr(np, name)(*map(np.float64, x))
+                return COLUMNS[name](*map(np.float64, x))
 
         return of
 
-    space = {name: function(name) for name in [*FUNCTIONS, "pow"]} | {"float64": np.float64}
-    constant = r"\b\d+(\.\d+(e[-+]\d+)?|e[-+]\d+)"
-    return compiled(re.sub(constant, r"float64(\g<0>)", source), NUMBERS | space)
+    return compiled(source, NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]})

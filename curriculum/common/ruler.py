@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
+from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 
 import numpy as np
 
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
-FRAME, LONG, SEEN = 0.05, 5.0, 1e-3  # s, s, m: the true motion as it is shown
+FINE = 0.02  # s: the longest step of the true motion that is shown
+HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
 
 
@@ -26,14 +28,14 @@ class Truth(NamedTuple):
     sought: bool = True
 
 
-def once_for_all(tries=math.inf):
+def once_for_all():
     """A way for simulate by which a rule is traced and compiled once, for steps of all lengths."""
-    made = []  # once somebody asks
+    made = []  # at the first run
 
-    def way(step_fn, steps):
+    def way(step_fn, m, force, dt, measure, steps):
         if not made:
-            made.append(Compiled(step_fn, check=False, tries=tries))
-        made[0].start(steps)
+            made.append(Compiled(step_fn, m, force, dt, measure, check=False))
+        made[0].start(dt, steps)
         return made[0]
 
     return way
@@ -53,7 +55,7 @@ def true_position(run, seconds, most=math.inf):
     (None, inf) if that is over KNOWN, or not found within `most` steps.
     run(rule, dt, steps, way) -> Run.
     """
-    rule, before, way, counts = make_gauss(6), None, once_for_all(most), rungs(seconds)
+    rule, before, way, counts = make_gauss(6), None, once_for_all(), rungs(seconds)
     if sum(counts[:2]) > most:  # one alone agrees with nothing
         return None, math.inf
     for steps in counts:
@@ -68,22 +70,30 @@ def true_position(run, seconds, most=math.inf):
     return None, math.inf
 
 
-def true_motion(run, rule, seconds):
-    """(times (T,) in s, q (T, N, 3)): the true motion, while two steps of a rule agree to SEEN.
+def true_motion(run, dt, shown, close):
+    """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    One frame every FRAME s, for LONG s at most; None if it is not known at all.
-    run(rule, dt, steps, keep, way) -> Run.
+    It is known while two steps of midpoint agree to `close` m. `shown`: multiples of the first
+    that is not 0. run(rule, dt, steps, keep, way) -> Run.
     """
-    frames, found, way = round(min(seconds, LONG) / FRAME), [], once_for_all()
-    if not frames:
-        return None
-    for fine in (4, 8):
-        steps = fine * frames
-        end = run(rule, FRAME / fine, steps, range(0, steps + 1, fine), way)
-        found.append(end.every(fine)[0])
-    agree = takewhile(lambda frame: distance(*frame) < SEEN, zip(*found, strict=False))
-    q = [second for _, second in agree]
-    return (FRAME * np.arange(len(q)), np.array(q)) if len(q) > 1 else None
+    if len(shown) < 2:
+        return np.array([])
+    rule, way, every, frames = make_midpoint(8), once_for_all(), shown[1], len(shown)
+    parts = math.ceil(every * dt / FINE)
+    parts = parts, parts + 1  # of the time between two frames
+    last = math.ceil(HORIZON / (every * dt))  # the frame up to which it is sought
+    while True:
+        seen = shown[shown <= last * every]
+        found = []
+        for fine in parts:
+            keep = seen // every * fine
+            end = run(rule, every * dt / fine, keep[-1], keep, way)
+            found.append(end.q[np.isin(end.kept, keep)])
+        agree = takewhile(lambda pair: distance(*pair) < close, zip(*found, strict=False))
+        q = np.array([finer for _, finer in agree])
+        if len(q) < len(seen) or len(seen) == frames:
+            return q
+        last *= 2
 
 
 def step_for(tol, seconds, q, runs):

@@ -1,29 +1,46 @@
 """What a run leaves behind: a log while it goes, and a Run when it has ended."""
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from curriculum.common.banner import progress
+from curriculum.common.steps import Block
 from curriculum.common.trace import Stop
 
 import numpy as np
 
 
-class Run(NamedTuple):
-    """A measured run: series from the start on, the states that were to be kept, and the last."""
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A measured run; it unpacks as the chapter has it: tip, violations, energies = simulate(...).
 
-    tip: np.ndarray  # (steps + 1, ..., 3) m, the last particle
-    violations: np.ndarray  # (steps + 1, ...) m
-    energies: np.ndarray  # (steps + 1, ...) J
+    These are series from the start on. It has the states that were to be kept, too, and the last.
+    """
+
+    tip: np.ndarray  # (steps + 1, 3) m, the last particle
+    violations: np.ndarray  # (steps + 1,) m
+    energies: np.ndarray  # (steps + 1,) J
     kept: np.ndarray  # (K,) the steps of
-    q: np.ndarray  # (K, ..., N, 3) m
-    v: np.ndarray  # (K, ..., N, 3) m/s
+    q: np.ndarray  # (K, N, 3) m
+    v: np.ndarray  # (K, N, 3) m/s
     stopped: str | None  # why it ended early; all before was true
-    kind: str | None  # in a word: "diverged", or that of a Stop
     halved: int  # steps that were taken in halves
+    watched: float  # the largest of what the stepper was to watch
     seconds: float  # of the steps alone
     way: str  # how the steps were computed
     source: str  # the code that a step has become
+
+    def __iter__(self):
+        return iter((self.tip, self.violations, self.energies))
+
+    def __repr__(self):
+        return (
+            f"Run of {len(self.tip) - 1} steps, {self.stopped or 'to its end'}\n"
+            f"  tip: from {self.tip[0]} to {self.tip[-1]} m\n"
+            f"  violations: at most {np.max(self.violations):.3g} m\n"
+            f"  energies: from {self.energies[0]:.6g} to {self.energies[-1]:.6g} J\n"
+            f"  q, v: kept at {len(self.kept)} steps; {self.pace:.3g} us a step, {self.way}"
+        )
 
     @property
     def pace(self):
@@ -41,11 +58,11 @@ class Run(NamedTuple):
         """The kept states q, v (K, ..., N, 3) of each so many steps."""
         return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
 
-    def summary(self, scale, truth, left=0.0):
-        """What a run of one member came to, rounded: m; its worst energy error as a share of scale.
+    def summary(self, scale, truth):
+        """What a run came to, rounded: m; its worst energy error as a share of scale.
 
-        `scale` in J. `error`: how far a particle is from the Truth, if that is known. `left`: how
-        much of what was asked of the force it left unanswered.
+        `scale` in J. `error`: how far a particle is from the Truth, if that is known. `unheld`:
+        the most that was asked of the rods and left unanswered, if that was watched.
         """
         there = self.q[self.kept == truth.step]  # (1, N, 3), or none if the run did not get there
         known = truth.q is not None and len(there)
@@ -58,7 +75,7 @@ class Run(NamedTuple):
             "error": round(distance(there[0], truth.q), 12) if known else None,
             "halved": self.halved,
             "stopped": self.stopped,
-            "unheld": float(f"{round(float(left), 6):.3g}"),  # the rest may be rounding
+            "unheld": float(f"{round(self.watched, 6):.3g}"),  # the rest may be rounding
         }
 
 
@@ -68,17 +85,22 @@ def distance(a, b):
 
 
 class Log:
-    """What a run is measured to be: `note` what is seen, and `run` is all of it.
+    """What a run is measured to be: `note` every state, and `run` is all of it.
 
-    As a context it takes note of a Stop, which ends the run and not the program. `steps`: how many
-    are to come; `keep`: those whose states are kept; `far` m: what is off by more has flown apart.
+    As a context it takes note of a Stop, which ends the run and not the program. `step`: what hands
+    out the states; `steps`: how many are to come; `keep`: those whose states are kept; `far` m:
+    what is off by more has flown apart.
     """
 
-    def __init__(self, steps, keep, far):
-        self.steps, self.far = steps, far
+    def __init__(self, step, steps, keep, far):
+        self.step, self.steps, self.far = step, steps, far
         self.keep = np.array(sorted(set(keep)), dtype=int)
-        self.done, self.stopped, self.kind = -1, None, None  # the start is step 0
-        self.series, self.kept = [], []
+        self.done, self.stopped = -1, None  # the start is step 0
+        self.tip = np.empty((steps + 1, 3))
+        self.violations, self.energies = np.empty((2, steps + 1))
+        self.kept, self.last = [], None
+        self.block, self.row, self.sane = None, 0, 0
+        self.tick = progress("simulating", steps)
 
     def __enter__(self):
         self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words
@@ -87,47 +109,56 @@ class Log:
 
     def __exit__(self, kind, why, trace):
         self.quiet.__exit__(kind, why, trace)
+        self.close()
         if isinstance(why, Stop):
-            self.stopped, self.kind = f"stopped at step {self.done + 1}: {why}", why.kind
+            self.stopped = self.stopped or f"stopped at step {self.done + 1}: {why}"
+        self.tick(self.steps if self.stopped else self.done)
         return isinstance(why, Stop)
 
-    def turns(self):
-        """Again and again, until all steps are done or the run has ended."""
-        tick = progress("simulating", self.steps)
-        while self.done < self.steps and not self.stopped:
-            yield self.done
-            tick(self.steps if self.stopped else self.done)
+    def note(self, q, v, violation, energy):
+        """Take a state, and what was measured of it."""
+        block, state = self.step.block, self.step.state
+        if block is None or q is not state[0] or v is not state[1] or violation is not state[2]:
+            self.close()
+            block = Block(q[None], v[None], np.array([[violation], [energy]]))
+        if block is not self.block:
+            self.close()
+            self.open(block)
+        self.row += 1
+        if self.row > self.sane:
+            self.stopped = f"diverged at step {self.done + self.row}"
+            raise Stop(self.stopped)
 
-    def note(self, q, v, violations, energies):
-        """Take a state, or a block of them, and what was measured of it, as far as it is sane."""
-        measured = [q[..., -1, :], violations, energies]
-        if not self.series:
-            self.series = [np.empty((self.steps + 1, *x.shape)) for x in measured]
-        if q.ndim == self.series[0].ndim:  # one state
-            q, v, *measured = (np.asarray(x)[None] for x in (q, v, *measured))
-        _, violations, energies = measured
+    def open(self, block):
+        """From here on states are those of this block; find how far they are sane."""
+        violations, energies = block.measured
         sane = (violations < self.far) & np.isfinite(energies)
-        sane = np.logical_and.accumulate(sane.reshape(len(q), -1).all(axis=1))
-        count, first = int(np.sum(sane)), self.done + 1
-        if first + count == 0:
+        self.block, self.row, self.sane = block, 0, int(np.argmin([*sane, False]))
+        if self.done < 0 and not self.sane:
             raise ValueError("this is no start: a rod is far off, or a number is not finite")
-        for series, x in zip(self.series, measured, strict=True):
-            series[first : first + count] = x[:count]
-        self.done += count
+
+    def close(self):
+        """Take from the block what was noted of it."""
+        block, count, first = self.block, min(self.row, self.sane), self.done + 1
+        self.block, self.row, self.sane = None, 0, 0
+        if not count:
+            return
+        noted = slice(first, first + count)
+        self.tip[noted] = block.q[:count, -1]
+        self.violations[noted], self.energies[noted] = (x[:count] for x in block.measured)
         low, high = np.searchsorted(self.keep, [first, first + count])
         rows = self.keep[low:high] - first
-        self.kept.append((rows + first, q[rows], v[rows]))
-        if count:
-            self.last = [self.done], q[count - 1 : count], v[count - 1 : count]
-        if count < len(q):
-            self.stopped, self.kind = f"diverged at step {self.done + 1}", "diverged"
+        self.kept.append((rows + first, block.q[rows], block.v[rows]))
+        self.last = [first + count - 1], block.q[[count - 1]], block.v[[count - 1]]
+        self.done += count
+        self.tick(self.done)
 
-    def run(self, stepper):
-        """All that was noted, as a Run; `stepper` knows how the steps were done."""
+    def run(self):
+        """All that was noted, as a Run."""
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
         once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
-        series = [x[: self.done + 1] for x in self.series]
-        ended = self.stopped, self.kind, stepper.halved
-        seconds = stepper.seconds * self.done / max(1, stepper.taken)
-        how = seconds, stepper.way, stepper.source
-        return Run(*series, steps[once], q[once], v[once], *ended, *how)
+        series = (x[: self.done + 1] for x in (self.tip, self.violations, self.energies))
+        step = self.step
+        seconds = step.seconds * self.done / max(1, step.taken)
+        told = self.stopped, step.halved, step.watched, seconds, step.way, step.source
+        return Run(*series, steps[once], q[once], v[once], *told)

@@ -1,4 +1,4 @@
-"""A step, of arrays (N, 3), and what it becomes: steps of floats, or of machine code.
+"""A step, of arrays (N, 3), and what it becomes: steps of Python's floats, or of machine code.
 
 A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tried in halves.
 """
@@ -6,12 +6,14 @@ A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tri
 import contextlib
 import math
 import time
+from functools import cached_property
 from itertools import chain
 
 from curriculum.common import native
+from curriculum.common.arrays import ordered
 from curriculum.common.pure import Memory
-from curriculum.common.python import careful, number_function
-from curriculum.common.trace import Program, Routine, Stop, Untraceable
+from curriculum.common.python import NUMBERS, careful, compiled, source_of
+from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable
 
 import numpy as np
 
@@ -33,58 +35,81 @@ def tried(step, state, dt, level=0):
     """step(state, dt) or, if that raises Stop, two of dt/2, each tried so; and whether it did."""
     try:
         return step(state, dt), False
-    except Stop as why:
-        if level == HALVINGS or why.kind != "loop":
+    except Stop:
+        if level == HALVINGS:
             raise
     for _ in range(2):
         state, _ = tried(step, state, 0.5 * dt, level + 1)
     return state, True
 
 
+class Block:
+    """States computed ahead: q, v (count, N, 3), and what was measured of each, (count,) each."""
+
+    def __init__(self, q, v, measured):
+        self.q, self.v, self.measured = q, v, measured
+        for x in (q, v):
+            x.flags.writeable = False  # what follows is known already: v *= 0.9 would be lost
+
+    def __iter__(self):
+        return zip(self.q, self.v, *(x.tolist() for x in self.measured), strict=True)
+
+
 class Plain:
-    """step_fn as it stands, in numpy, one state at a time: q, v (..., N, 3) -> q, v."""
+    """step_fn as it stands, in numpy: q, v -> q, v, and what `measure` says of them.
+
+    `watch`, a function (q, v) -> number, is asked, too; `watched` is the largest that it has said.
+    """
 
     way = source = "in plain numpy: the lines as they stand"
+    block, state = None, None  # of states computed ahead: see compiled.Compiled
 
-    def __init__(self, step_fn, steps=0):
-        self.step_fn, self.halved, self.taken, self.seconds = step_fn, 0, 0, 0.0
+    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
+        self.step = lambda state, dt: step_fn(*state, m, force, dt)
+        self.dt, self.measure, self.watch = dt, measure, watch
+        self.taken = self.halved = 0
+        self.seconds = self.watched = 0.0
 
-    def __call__(self, q, v, m, force, dt):
-        if q.ndim > 2:
-            both = [self(*member, m, force, dt) for member in zip(q, v, strict=True)]
-            return tuple(np.stack(x) for x in zip(*both, strict=True))
-        clock, self.taken = time.perf_counter(), self.taken + 1
+    def __call__(self, q, v):
+        clock = time.perf_counter()
         try:
-            state, halved = tried(lambda x, dt: self.step_fn(*x, m, force, dt), (q, v), dt)
+            (q, v), halved = tried(self.step, (ordered(q), ordered(v)), self.dt)
         finally:
             self.seconds += time.perf_counter() - clock
+        self.taken += 1
         self.halved += halved
-        return state
+        if self.watch:
+            self.watched = max(self.watched, float(self.watch(q, v)))
+        return q, v, *self.measure(q, v)
 
 
 class Traced:
     """A step as a Program of what does not stay zero, at `live` places in (q, v).
 
-    Raises Untraceable, and then what step_fn and force keep is as it was.
+    q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
+    function (q, v) -> tuple of arrays, says of a step's end. Raises Untraceable, and then what
+    step_fn and force keep is as it was.
     """
 
-    def __init__(self, step_fn, m, force, dt, q, v, measure=None):
-        memory = Memory(step_fn, force)
-        why = next(iter(memory.asks), None)  # it uses what cannot be put back, so not even a trial
-        if not why:
-            try:
-                self.trace(step_fn, m, force, dt, q, v, measure)
-            except Exception as reason:  # a mistake of the reader's will show in the plain step
-                why = str(reason) or type(reason).__name__
-            why = memory.restore() or why
+    def __init__(self, step_fn, m, force, q, v, measure=None):
+        with Tape.lock:
+            memory = Memory(step_fn, force, measure)
+            why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
+            if not why:
+                try:
+                    self.trace(step_fn, m, force, q, v, measure)
+                except Exception as reason:  # a mistake of the reader's shows in the plain step
+                    why = str(reason) or type(reason).__name__
+                why = memory.restore() or why
         if why:
             raise Untraceable(why)
 
-    def trace(self, step_fn, m, force, dt, q, v, measure):
+    def trace(self, step_fn, m, force, q, v, measure):
         """Trace the step, as if it kept nothing."""
-        zero = [np.all(a == 0.0, axis=tuple(range(a.ndim - 2))) for a in (q, v)]
+        zero = [np.all(x == 0.0, axis=tuple(range(x.ndim - 2))) for x in (q, v)]
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
-        self.shape, self.as_it_stands = q.shape[-2:], lambda q, v, dt: step_fn(q, v, m, force, dt)
+        self.shape = q.shape[-2:]
+        self.as_it_stands = lambda q, v, dt: step_fn(q, v, m, force, dt)
 
         def step(q, v, dt):
             end = step_fn(q, v, m, routine, dt)
@@ -101,33 +126,46 @@ class Traced:
             still = stays
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
-        self.program, self.live = program, program.live
-        if not measure:
-            self.function, self.source = number_function(program)
+        self.program, self.live, self.still = program, program.live, still
+
+    @cached_property
+    def source(self):
+        """The program in Python."""
+        return source_of(self.program)
+
+    @cached_property
+    def function(self):
+        """The function that this is, of floats."""
+        return compiled(self.source, NUMBERS)
+
+    @cached_property
+    def exact(self):
+        """Whether the same bits are promised of it as of the lines as they stand."""
+        return self.program.exact()
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
         return np.array([(q, v)[k][(..., *at)].ravel() for k, at in self.live])
 
-    def states(self, rows, lead=()):
-        """q, v (count, *lead, N, 3) of rows (count, entries, members), stored components first."""
-        whole = np.zeros((2, *self.shape, len(rows), *lead))
+    def states(self, rows):
+        """q, v (count, N, 3) of rows (count, entries), stored components first."""
+        whole = np.zeros((2, *self.shape, len(rows)))
         for k, (which, at) in enumerate(self.live):
-            whole[(which, *at)] = rows[:, k].reshape(len(rows), *lead)
-        return tuple(a.transpose(*range(2, a.ndim), 0, 1) for a in whole)
+            whole[(which, *at)] = rows[:, k]
+        return tuple(x.transpose(2, 0, 1) for x in whole)
 
     def plain(self, state, dt):
         """The step as it stands, of columns (entries,)."""
-        q, v = (x[0] for x in self.states(state[None, :, None]))
+        q, v = (ordered(x[0]) for x in self.states(state[None]))
         return self.columns(*self.as_it_stands(q, v, dt))[:, 0]
 
 
 class Single:
-    """One member, by Python's floats or by `machine` code. `tries`: how many steps may be hard."""
+    """Steps of a state, by Python's floats or by `machine` code; `halved`: those in halves."""
 
-    def __init__(self, traced, tries):
-        self.traced, self.tries, self.machine, self.halved = traced, tries, None, 0
-        self.unsettled = False  # whether machine code ended at a loop that came to no end
+    def __init__(self, traced):
+        self.traced, self.machine, self.halved = traced, None, 0
+        self.function = traced.function  # made here, and not while steps are timed
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
@@ -136,7 +174,7 @@ class Single:
         """Rows (count, entries) after `state` (entries,), or fewer; and the Stop that is why."""
         rows, done, self.least = np.empty((count, len(state))), 0, dt / 2**HALVINGS
         while done < count:
-            taken = self.easy(state, rows[done:], dt)
+            taken, _ = self.easy(state, rows[done:], dt)
             if not taken:
                 try:  # a step that has trouble: by itself, or in halves
                     rows[done], halved = tried(self.one, state, dt)
@@ -150,38 +188,38 @@ class Single:
         return rows[:done], None
 
     def easy(self, state, rows, dt):
-        """Fill rows with steps as far as they go without trouble; their number."""
+        """Fill rows with steps as far as they go without trouble: (how many, unsettled).
+
+        `unsettled`: whether a loop that came to no end is the trouble, as machine code can tell.
+        """
         if self.machine:
-            done = self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
-            self.unsettled = done < 0  # ~done says that a loop came to no end
-            return ~done if self.unsettled else done
+            return self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
         done, entries = 0, rows.shape[1]
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
             with contextlib.suppress(ArithmeticError, ValueError):  # taken alone it names its error
-                self.traced.function(tuple(state.tolist()), count, states.append, dt)
+                self.function(tuple(state.tolist()), count, states.append, dt)
             flat = np.fromiter(chain.from_iterable(states), float, len(states) * entries)
             rows[done : done + len(states)] = flat.reshape(-1, entries)
             done += len(states)
             if len(states) < count:
                 break
             state = rows[done - 1]
-        return done
+        return done, False
 
     def one(self, state, dt):
         """A step by machine code, or on Python's floats; where they raise an error, on numpy's; or
         the plain step."""
-        found, self.tries = [], self.tries - 1
-        if self.tries < 0:
-            raise Stop("the steps that may be tried in halves are spent", "budget")
+        found = []
         if self.machine:
             row = np.empty((1, len(state)))
-            if self.easy(state, row, dt):
+            taken, unsettled = self.easy(state, row, dt)
+            if taken:
                 return row[0]
-            if self.unsettled and dt > self.least:  # its halves are next: no need for the words
+            if unsettled and dt > self.least:  # its halves are next: no need for the words
                 raise Stop("a loop came to no end")
         try:
-            self.traced.function(tuple(state.tolist()), 1, found.append, dt)
+            self.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
             raise
         except (ArithmeticError, ValueError):

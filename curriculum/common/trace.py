@@ -4,19 +4,24 @@ A `Symbol` is a number that is not known yet. numpy carries symbols in object ar
 written for arrays of floats run on them as they stand, and every operator notes an operation
 instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, what
 nobody asks for is left out. Exact: what is left has the operands and the order that the function
-gave it, so it computes what the same lines compute of Python's floats, to the last bit (but for the
-sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function is about. Writers turn
-the tape into Python (python.py), numpy calls (arrays.py) or machine code (native.py).
+gave it, so it computes what the same lines compute of ordered arrays of floats (arrays.py), to the
+last bit (but for the sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function
+is about. Writers turn the tape into Python (python.py), machine code (native.py) or JavaScript.
 """
 
 import math
 import sys
 from itertools import count
+from threading import RLock
+
+from curriculum.common.arrays import FUNCTIONS, OWN, ordered, symbolic
 
 import numpy as np
 
-# by these names numpy and math have them
-FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
+UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power}
+UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
+UFUNCS |= {"<": np.less, "<=": np.less_equal} | {name: getattr(np, name) for name in FUNCTIONS}
+EXACT = set(UFUNCS) - set(FUNCTIONS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
 INLINE = 160  # operations of a routine that is written out where it is called
 
 
@@ -25,11 +30,7 @@ class Untraceable(Exception):
 
 
 class Stop(ArithmeticError):
-    """A run cannot go on; the message says why. `kind`: "loop" or "budget"."""
-
-    def __init__(self, why, kind="loop"):
-        super().__init__(why)
-        self.kind = kind
+    """A run cannot go on; the message says why."""
 
 
 class Tape:
@@ -40,7 +41,8 @@ class Tape:
     `outer`: the tape on which a loop stands, whose names its body may use.
     """
 
-    current = None  # the tape on which operations of constants alone would be noted
+    current = None  # the tape that is written on now
+    lock = RLock()  # by one thread at a time
 
     def __init__(self, outer=None, numbers=None):
         self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
@@ -50,11 +52,12 @@ class Tape:
 
     def trace(self, function, *args):
         """function(*args), whose operations come onto this tape."""
-        before, Tape.current = Tape.current, self
-        try:
-            return function(*args)
-        finally:
-            Tape.current, self.open = before, False
+        with Tape.lock:
+            before, Tape.current = Tape.current, self
+            try:
+                return function(*args)
+            finally:
+                Tape.current, self.open = before, False
 
     def sees(self, other):
         """Whether `other` is this tape or one around it."""
@@ -121,6 +124,16 @@ def lift(number):
     return Symbol(Tape.current, abs(float(number)), bool(number < 0))
 
 
+def constant(sign, numbers, minus=False):
+    """The symbol of what an operation makes of numbers alone."""
+    try:
+        made = getattr(math, sign)(*numbers)  # as where it is not known before
+    except (AttributeError, ArithmeticError, ValueError):
+        with np.errstate(all="ignore"):
+            made = UFUNCS[sign](*map(np.float64, numbers))
+    return -lift(float(made)) if minus else lift(float(made))
+
+
 class Symbol:
     """A number on a tape: x is a float >= 0, or the name of an input or of an operation.
 
@@ -139,28 +152,36 @@ class Symbol:
             print("(a tracing run: numbers have no values yet; --plain has)", file=sys.stderr)
         return "-" * self.minus + str(self.x)
 
-    def note(self, sign, other=None, minus=False):
-        """The symbol of an operation on x, or on x and another's; asked for again, the same one."""
+    def note(self, sign, *others, minus=False):
+        """The symbol of an operation on x and others'; asked for again, the same one."""
+        key = (sign, self.x, *(s.x for s in others))
         tape = Tape.current
-        if self.tape is not tape or other is not None and other.tape is not tape:
-            tape = self.inner(other)
-        key = (sign, self.x) if other is None else (sign, self.x, other.x)
+        if self.tape is not tape or others and others[0].tape is not tape or len(others) > 1:
+            tape = self.inner(others)
         name = tape.names.get(key)
-        if name is None and sign in "+*":
-            name = tape.names.get((sign, other.x, self.x))
+        if name is None and sign in ("+", "*"):
+            name = tape.names.get((sign, key[2], key[1]))
         if name is None:
+            known = all(type(x) is float for x in key[1:])
+            if known and key[:2] != ("-", 0.0):  # as which numbers below zero are written
+                return constant(sign, key[1:], minus)
             name = tape.names[key] = f"t{next(tape.numbers)}"
             tape.nodes[name] = key
         return Symbol(tape, name, minus)
 
-    def inner(self, other):
-        """The tape of an operation on x and another's where they are of two: the inner one."""
-        tapes = [s.tape for s in (self, other) if s is not None and type(s.x) is str]
-        first, *_, last = tapes * 2 or [Tape.current] * 2
-        tape = first if first.sees(last) else last
-        if not (tape.open and tape.sees(first) and Tape.current.sees(tape)):
+    def inner(self, others):
+        """The tape of an operation on numbers of several tapes: the innermost."""
+        tape = Tape.current
+        found = [s.tape for s in (self, *others) if type(s.x) is str]
+        if not found:
+            return tape
+        innermost = found[0]
+        for other in found[1:]:
+            innermost = innermost if innermost.sees(other) else other
+        known = all(innermost.sees(other) for other in found)
+        if not (known and innermost.open and tape.sees(innermost)):
             raise Untraceable("it keeps a number from an earlier call")
-        return tape
+        return innermost
 
     def plain(self):
         return lift(0.0).note("-", self) if self.minus else self
@@ -169,7 +190,7 @@ class Symbol:
         if self.x == 0.0 or b.x == 0.0:
             return b if self.x == 0.0 else self
         if self.minus == b.minus:
-            return self.note("+", b, self.minus)
+            return self.note("+", b, minus=self.minus)
         left, right = (b, self) if self.minus else (self, b)
         return lift(0.0) if left.x == right.x else left.note("-", right)
 
@@ -179,14 +200,31 @@ class Symbol:
             return Symbol(self.tape, self.x, minus)
         if b.x == 0.0 or self.x == 1.0:
             return Symbol(b.tape, b.x, minus)
-        return self.note("*", b, minus)
+        return self.note("*", b, minus=minus)
 
     def divide(self, b):
         safe = b.x in b.tape.knobs if isinstance(b.x, str) else b.x > 0.0  # 0 / 0 is not 0
         nothing = self.x == 0.0 and safe
         minus = self.minus != b.minus
         same = Symbol(self.tape, self.x, minus)
-        return same if nothing or b.x == 1.0 else self.note("/", b, minus)
+        return same if nothing or b.x == 1.0 else self.note("/", b, minus=minus)
+
+    def larger(self, b):
+        """The larger of two numbers, or NaN if one of them is."""
+        return self.plain().note("max", lift(b).plain())
+
+    def smaller(self, b):
+        return self.plain().note("min", lift(b).plain())
+
+    def choose(self, a, b):
+        """a where this is not zero, and else b."""
+        return self.plain().note("where", lift(a).plain(), lift(b).plain())
+
+    def __array_ufunc__(self, ufunc, method, *given, **how):
+        return symbolic(ufunc, method, given, how=how)
+
+    def __array_function__(self, function, types, given, how):
+        return OWN.get(function, function._implementation)(*given, **how)
 
     def refuse(self, *_):
         why = "it branches on a value, or wants one as a plain number"
@@ -204,7 +242,9 @@ class Symbol:
     __mul__, __rmul__ = operators(multiply, lambda a: 0)
     __truediv__, __rtruediv__ = operators(divide)
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
-    __bool__ = __float__ = __int__ = __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = refuse
+    __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()))
+    __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()))
+    __bool__ = __float__ = __int__ = __eq__ = __ne__ = refuse
     __hash__ = None
 
 
@@ -212,14 +252,17 @@ for name in FUNCTIONS:  # np.sin asks each entry of an object array for its meth
     setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
 
 AGAIN = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
-AGAIN |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__}
+AGAIN |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "where": Symbol.choose}
+AGAIN |= {"max": Symbol.larger, "min": Symbol.smaller, "<": Symbol.__lt__, "<=": Symbol.__le__}
 AGAIN |= {name: getattr(Symbol, name) for name in FUNCTIONS}
 
 
 def lifted(array):
     """An array of Symbols, of an array of numbers and Symbols."""
     array = np.asarray(array, dtype=object)
-    return np.array([lift(s) for s in array.flat], dtype=object).reshape(array.shape)
+    made = np.empty(array.size, object)
+    made[:] = [lift(s) for s in array.ravel().tolist()]
+    return ordered(made.reshape(array.shape))
 
 
 class Program:
@@ -240,7 +283,8 @@ class Program:
         else:
             names = function.__code__.co_varnames
             self.inputs = ["_".join(map(str, (names[k], *place))) for k, place in self.live]
-        arrays = [np.full(mask.shape, Symbol(self.tape, 0.0)) for mask in still]
+        nothing = Symbol(self.tape, 0.0)
+        arrays = [ordered(np.full(mask.shape, nothing)) for mask in still]
         for (k, place), name in zip(self.live, self.inputs, strict=True):
             arrays[k][place] = Symbol(self.tape, name)
         knobs = [Symbol(self.tape, name) for name in self.knobs]
@@ -256,6 +300,27 @@ class Program:
     def made(self):
         """Those of its results that are no constants."""
         return [s for s in self.out if isinstance(s.x, str)]
+
+    def tapes(self):
+        """Its tape, and those of the loops and routines in it."""
+        todo, found = [self.tape], []
+        while todo:
+            found.append(tape := todo.pop())
+            inner = [x.tape if isinstance(x, Loop) else x.program.tape for x in tape.parts.values()]
+            todo += [x for x in inner if x not in found]
+        return found
+
+    def loops(self):
+        """How many loops there are in it."""
+        return sum(isinstance(part, Loop) for x in self.tapes() for part in x.parts.values())
+
+    def size(self):
+        """How many operations, each counted once."""
+        return sum(len(tape.nodes) for tape in self.tapes())
+
+    def exact(self):
+        """Whether all its operations are rounded alike everywhere."""
+        return all(node[0] in EXACT for tape in self.tapes() for node in tape.nodes.values())
 
     def lasting(self):
         """Operations on knobs and constants alone: to be done once."""
@@ -335,8 +400,8 @@ def side_by_side(function, *arrays):
     else:
         made = traced_rows(function, [list(map(lifted, row)) for row in rows])
     if isinstance(made[0], tuple):
-        return tuple(np.stack(part) for part in zip(*made, strict=True))
-    return np.stack(made)
+        return tuple(ordered(np.stack(part)) for part in zip(*made, strict=True))
+    return ordered(np.stack(made))
 
 
 def traced_rows(function, rows):
@@ -398,24 +463,21 @@ class Call:
 def repeat(body, x, most, complaint, nearly=1.0):
     """The first of x, body's x, ... whose size is at most 1, where body(x) = (following, size).
 
-    x: an array; size: a number, or one for each leading axis of x: what is done keeps its value.
-    It ends, too, where the size falls no more and is at most `nearly`: rounding allows no less.
-    Raises Stop(complaint) after `most` turns. On symbols it becomes a loop of the code, which is
-    left out like all that nobody asks for: use what it returns.
+    It is a while loop that can be compiled: on symbols it becomes a loop of the code, which is left
+    out like all that nobody asks for, so use what it returns. It ends, too, where the size falls no
+    more and is at most `nearly`: rounding allows no less. Raises Stop(complaint) after `most`
+    turns.
     """
-    x = np.array(x)
+    x, last = ordered(np.array(x, subok=True)), math.inf
     if Tape.current is not None and x.dtype == object:
         return Loop(body, lifted(x), most, complaint, nearly).result
-    done, last = np.bool_(False), math.inf
     for _ in range(most):
         following, size = body(x.copy())
         if type(size) is Symbol:
             return Loop(body, lifted(x), most, complaint, nearly).result
-        done = done | (size <= 1.0) | ((last <= size) & (size <= nearly))
-        if np.all(done):
+        if size <= 1.0 or last <= size <= nearly:
             return x
-        kept = np.reshape(done, np.shape(done) + (1,) * (x.ndim - np.ndim(done)))
-        x, last = np.where(kept, x, following), size
+        x, last = following, size
     raise Stop(complaint)
 
 

@@ -1,4 +1,4 @@
-"""Exercise 1: predict, then run. What becomes of a rod whose error nobody takes back? (20 minutes)
+"""Exercise 1: predict, then run. What becomes of a rod whose error nothing corrects? (20 minutes)
 
     python -m curriculum.ch3_4_constraints.exercises.ex1_drift
 
@@ -8,6 +8,8 @@ All runs here are of the naive solve: gddot = 0, and nothing else.
 import constraints as c
 from curriculum.ch3_4_constraints.exercises.checks import blank, run
 from curriculum.ch3_4_constraints.studies import _runs
+
+import numpy as np
 
 WHY = "Why can the error of the naive rod do nothing else?"
 
@@ -47,7 +49,7 @@ def main():
     for dt in (0.01, 0.005):
         print(f"dt {dt:<5g} {naive(double, 'rk4', dt, 10).violations.max():12.3e}")
     g = c.constraint_terms(pendulum, runs[0].q[-1], runs[0].v[-1])[1][0]
-    line = expected_g(c.dot(runs[0].v, runs[0].v)[1:, 0] ** 0.5, 0.005)
+    line = expected_g(np.linalg.norm(runs[0].v[1:, 0], axis=1), 0.005)
     print(f"\ng of the first run after 20 s, in m^2: {g:.9f}; by your line: {line:.9f}")
     return g, line
 

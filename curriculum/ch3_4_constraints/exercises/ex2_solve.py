@@ -10,7 +10,7 @@ from curriculum.ch3_4_constraints.exercises.checks import blank, run
 
 import numpy as np
 
-WHY = "How do the rods know of a drag that nobody told them about?"
+WHY = "How do the rods know of a drag that no line of the solve mentions?"
 
 
 def turning(d, rate):
@@ -31,12 +31,14 @@ def wanted(g, gdot, w):
 def rod_force(system, q, v, f, w):
     """The rods' force (N, 3) in N at q, v (N, 3), beside all other forces f; w in rad/s."""
     jac, g, gdot, _ = c.constraint_terms(system, q, v)
-    jdotv, inverse_m = np.zeros(len(g)), np.repeat(1.0 / system["m"], 3)
+    jdotv = np.zeros(len(g))
+    inverse_m = np.repeat(1.0 / system["m"], 3)
     for k, (i, j) in enumerate(system["pairs"]):
         d = jac[k, 3 * i : 3 * i + 3]
         jdotv[k] = turning(d, v[i] - (v[j] if j >= 0 else 0.0))
+    a = mobility(jac, inverse_m)
     b = wanted(g, gdot, w) - (jac @ (inverse_m * f.ravel()) + jdotv)
-    return (jac.T @ np.linalg.solve(mobility(jac, inverse_m), b)).reshape(q.shape)
+    return (jac.T @ np.linalg.solve(a, b)).reshape(q.shape)
 
 
 def main():

@@ -2,7 +2,7 @@
 
     python -m curriculum.ch3_4_constraints.exercises.ex5_linkage
 
-First a leg that somebody else designed; then edit my_linkage.json until one of the remedies
+First a leg that is designed already; then edit my_linkage.json until one of the remedies
 baumgarte, impulse, soft and project holds it and another does not. `none` would be too easy.
 """
 
@@ -22,6 +22,7 @@ def ship():
     """The mode you would ship for Jansen's leg: 200 steps a second, rods 1 mm off, few solves.
 
     See what the modes make of it: python constraints.py --system jansen_leg --no-rerun
+    That is 20 s. The check goes by the first 2 s, and finds smaller errors.
     """
     return blank("a mode for Jansen's leg: 'none', 'baumgarte', 'impulse', 'soft' or 'project'")
 

@@ -25,6 +25,8 @@ SCENES = sorted({path.stem for path in _runs.SCENES.glob("*.json")} - {"taut_cab
 METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
 METHODS += [("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")]
 METHODS += [("midpoint8", "project"), ("gauss12", "project")]
+DASHES = {"semi_implicit": "none", "euler": "1 6", "rk4": "10 5"}  # modes are told by colours
+DASHES |= {"midpoint8": "2 5", "gauss12": "14 4 2 4"}
 SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
 LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
 
@@ -42,16 +44,20 @@ def arc(sheet, middle, radius, begin, end):
 
 def two_pendulums():
     """The same pendulum held by two modes, after the same time."""
-    sheet, metre, dt, steps = Drawing(480, 260, "Two pendulums after 19 s"), 120, 0.005, 3800
-    for x, mode in ((120, "project"), (350, "none")):
+    dt, steps, metre = 0.005, 3800, 105
+    seconds = f"{dt * steps:.0f} s"
+    sheet = Drawing(480, 170, f"Two pendulums after {seconds}")
+    for x, mode in ((112, "project"), (342, "none")):
         end = run(c.build_system("pendulum"), "semi_implicit", mode, dt, steps).q[-1][0, :2]
-        size, pivot, color = np.linalg.norm(end), (x, 30), MODES[mode]
+        size, pivot, color = np.linalg.norm(end), np.array([x, 26]), MODES[mode]
         right, bob = (pivot + metre * end * [1, -1] / over for over in (size, 1.0))
         arc(sheet, pivot, metre, -85, 85)
         sheet.line([right, bob], EXCESS, 8)
         sheet.line([pivot, right], color, 5)
         sheet.dot(bob, 11, color)
-        sheet.words(x, 240, f"after {dt * steps:.0f} s: {size:.2f} m", color, "middle", 19, "bold")
+        sheet.words(x - 26, 72, mode, color, "middle", 20, "bold")
+        sheet.words(x - 26, 98, f"{size:.2f} m", color, "middle", 20, "bold")
+    sheet.words(240, 160, f"after {seconds}", INK, "middle", 17)
     return sheet.text()
 
 
@@ -69,7 +75,7 @@ def eigenvalue():
 
 def forces():
     """Weight, pull and their sum at four angles of a pendulum, with the numbers."""
-    sheet, metre, newton = Drawing(480, 500, "Which force does the rod apply?"), 235, 5.0  # pixels
+    sheet, metre, newton = Drawing(480, 500, "What force does a rod exert?"), 235, 5.0  # pixels
     arc(sheet, pivot := np.array([60.0, 60.0]), metre, -12, 90)
     for degrees in (90, 60, 30, 0):
         system, bob = swinging(degrees), pivot + turned(degrees, metre)
@@ -81,7 +87,8 @@ def forces():
             sheet.arrow(bob + at, bob + at + newton * force[:2] * [1, -1], color, 4, 12)
         sheet.dot(bob, 8, INK)
         words = f"{degrees}\u00b0: {np.linalg.norm(pull):.2f} N"
-        sheet.words(bob[0] + 16, bob[1] + (22 if degrees < 90 else -10), words, size=19)
+        below = {0: 48, 90: -10}.get(degrees, 22)  # pixels: off all arrows
+        sheet.words(bob[0] + 16, bob[1] + below, words, size=19)
     what = {"weight, m g": GREY, "pull of the rod": PULL, "their sum, m a": INK}
     for k, (name, color) in enumerate(what.items()):
         sheet.words(270, 420 + 28 * k, name, color, size=20, weight="bold")
@@ -107,7 +114,7 @@ def cost():
         rows = speed_vs_error.ladder(task, rule, mode)
         spots = [(row["solves"], row["error"]) for row in rows]
         spots = [(x, error) for x, error in spots if x > 28.0 and 1e-14 < error < 20.0]
-        curves[f"{rule} {mode}"] = MODES[mode], spots
+        curves[f"{rule} {mode}"] = MODES[mode], spots, DASHES[rule]
     x = "linear systems solved for a simulated second", (28.0, 20_000.0), SOLVES
     y = "largest error of a particle within 5 s", (1e-14, 20.0), LENGTHS
     return svg.chart("What does an error cost?", x, y, curves, (600, 520), 190)
@@ -128,9 +135,11 @@ PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chai
 def main(argv=None):
     """Make the pictures that `argv` names, or all."""
     parser = Parser(prog="make_pictures", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*PICTURES, []]}
-    parser.add_argument("names", **names, help=f"some of {', '.join(PICTURES)}")
+    stems = [name.removesuffix(".svg") for name in PICTURES]
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*PICTURES, *stems, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(stems)}")
     for name in parser.parse_args(argv).names or PICTURES:
+        name = f"{name.removesuffix('.svg')}.svg"
         made = PICTURES[name]().encode()
         write_whole(FOLDER / name, made)
         print(f"wrote {name}, {len(made) / 1e3:.0f} kB")

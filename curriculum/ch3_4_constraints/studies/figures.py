@@ -1,16 +1,26 @@
-"""Do the texts still say what the programs print?  Runs every command named in them and rewrites
-the block below it.
+"""Do the texts still say what the programs print, and show the code that runs?  Runs every command
+named in them, looks up every function listed in them, and rewrites the block below it.
 
-A block is a line `<!-- printed by: COMMAND -->` and a fenced block below it, which may begin with
-`$ COMMAND`, for the reader. A text is written after each of its blocks; a command that fails leaves
-its block as it was, is told of, and makes the exit status 1. Studies of speed want a machine that
-does nothing else. What is quick and the same everywhere is run by tests/test_texts.py, too.
+A block is one of these lines and a fenced block below it, which may begin with `$ COMMAND`:
+
+    <!-- printed by: COMMAND -->
+    <!-- listing of: FILE FUNCTION -->
+    <!-- listing of: FILE FUNCTION, from START -->
+    <!-- listing of: FILE FUNCTION, from START, to START -->
+
+A listing is a function without its docstring; or, of its body, the statement whose line begins
+with the first START, up to and with the one that begins with the second. A text is written after
+each of its blocks; a block that cannot be made stays as it was, is told of, and makes the exit
+status 1. Studies of speed want a machine that does nothing else. What is quick and the same
+everywhere is compared by tests/test_texts.py, too.
 """
 
+import ast
 import re
 import shlex
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 
@@ -21,20 +31,54 @@ ROOT = Path(__file__).resolve().parents[3]
 CHAPTER = ROOT / "curriculum/ch3_4_constraints"
 PAGES = "README.md", "studies/README.md", "exercises/README.md", "exercises/solutions/README.md"
 TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
-HEAD = r"(<!-- printed by: (?P<command>.*?) -->\n```\w+\n)(\$ .*?\n)?"
-BLOCK = re.compile(HEAD + r"(?P<body>.*?)(```\n)", re.S)
+KIND = r"(?P<kind>printed by|listing of)"
+HEAD = rf"(?P<head><!-- {KIND}: (?P<command>[^\n]*?) -->\n```\w+\n)(?P<prompt>\$ [^\n]*\n)?"
+BLOCK = re.compile(rf"{HEAD}(?P<body>.*?)(?P<end>```\n)", re.S)
+PART = re.compile(r"(\S+) (\w+)(?:, from (.+?))?(?:, to (.+))?")
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
 def printed(command):
-    """What `command`, a line that starts with `python`, prints; None if it fails."""
+    """What `command`, a line that starts with `python`, prints. Raises ValueError if it fails."""
     words, clock = [sys.executable, *shlex.split(command)[1:]], time.perf_counter()
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     print(f"{time.perf_counter() - clock:6.1f} s  {command}", flush=True)
     if done.returncode:
-        print(f"figures: {command}: {done.stderr.strip() or 'failed'}", file=sys.stderr)
-        return None
+        raise ValueError(done.stderr.strip() or "failed")
     return done.stdout.strip("\n") + "\n"
+
+
+def starting(statements, lines, start, after=0):
+    """The first of the statements below line `after` whose own line begins with `start`."""
+    for statement in sorted(statements, key=lambda x: x.lineno):
+        line = lines[statement.lineno - 1].lstrip()
+        if statement.lineno > after and line.startswith(start):
+            return statement
+    raise ValueError(f"no statement there begins with {start!r}")
+
+
+def listed(what):
+    """The code that `what`, "FILE FUNCTION, from START, to START", names. Raises ValueError."""
+    part = PART.fullmatch(what)
+    if part is None:
+        raise ValueError("a listing is of FILE FUNCTION, from START, to START")
+    file, name, start, last = part.groups()
+    lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
+    nodes = ast.walk(ast.parse("\n".join(lines)))
+    found = [x for x in nodes if isinstance(x, ast.FunctionDef) and x.name == name]
+    if not found:
+        raise ValueError(f"{file} has no function {name}")
+    function = found[0]
+    first, end = function, function
+    if start is not None:
+        statements = [x for x in ast.walk(function) if isinstance(x, ast.stmt)]
+        first = starting(statements, lines, start, function.lineno)
+        end = starting(statements, lines, last, first.lineno) if last else first
+    wanted = set(range(first.lineno, end.end_lineno + 1))
+    if ast.get_docstring(function) is not None:
+        docstring = function.body[0]
+        wanted -= set(range(docstring.lineno, docstring.end_lineno + 1))
+    return textwrap.dedent("".join(f"{lines[k - 1]}\n" for k in sorted(wanted)))
 
 
 def machine_free(text):
@@ -54,22 +98,28 @@ def machine_free(text):
 def main(argv=None):
     """Rewrite the blocks."""
     parser = Parser(prog="figures", description=__doc__.partition("\n\n")[0])
-    parser.add_argument("--only", default="", metavar="WORD", help="commands that contain this")
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="blocks whose command contains it"
+    )
     args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
     blocks = [block for block in blocks if args.only in block[1]["command"]]
     if not blocks:
-        parser.error(f"argument --only: no command in a text contains {args.only!r}")
+        parser.error(f"argument --only: no block of a text contains {args.only!r}")
     for path, match in blocks:
         command, body = match["command"], match["body"]
-        output = printed(command)
-        failed |= output is None
-        if output in (None, body):
+        try:
+            output = printed(command) if match["kind"] == "printed by" else listed(command)
+        except (OSError, SyntaxError, ValueError) as why:
+            print(f"figures: {command}: {why}", file=sys.stderr)
+            failed = True
+            continue
+        if output == body:
             continue
         if machine_free(output) != machine_free(body):
             print(f"{path.relative_to(ROOT)}: {command}: changed", flush=True)
-        new = match[1] + (match[3] or "") + output + match[5]
+        new = match["head"] + (match["prompt"] or "") + output + match["end"]
         texts[path] = text = texts[path].replace(match[0], new)
         write_whole(path, text)
     return int(failed)

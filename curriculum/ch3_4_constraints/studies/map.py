@@ -11,12 +11,14 @@ A rod is looked at every LOOK steps. While energy is kept, it turns by no more t
 and right of it at the next, and above it. One that falls back between two looks has not turned.
 """
 
+import base64
 import math
 import struct
 import zlib
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing, position
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import progress
 from curriculum.common.cli import Parser, number, run_script, writable
@@ -28,6 +30,7 @@ DT, MODE = 0.005, "impulse"  # s; what holds the rods but in the strip
 LOOK, BATCH = 8, 32768  # steps; members that go in step: memory is theirs, and a byte a pixel
 NEVER, WHITE = 0, 255  # of the palette; between them are the times
 STRIP = 6  # of so many rows one is shown by `none` as well
+EDGE, LEFT, TOP = 560, 76, 16  # pixels of the sheet: the map's edge, and what is left of it, above
 
 
 def starts(angles):
@@ -69,13 +72,17 @@ def lights(size, rows, mode, seconds):
     return pixels.reshape(rows, size)
 
 
-def png(pixels):
-    """The bytes of a PNG of palette entries (rows, columns): dark red over yellow to white."""
+def palette():
+    """Black, dark red, over yellow to white: (256, 3)."""
     share = np.linspace(0.0, 1.0, 256)[:, None]
-    palette = np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)
+    return (255.0 * np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)).round().astype(np.uint8)
+
+
+def png(pixels):
+    """The bytes of a PNG of palette entries (rows, columns)."""
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)
     parts = {b"IHDR": struct.pack(">IIBBBBB", *pixels.shape[::-1], 8, 3, 0, 0, 0)}
-    parts[b"PLTE"] = (255.0 * palette).round().astype(np.uint8).tobytes()
+    parts[b"PLTE"] = palette().tobytes()
     parts |= {b"IDAT": zlib.compress(rows, 9), b"IEND": b""}
     found = b"\x89PNG\r\n\x1a\n"
     for name, data in parts.items():
@@ -84,13 +91,59 @@ def png(pixels):
     return found
 
 
+def sheet(pixels, size, seconds):
+    """The text of an SVG: a map of palette entries (rows, size), its axes, and what colours mean.
+
+    Of its rows the first `size` are the map, and the last the strip by `none`.
+    """
+    rows, gap = len(pixels), line_width(size)
+    tall = EDGE * rows / size  # pixels of the sheet
+    drawn = Drawing(LEFT + EDGE + 104, round(TOP + tall + 64), "When does it turn over?")
+
+    def image(what, x, y, width, height):
+        data = base64.b64encode(png(what)).decode()
+        place = {"x": x, "y": y, "width": width, "height": f"{height:.1f}"}
+        drawn.add(
+            "image", href=f"data:image/png;base64,{data}", preserveAspectRatio="none", **place
+        )
+
+    image(pixels, LEFT, TOP, EDGE, tall)
+    for degrees in (-180, -90, 0, 90, 180):
+        across = position(degrees, (-180.0, 180.0), LEFT, LEFT + EDGE)
+        up = position(degrees, (-180.0, 180.0), TOP + EDGE, TOP)
+        drawn.line([(across, TOP + tall), (across, TOP + tall + 6)], GREY, 1)
+        drawn.line([(LEFT - 6, up), (LEFT, up)], GREY, 1)
+        drawn.words(across, TOP + tall + 22, f"{degrees}\u00b0", GREY, "middle")
+        drawn.words(LEFT - 10, up + (0 if degrees == -180 else 10), f"{degrees}\u00b0", GREY, "end")
+    drawn.words(LEFT + EDGE / 2, TOP + tall + 46, "second rod's angle at the start", INK, "middle")
+    strip = TOP + EDGE * (size + gap) / size
+    drawn.words(LEFT - 10, (strip + TOP + tall) / 2 + 5, "none", INK, "end", weight="bold")
+    side = {"transform": f"translate(18 {TOP + EDGE / 2}) rotate(-90)", "text_anchor": "middle"}
+    drawn.add("text", "first rod's angle at the start", fill=INK, font_size=15, **side)
+    right, low, high = LEFT + EDGE + 20, TOP + 0.75 * EDGE, TOP + 0.3 * EDGE
+    image(np.arange(WHITE - 1, 0, -1, dtype=np.uint8)[:, None], right, high, 18, low - high)
+    image(np.array([[NEVER]], dtype=np.uint8), right, low + 16, 18, 18)
+    drawn.words(right, high - 30, "turns over")
+    drawn.words(right, high - 12, "after")
+    for share in (0.0, 0.5, 1.0):
+        at = position(share, (0.0, 1.0), low, high)
+        drawn.words(right + 24, at + 5, f"{(1.0 - share) * seconds:.3g} s", GREY)
+    drawn.words(right + 24, low + 30, "never", GREY)
+    return drawn.text()
+
+
+def line_width(size):
+    """Pixels of the line between the map and the strip."""
+    return max(1, size // 200)
+
+
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
     parser = Parser(prog="map", description=__doc__)
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
-    add("--out", type=writable, default="outputs/map.png", metavar="PATH", help="of the picture")
+    add("--out", type=writable, default="outputs/map.svg", metavar="PATH", help="of the picture")
     args = parser.parse_args(argv)
     size, seconds = args.size, args.seconds
     _runs.host(size=size, seconds=seconds, dt=DT)
@@ -106,9 +159,9 @@ def main(argv=None):
         row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER)}
         rows.append(row | {"without the energy": np.sum(seen[poor[: len(seen)]] > NEVER)})
     show(f"share of starts at rest that turn over within {seconds:g} s", rows)
-    line = np.full((max(1, size // 200), size), WHITE, dtype=np.uint8)
+    line = np.full((line_width(size), size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
-    write_whole(args.out, png(image))
+    write_whole(args.out, sheet(image, size, seconds))
     print(f"wrote {args.out}")
 
 

@@ -1,0 +1,51 @@
+"""Where rods are, and what room they need: for the moving picture and the recording."""
+
+from curriculum.ch3_4_constraints.statics import nodes
+
+import numpy as np
+
+
+def rod_ends(system, q):
+    """Tails, marks and heads of rods, (F, C, 3) each, in m, at positions q (F, N, 3).
+
+    A rod's tail is at its partner, its head at its particle, and its mark where it would end if it
+    had its length: before the head of a rod that is too long, beyond that of one too short.
+    """
+    ends = nodes(q, system["anchors"])[:, system["pairs"]]
+    heads, tails = np.moveaxis(ends, 2, 0)
+    lengths = np.reshape(system["lengths"], (-1, 1))
+    size = np.linalg.norm(heads - tails, axis=-1, keepdims=True)
+    size = np.maximum(size, 1e-9 * lengths)  # a rod of no length has no direction
+    return tails, tails + lengths / size * (heads - tails), heads
+
+
+def rod_errors(system, q):
+    """|d| - L (F, C) in m, at q (F, N, 3): above 0 a rod is too long, below 0 too short."""
+    tails, _, heads = rod_ends(system, q)
+    return np.linalg.norm(heads - tails, axis=-1) - system["lengths"]
+
+
+def worst_errors(system, q):
+    """The rod error (F,) in m, with its sign, that is the largest at each of the states q."""
+    errors = rod_errors(system, q)
+    worst = np.argmax(np.abs(errors), axis=1)
+    return errors[np.arange(len(errors)), worst]
+
+
+def box(system, runs):
+    """Two corners (3,) around the modes whose rods keep to half their length, or else around the
+    best; and a length to compare with: 1 m, or another power of ten that fits."""
+    worst = {m: np.inf if run.stopped else np.max(run.violations) for m, run in runs.items()}
+    good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
+    good = good or [min(worst, key=worst.get)]
+    shown = np.concatenate([nodes(runs[mode].q, system["anchors"]) for mode in good])
+    low, high = np.min(shown, axis=(0, 1)), np.max(shown, axis=(0, 1))
+    size = np.max(high - low)
+    return low - 0.06 * size, high + 0.06 * size, 10.0 ** np.floor(np.log10(size))
+
+
+def columns(count, shape, size, words):
+    """How many of `count` tiles go side by side in a sheet of `shape` (width, height), to show
+    things of `size` (x, y) at their largest, above `words`, in pixels; and their room (x, y)."""
+    layouts = [(k, shape[0] / k, shape[1] / -(-count // k) - words) for k in range(1, count + 1)]
+    return max(layouts, key=lambda layout: min(layout[1] / size[0], layout[2] / size[1]))

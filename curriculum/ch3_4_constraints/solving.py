@@ -1,0 +1,68 @@
+"""The linear system of the rods, solved; and how much of what it asks no tension answers."""
+
+from curriculum.common.arrays import ordered
+from curriculum.common.elimination import eliminated, elimination_order, parts, refined
+
+import numpy as np
+
+# Rods in a loop may be one too many, or lose rank in passing. So their matrix is blurred, by a
+# share of its diagonal, well over rounding, and by h^2 Jdot M^-1 Jdot^T: what J changes by in a
+# time h, in s, far shorter than the chapter's steps; or in which a rod turns by TURN, in rad.
+SLACK, INSTANT, TURN = 1e-12, 1e-4, 1e-2
+
+
+def solve(system, a, b, v=None, rough=False):
+    """lambda (C,) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
+
+    Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
+    O(N), as R. Featherstone's articulated bodies (1983). What hangs together is solved by itself.
+    In a loop a rod may be too many, and `a` singular. There a little is added to it, of SLACK and,
+    if the velocities v (N, 3) are given, of how the rods turn. Unless `rough`, rounds of refinement
+    remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). What no lambda can meet
+    is left: see `unanswered`.
+    """
+    a, b = np.asarray(a), np.asarray(b)
+    lam = np.zeros_like(b, np.result_type(b, 1.0))
+    for part, loop in parts(system["pairs"]):
+        inner, wanted = a[np.ix_(part, part)], b[part]
+        order = elimination_order([system["pairs"][k] for k in part])
+        if not loop:
+            lam[part] = eliminated(inner, order)(wanted)
+            continue
+        blur = SLACK * (inner * np.eye(len(part)))
+        if v is not None:
+            blur = blur + turned(system, v)[np.ix_(part, part)]
+        blurred = eliminated(inner + blur, order)
+        found = blurred(wanted)
+        lam[part] = found if rough else refined(blurred, inner, wanted, "no finite tensions")
+    return ordered(lam)
+
+
+def turned(system, v):
+    """h^2 Jdot M^-1 Jdot^T (C, C), where Jdot has d' where J has d; h for each rod.
+
+    v (N, 3) in m/s.
+    """
+    v = ordered(v)
+    jdot = np.zeros_like(v, shape=(len(system["pairs"]), *v.shape))
+    for k, (i, j) in enumerate(system["pairs"]):
+        rate = v[i] - v[j] if j >= 0 else v[i]
+        share = INSTANT / (TURN * system["lengths"][k])
+        rate = rate * (INSTANT / np.sqrt(1.0 + share * share * (rate @ rate)))
+        jdot[k, i] = rate
+        if j >= 0:
+            jdot[k, j] = -rate
+    jdot = jdot.reshape(len(jdot), -1)
+    return (jdot / np.repeat(system["m"], 3)) @ jdot.T
+
+
+def unanswered(system, jac, a, left, v):
+    """The largest acceleration in m/s^2 that is asked for and not made: a number.
+
+    `left` (C,) is what no lambda has met, in m^2/s^2: along a rod it is an acceleration itself. And
+    where rods are nearly in line, a little along them is much across: so see what a tension would
+    do to the particles that met it, by J (C, 3N), A (C, C) and velocities v (N, 3).
+    """
+    along = np.max(np.abs(left) / system["lengths"])
+    missing = jac.T @ solve(system, a, left, v, rough=True) / np.repeat(system["m"], 3)
+    return np.maximum(along, np.max(np.abs(missing)))
