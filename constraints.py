@@ -16,7 +16,7 @@ from typing import NamedTuple
 from curriculum.ch3_4_constraints import publish, scene_files, solving, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve
-from curriculum.common import banner, ruler
+from curriculum.common import banner, ruler, rules
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, number, run_script
 from curriculum.common.compiled import Compiled
@@ -334,24 +334,27 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 def parse(argv):
     """The command line; the system that it names; and whether it asks for a default run."""
     parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
-    modes, rules = ["all", *hold_table()], ", ".join(INTEGRATORS)
+    modes = ["all", *hold_table()]
+    orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
     scene("--scenes", action="store_true", help="list them")
     scene("--system NAME", default="double", help="one that --scenes lists, or a file")
     scene("--links N", type=number(int, 1, 1001), default=10, help="rods of --system chain")
     scene("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
     scene("--dt S", type=number(high=1e3), default=0.005, help="s; halve it: the rule's order")
-    method("--integrator RULE", choices=INTEGRATORS, default="semi_implicit", help=rules)
+    rule = {"type": rules.known(INTEGRATORS), "default": "semi_implicit"}
+    method("--integrator RULE", **rule, help=orders)
     method("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
     method("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
     method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
     method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
-    method("--tol M", type=number(high=1), help="m at 2 s; gauss then finds its stages and step")
+    method("--tol M", type=number(high=1), help="m at 2 s; midpoint, gauss find number and step")
     args = parser.parse_args(argv)
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
         parser.exit()
-    if args.tol and (args.plain or args.integrator != "gauss"):
-        parser.error(f"argument --tol: {args.tol:g} wants --integrator gauss and no --plain")
+    if args.tol and args.plain:
+        parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
+    parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
     if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
         parser.error(f"argument --stabilization: {mode} {why}")
     system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
@@ -377,13 +380,15 @@ def report(found):
 def main(argv=None):
     """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
     args, system, usual, attempt = parse(argv)
+    offered = rules.offered(args.integrator, INTEGRATORS, args.tol)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    rule, steps = INTEGRATORS[args.integrator], SMOKE_STEPS if args.smoke else args.steps
+    steps = SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
 
-    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled):
+    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled, nudge=False):
         force = make_force(system, hold_table(dt, *knobs)[mode])
-        return simulate(rule, system, force, dt, steps, keep, way)
+        start = ruler.nudged(system) if nudge else system
+        return simulate(rule, start, force, dt, steps, keep, way)
 
     def watched(mode):
         """A run of which is asked at every step what no tensions make."""
@@ -393,16 +398,19 @@ def main(argv=None):
         return run(mode, rule, dt, steps, keep, way)
 
     if args.show_step:
-        print(f"# {modes[0]}, {args.integrator}\n{run(modes[0], rule, args.dt, 1).source}")
+        name, rule = next(iter(offered.items()))
+        print(f"# {modes[0]}, {name}\n{run(modes[0], rule, args.dt, 1).source}")
         return
     print(banner.banner("ch3.4", "constraints", args.device, usual))
     for mode in list(modes):
         if why := scene_files.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
-    budget = 0 if args.plain else 5000 // (len(system["pairs"]) + 5)  # steps for the truth
+    sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
-    rule, dt, steps, truth = attempt(ruler.settle, tried, rule, args.dt, steps, args.tol, budget)
+    settled = attempt(ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
+    args.integrator, dt, steps, truth = settled
+    rule = offered[args.integrator]
     seen = args.rerun or args.picture
     shown = frames(steps, dt, len(system["q0"])) if seen else np.array([], dtype=int)
     keep = [truth.step, *shown]

@@ -145,6 +145,38 @@ def test_what_no_tension_can_hold_is_let_go_and_told():
     assert 1e-12 < c.unheld(system, q, v) < 1e-3
 
 
+SAG = 1e-7  # m, of two 1 m rods whose bob is at rest: they pull with 4.9e7 N
+SLACK_BOB, LEVEL = [1.0, -SAG, 0.0], [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
+AWAY, SWING = [100.0, 0.0, 0.0], [3.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("other", "pair", "anchors"),
+    [([100.0, -1.0, 0.0], (1, -3), [*LEVEL, AWAY]), ([1.0, -1.0 - SAG, 0.0], (1, 0), LEVEL)],
+    ids=["far away", "hung on it"],
+)
+def test_a_fast_rod_does_not_hide_what_a_slow_one_lacks(other, pair, anchors):
+    bobs, pairs = [SLACK_BOB, other], [(0, -1), (0, -2), pair]
+    system = make_system(bobs, [[0.0, 0.0, 0.0], SWING], [1.0, 1.0], pairs, None, anchors)
+    falls = -c.make_force(system, "none")(system["q0"], system["v0"])[0, 1]  # m/s^2, of 1 kg
+    assert falls > 1.0  # which is wrong: exactly, it hardly moves
+    assert c.unheld(system, system["q0"], system["v0"]) > UNHELD
+
+
+@pytest.mark.parametrize(
+    ("bob", "pair"), [([50.0, -1.0, 0.0], (3, -2)), ([1.0, -2.0, 0.0], (3, 1))]
+)
+def test_a_fast_rod_beside_a_loop_is_answered_wherever_it_hangs(bob, pair):
+    """At 1e4 rad/s it turns a radian in a tenth of a millisecond."""
+    square = [[0.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
+    frame = [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)]
+    anchors, v = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]], np.zeros((4, 3))
+    v[3, 0] = 1e4
+    system = make_system([*square, bob], v, np.ones(4), [*frame, pair], None, anchors)
+    assert c.tensions(system, system["q0"], v)[-1] > 7e7  # N; 1e8 where it hangs on an anchor
+    assert c.unheld(system, system["q0"], v) < UNHELD
+
+
 def test_whole_numbers_are_solved_as_numbers():
     whole = solve(c.build_system("double"), np.array([[2, 1], [1, 2]]), np.array([1, 1]))
     assert whole == pytest.approx([1 / 3, 1 / 3])

@@ -134,9 +134,9 @@ def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_
 
 
 def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_error():
-    """rk4: four; midpoint6: (6 / 2)^2 + 1; a projection adds its rounds, and one for velocities."""
+    """rk4: four; midpoint:6: (6 / 2)^2 + 1; projecting adds its rounds, and one for velocities."""
     system = c.build_system("double")
-    for rule, forces in (("rk4", 4.0), ("midpoint6", 10.0)):
+    for rule, forces in (("rk4", 4.0), ("midpoint:6", 10.0)):
         none, both = (speed_vs_error.solves(system, rule, m, 0.01, 20) for m in ("none", "project"))
         assert none == forces and 2.0 <= both - none <= 5.0
     cost = [(4, 1e-3), (5, 1e-3), (6, 1e-6), (7, 1e-5), (9, 1e-14), (10, 1e-15)]
@@ -145,20 +145,66 @@ def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_err
     assert [row["solves"] for row in found] == [4, 6, 9]
 
 
+@pytest.mark.parametrize("package, near", [("mujoco", 1e-7), ("heyoka", 1e-9)])
+def test_a_peers_crowd_ends_where_ours_does(package, near):
+    """The last register is not full; one member after the other is checked."""
+    pytest.importorskip(package, reason="the extras compare and peers bring them")
+    system = chaos.ensemble("double", range(9))
+    climb = next(x for who, x in chaos.peer_climbs(system).items() if package in who.lower())
+    x = {"mujoco": 2000, "heyoka": 1e-14}[package]
+    _, found = climb.go(climb.build(x), x)
+    for k in range(9):
+        end = run(c.build_system("double", k), "gauss:12", "none", 0.05, 100).q[-1]
+        assert np.abs(found[k] - end[:, :2]).max() < near
+
+
+def test_ours_has_the_steps_of_a_run_and_nothing_after_its_end():
+    """In machine code with only the end kept, too; a step that must be halved is an end."""
+    for task in (double(), double(end=True)):
+        per = 100 // task.samples
+        q = run(task.system, "rk4", "none", 0.05, 100, range(5, 101, 5)).q[-task.samples :]
+        for machine in {False, peers.NATIVE}:
+            found = peers.run_ours(task, per, "rk4", "none", machine)[1]
+            assert np.array_equal(found, q[..., :2])
+            hopeless = peers.run_ours(task, 1, "gauss:8", "none", machine)[1]
+            assert np.isnan(hopeless[-1]).all()
+
+
 def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monkeypatch):
-    """A climb ends at what reaches the error; of two ladders the quicker one goes on."""
-    clock = iter(np.arange(0.0, 1000.0, 0.008))  # s: between two looks, what a job takes in all
-    monkeypatch.setattr(real_thing.time, "perf_counter", lambda: next(clock))
+    """A climb ends at what reaches the error and does not lose it at the next rung; of two ladders
+    the quicker one counts; a racer judged in all pays for what it builds."""
+    clock = [0.0]
+    monkeypatch.setattr(real_thing.time, "perf_counter", lambda: clock[0])
     task = Task(c.build_system("pendulum"), 1, 1.0, lambda q: float(q[0, 0, 0]))
 
-    def jobs(*rungs):
-        return {s: lambda s=s, x=x: (s, np.array([[[x, 0.0]]])) for s, x in rungs}
+    def build(seconds):
+        clock[0] += seconds
 
-    slow = jobs((0.5, 1.0), (2.0, 1e-4), (6.0, 1e-4))
-    racers = {"ours": [slow, jobs((1.0, 1e-4), (3.0, 0.0))], "heyoka": [slow]}
-    limits = ("ours", "heyoka", 0, 0.6), ("ours", "heyoka", 1, 1.5), ("ours", "nobody", 0, 1.0)
-    rows, bars = real_thing.race(task, racers, {1e-3: limits, 1e-5: ()})
+    def ladder(built, *rungs):
+        made = lambda: build(built)  # noqa: E731
+        return [
+            real_thing.Rung(str(s), made, lambda _, s=s, x=x: (s, np.array([[[x, 0.0]]])))
+            for s, x in rungs
+        ]
+
+    lucky = ladder(0.5, (0.25, 1e-4), (0.5, 1.0), (2.0, 1e-4), (4.0, 1e-4), (6.0, 0.0), (7.0, 0.0))
+    quick = ladder(0.25, (1.0, 1e-4), (3.0, 0.0), (5.0, 0.0))
+    soon = ladder(0.0, (1.125, 1e-4), (3.125, 0.0), (5.0, 0.0))
+    racers = {"ours": [lucky, quick], "heyoka": [lucky], "ours, Python": [quick, soon]}
+    limits = ("ours", "heyoka", 0, 0.6), ("ours, Python", "heyoka", 1, 0.4), ("ours", "X", 0, 1.0)
+    rows, bars = real_thing.race(task, lambda error: racers, {1e-3: limits, 1e-5: ()})
     found = [(row["to"], row["who"], row["setting"], row["ours/it"]) for row in rows]
-    near = [("1e-03", "ours", 1.0, 1.0), ("1e-03", "heyoka", 2.0, 0.5)]
-    assert found == [*near, ("1e-05", "ours", 3.0, 1.0)]
-    assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (pytest.approx(1.0), 1.5)]
+    near = [("1e-03", "ours", "1.0", 1.0), ("1e-03", "heyoka", "2.0", 0.5)]
+    far = [("1e-05", "ours", "3.0", 1.0), ("1e-05", "heyoka", "6.0", 0.5)]
+    python = [("1e-03", "ours, Python", "1.125", 1 / 1.125)]
+    python += [("1e-05", "ours, Python", "3.125", 3 / 3.125)]
+    assert found == [*near, python[0], *far, python[1]]
+    assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]
+
+
+def test_the_race_has_the_rules_among_which_a_tolerance_chooses():
+    found = real_thing.ladders(double(end=True), 1e-9)
+    words = {rungs[0].setting.split()[0] for rungs in found["ours, Python"]}
+    assert {"midpoint:8", "gauss:8:1e-11", "gauss:16:1e-11", "gauss:4:1e-11"} <= words
+    for family in ("midpoint", "gauss"):
+        assert set(real_thing.rules.offered(family, c.INTEGRATORS, 1e-9)) <= words

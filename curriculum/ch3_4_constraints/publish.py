@@ -38,6 +38,7 @@ def publish(found):
     flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
     used = {"dt": found.dt, "steps": found.steps, "rods": len(found.system["pairs"])}
     used["error_at"] = found.truth.step * found.dt
+    used["known"] = None if found.truth.q is None else float(f"{found.truth.known:.2g}")  # m
     files = {METRICS: as_json(flags | used | {"results": found.rows})}
     files[PICTURE] = motion(found) if args.picture else None
     files[RECORDING] = record(found) if args.rerun else None

@@ -18,6 +18,13 @@ def length(x):
     return f"{x / size:g} {unit}"
 
 
+def no_finer(error, known):
+    """An error in m, in words; or that it is less than what is known."""
+    if error >= known:
+        return length(error)
+    return length(error) if known < 1e-12 else f"< {length(known)}"
+
+
 def per_cent(share):
     """A share in per cent, two digits."""
     return f"{float(f'{100.0 * share:.2g}'):g} %"
@@ -36,7 +43,7 @@ def comparison(rows, runs, at, truth, tol):
         if len(run.tip) == 1:  # not a single step
             worst = end = energy = "-"
         name = mode + "*" * bool(run.note or row["unheld"] > UNHELD)
-        error = "-" if error is None else length(error)
+        error = "-" if error is None else no_finer(error, truth.known)
         print(f"{name:<10}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:

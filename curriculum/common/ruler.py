@@ -1,4 +1,4 @@
-"""The truth to measure against, gauss at two steps that agree; and the step for an error."""
+"""The truth to measure against, gauss at two steps that agree; rule and step for an error."""
 
 import math
 from argparse import ArgumentTypeError
@@ -9,14 +9,19 @@ from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
+from curriculum.common.steps import Plain
 
 import numpy as np
 
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
+ROUNDING = 2.0**-52  # relative
+RODS = 40  # with more, finding the truth would take longer than the run
 FINE = 0.02  # s: the longest step of the true motion that is shown
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
+LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
+LOOKS = 3  # states at which the forces of a step are counted
 
 
 class Truth(NamedTuple):
@@ -49,24 +54,32 @@ def rungs(seconds):
     return counts[1:]
 
 
-def true_position(run, seconds, most=math.inf):
-    """q (N, 3) after `seconds`, and by how many m two steps of gauss differ.
+def nudged(system):
+    """The system, its start changed by a rounding, up and down by turns."""
 
-    (None, inf) if that is over KNOWN, or not found within `most` steps.
-    run(rule, dt, steps, way) -> Run.
+    def off(x):
+        signs = np.where(np.arange(x.size) % 2 == 0, 1.0, -1.0).reshape(x.shape)
+        return x * (1.0 + ROUNDING * signs)
+
+    return system | {"q0": off(system["q0"]), "v0": off(system["v0"])}
+
+
+def true_position(run, seconds):
+    """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
+
+    That is how far two steps of gauss differ, or two starts that a rounding parts, if that is more.
+    run(rule, dt, steps, way, nudge) -> Run, of a `nudged` system if `nudge`.
     """
-    rule, before, way, counts = make_gauss(6), None, once_for_all(), rungs(seconds)
-    if sum(counts[:2]) > most:  # one alone agrees with nothing
-        return None, math.inf
-    for steps in counts:
-        if steps > most:
-            break
-        found = run(rule, seconds / steps, steps, way=way)
-        most -= steps
+    rule, way, before, fewer = make_gauss(6), once_for_all(), None, 0
+    for steps in rungs(seconds):
+        found = run(rule, seconds / steps, steps, way=way, nudge=False)
         q = None if found.stopped else found.q[-1]
-        if q is not None and before is not None and (gap := distance(q, before)) < KNOWN:
-            return q, gap
-        before = q
+        if q is not None and before is not None and distance(q, before) < KNOWN:
+            start = run(rule, seconds / fewer, fewer, way=way, nudge=True)
+            apart = math.inf if start.stopped else distance(start.q[-1], before)
+            known = max(distance(q, before), apart)
+            return (q, known) if known < KNOWN else (None, math.inf)
+        before, fewer = q, steps
     return None, math.inf
 
 
@@ -96,42 +109,100 @@ def true_motion(run, dt, shown, close):
         last *= 2
 
 
-def step_for(tol, seconds, q, runs):
-    """A rule of gauss and a step with which the best of `runs` is within `tol` m of q (N, 3).
+def cost(run, rule, dt, states):
+    """How many forces a step of a rule asks for: the mean over steps that begin at `states`.
 
-    That is after `seconds`; or as near as it gets. A stage a digit, and the largest step that will
-    do. Each of runs: (rule, dt, steps) -> Run.
+    It is counted in plain numpy, so that it is the same wherever it is asked.
     """
-    rule = make_gauss(max(4, round(-math.log10(tol))), 1e-3 * tol)
-    steps, before = math.ceil(seconds / 0.16), math.inf
-    while True:
-        error, dt = math.inf, seconds / steps
+    asked = []
+
+    def counted(q, v, m, force, dt):
+        def ask(q, v):
+            asked.append(1)
+            return force(q, v)
+
+        for state in states:
+            rule(*state, m, ask, dt)
+        return q, v
+
+    run(counted, dt, 1, way=Plain)
+    return len(asked) / len(states)
+
+
+def finer(seconds):
+    """Numbers of steps that `seconds` are parted in: by half as many again, and then twice."""
+    steps = math.ceil(seconds / LONGEST)
+    while seconds / steps >= LEAST:
+        yield steps
+        yield (3 * steps + 1) // 2
+        steps *= 2
+
+
+def climb(tol, seconds, q, runs, rule):
+    """The largest step of a rule with which the best of `runs` is within `tol` m of q (N, 3).
+
+    (error in m, step in s, (run, states on its way)) or, where no step of LEAST s or more is near
+    enough, what came nearest. Steps that are taken in halves are no steps to choose.
+    """
+    nearest, errors = (math.inf, seconds, None), []
+    for steps in finer(seconds):
+        dt, off = seconds / steps, []
         for run in runs:
-            end = run(rule, dt, steps)
-            error = error if end.stopped else min(error, distance(end.q[-1], q))
-            if error <= tol:
-                return rule, dt
-        if 0.5 * before < error < math.inf or dt < 1e-4:
-            return rule, dt
-        steps, before = 2 * steps, error
+            end = run(rule, dt, steps, range(0, steps, -(-steps // LOOKS)))
+            off.append(math.inf if end.stopped or end.halved else distance(end.q[-1], q))
+            if off[-1] <= tol:
+                return off[-1], dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
+        error = min(off)
+        # each run costs a compiled step, so only the nearest goes on, and those not there yet
+        runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
+        if error < nearest[0]:
+            nearest = error, dt, None
+        errors.append(error)
+        if len(errors) > 2 and 0.5 * errors[-3] < error < math.inf:
+            break  # the step was halved since then, and it gained nothing
+    return nearest
 
 
-def settle(runs, rule, dt, steps, tol, most):
-    """The rule, step and number of steps to run with, and the Truth.
+def step_for(tol, seconds, q, runs, rules):
+    """The name of one of `rules`, {name: rule}, and a step in s: the cheapest that will do.
 
-    With `tol` m, gauss finds rule and step. `most` steps may be spent on the truth, by the first of
-    `runs`: (rule, dt, steps, ...) -> Run. ArgumentTypeError if `tol` is under what can be known.
+    With it the best of `runs` is within `tol` m of q (N, 3) after `seconds`, or as near as any of
+    them gets. What is cheap is counted in forces, so that all machines choose alike. Each of runs:
+    (rule, dt, steps, keep, way) -> Run.
+    """
+    found = []
+    for name, rule in rules.items():
+        error, dt, way_there = climb(tol, seconds, q, runs, rule)
+        forces = 0.0
+        if way_there and len(rules) > 1:
+            run, states = way_there
+            forces = cost(run, rule, dt, states) / dt
+        found.append((max(error, tol), forces, name, dt))
+    return min(found, key=lambda row: row[:2])[2:]
+
+
+class Settled(NamedTuple):
+    """What a run is to be: the name of a rule, steps of dt s, and the Truth to measure it by."""
+
+    rule: str
+    dt: float
+    steps: int
+    truth: Truth
+
+
+def settle(runs, rules, dt, steps, tol, sought):
+    """The Settled run: of the first of `rules`, {name: rule}, or as `tol` m asks.
+
+    With `tol`, step_for finds rule and step. The truth is `sought` by the first of `runs`: (rule,
+    dt, steps, keep, way, nudge) -> Run. ArgumentTypeError if `tol` is under what can be known.
     """
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    truth = true_position(runs[0], at, most)
-    if tol and not truth[1] < tol:
+    q, known = true_position(runs[0], at) if sought else (None, math.inf)
+    if tol and not known < tol:
         where = f"where the particles are after {at:.3g} s"
         raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
+    name = next(iter(rules))
     if tol:
-        rule, dt = step_for(tol, at, truth[0], runs[1:])
-    return (
-        rule,
-        dt,
-        math.ceil(seconds / dt - 1e-9),
-        Truth(round(at / dt), *truth, most >= sum(rungs(at)[:2])),
-    )
+        name, dt = step_for(tol, at, q, runs[1:], rules)
+    truth = Truth(round(at / dt), q, known, sought)
+    return Settled(name, dt, math.ceil(seconds / dt - 1e-9), truth)

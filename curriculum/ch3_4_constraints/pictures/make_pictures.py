@@ -24,9 +24,9 @@ FOLDER = Path(__file__).parent
 SCENES = sorted({path.stem for path in _runs.SCENES.glob("*.json")} - {"taut_cable"})
 METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
 METHODS += [("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")]
-METHODS += [("midpoint8", "project"), ("gauss12", "project")]
+METHODS += [("midpoint:8", "project"), ("gauss:12:1e-14", "project")]
 DASHES = {"semi_implicit": "none", "euler": "1 6", "rk4": "10 5"}  # modes are told by colours
-DASHES |= {"midpoint8": "2 5", "gauss12": "14 4 2 4"}
+DASHES |= {"midpoint:8": "2 5", "gauss:12:1e-14": "14 4 2 4"}
 SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
 LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
 

@@ -5,10 +5,10 @@ the seconds of its steps alone: models are built, and read, while that clock sta
 """
 
 import time
+from functools import partial
 
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, make_system
-from curriculum.common.compiled import Compiled
-from curriculum.common.steps import followed
+from curriculum.common.steps import Single, Traced, followed
 
 import numpy as np
 
@@ -16,39 +16,66 @@ OFF = """contact warmstart island sensor actuation spring damper midphase filter
 nativeccd autoreset constraint"""  # of MuJoCo: what joint angles do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show
 POINT = 1e-14
+TRIES, SHARE = 15, 0.02  # of a run that is timed: how often, and for how many s
 
 
 def compiled_step(system, rule, mode, dt, machine=NATIVE, best=True):
     """A step, compiled to machine code, the `best` or what is soon made, or to Python."""
     rule, force = case(system, rule, mode, dt)
-    compiled = Compiled(followed(rule, force.after), check=False)
-    compiled.trace(system["q0"], system["v0"], system["m"], force, dt)
+    step = followed(rule, force.after)
+    single = Single(Traced(step, system["m"], force, system["q0"], system["v0"]))
     if machine:
-        compiled.to_machine(best)
-    return compiled.alone
+        single.to_machine(best)
+    return single
 
 
-def timed(step, system, steps, dt):
-    """One call of a compiled step for a whole run: (seconds, q (steps, N, 3), NaN where it ended).
+def least(again, go):
+    """The least seconds of go(), each after again(): TRIES times, or as often as fits in SHARE s.
 
-    As a peer's loop in C: without what `simulate` measures, logs and compares.
+    A peer's code has been called before, as a user's second run would find it.
     """
-    start = step.traced.columns(system["q0"], system["v0"])[:, 0]
-    rows = np.full((steps, len(start)), np.nan)
-    step.easy(start, rows[:1], dt)  # a peer's code has been called before, too
-    clock = time.perf_counter()
-    done = step.easy(start, rows, dt)
-    seconds = time.perf_counter() - clock
-    rows[done:] = np.nan
-    return seconds, step.traced.states(rows[:, :, None])[0]
+    times = []
+    while len(times) < TRIES and sum(times) < SHARE:
+        again()
+        clock = time.perf_counter()
+        go()
+        times.append(time.perf_counter() - clock)
+    return min(times)
+
+
+def ours(step, task, per):
+    """A whole run in one call of a compiled step, `per` steps a sample.
+
+    (seconds, positions (samples, N, 2), NaN from where it ended). As a peer's loop in C: without
+    what `simulate` measures, logs and compares. Of a task with one sample only the end is kept.
+    """
+    steps, dt = per * task.samples, task.every / per
+    start = step.traced.columns(task.system["q0"], task.system["v0"])[:, 0]
+    state, rows, done = start[:, None].copy(), np.empty((steps, len(start))), [0]
+    call = partial(step.easy, start, rows, dt)
+    knobs, unsettled = np.array([dt]), np.zeros(1, np.int64)
+    if step.machine:  # addresses are taken once, as a peer's binding does
+        place = rows.ctypes.data if task.samples > 1 else None
+        addresses = state.ctypes.data, steps, place, 1, knobs.ctypes.data, unsettled.ctypes.data
+        call = partial(step.machine.function, *addresses)
+
+    def again():
+        state[:, 0] = start
+
+    def go():
+        done[0] = call() if step.machine else call()[0]
+
+    seconds = least(again, go)
+    if step.machine and task.samples == 1:
+        rows[-1] = state[:, 0]
+    rows[done[0] :] = np.nan
+    return seconds, step.traced.states(rows[per - 1 :: per])[0][:, :, :2]
 
 
 def run_ours(task, per, rule, mode, machine=NATIVE):
-    """Our run, `per` steps a sample: (seconds, positions (samples, N, 2))."""
-    steps, dt = per * task.samples, task.every / per
-    step = compiled_step(task.system, rule, mode, dt, machine)
-    seconds, q = timed(step, task.system, steps, dt)
-    return seconds, q[per - 1 :: per, :, :2]
+    """Compile, and run: as `ours`."""
+    step = compiled_step(task.system, rule, mode, task.every / per, machine)
+    return ours(step, task, per)
 
 
 def start_angles(system):
@@ -86,24 +113,46 @@ def inertial(m, x, inertia):
     return f'<inertial pos="{x!r} 0 0" mass="{m!r}" diaginertia="{inertia} {inertia} {inertia}"/>'
 
 
-def run_hinges(task, per, integrator="RK4"):
-    """MuJoCo in joint angles, `per` steps a sample in one C call: rods cannot stretch, and there is
-    no constraint anywhere."""
-    import mujoco
+def hinges_model(task, integrator="RK4"):
+    """MuJoCo's model of a chain in joint angles: rods cannot stretch, and nothing is constrained.
 
-    system, body = task.system, ""
-    for m, length in reversed(masses_and_lengths(system)):  # from the tip inwards
+    RK4 is the rule of the highest order that it has.
+    """
+    body = ""
+    for m, length in reversed(masses_and_lengths(task.system)):  # from the tip inwards
         rod = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
         body = f'<body>{rod}<frame pos="{length!r} 0 0">{body}</frame></body>'
-    model = mjcf(body, off=OFF, timestep=task.every / per, integrator=integrator)
-    data, seconds, found = mujoco.MjData(model), 0.0, []
-    data.qpos[:] = np.diff(start_angles(system), prepend=0.0)
-    for _ in range(task.samples):
-        clock = time.perf_counter()
-        mujoco.mj_step(model, data, per)
-        seconds += time.perf_counter() - clock
-        found.append(placed(system, np.cumsum(data.qpos)))
-    return seconds, np.array(found)
+    return mjcf(body, off=OFF, integrator=integrator)
+
+
+def hinge_angles(system):
+    """The angles (N,) of a chain's hinges in rad: each rod's from the one before it."""
+    return np.diff(start_angles(system), prepend=0.0)
+
+
+def hinges(model, task, per):
+    """A run of that model, `per` steps a sample in one C call: (seconds, positions)."""
+    import mujoco
+
+    model.opt.timestep = task.every / per
+    data, found = mujoco.MjData(model), np.empty((task.samples, model.nq))
+
+    def again():
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = hinge_angles(task.system)
+
+    def go():
+        for k in range(task.samples):
+            mujoco.mj_step(model, data, per)
+            found[k] = data.qpos
+
+    seconds = least(again, go)
+    return seconds, placed(task.system, np.cumsum(found, axis=-1))
+
+
+def run_hinges(task, per, integrator="RK4"):
+    """Build, and run: as `hinges`."""
+    return hinges(hinges_model(task, integrator), task, per)
 
 
 def random_chain(rng, count):
@@ -145,10 +194,29 @@ def named(system, dt, fields):
     return found
 
 
+def hinges_crowd(model, starts, steps, dt):
+    """A run of many in one call of MuJoCo's rollout, on one core: (seconds, angles (R, N)).
+
+    `starts` (R, N): angles of the hinges, at rest.
+    """
+    import mujoco
+    from mujoco.rollout import Rollout
+
+    model.opt.timestep = dt
+    data, whole = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
+    begin[:, 1 : 1 + model.nq] = starts  # after the time
+    kept = np.empty((len(starts), steps, begin.shape[1]))  # it keeps all states
+    sensed = np.empty((len(starts), steps, 0))
+    with Rollout(nthread=0) as alone:  # no thread but this one
+        how = {"nstep": steps, "skip_checks": False, "state": kept, "sensordata": sensed}
+        seconds = least(lambda: None, lambda: alone.rollout(model, data, begin, **how))
+    return seconds, kept[:, -1, 1 : 1 + model.nq]
+
+
 # --- heyoka ---
-def run_heyoka(task, tol):
-    """heyoka's Taylor series for a double pendulum in angles from +x, at the samples by dense
-    output: Lagrange's equations, solved and compiled by LLVM.
+def taylor_equations(system):
+    """A double pendulum in angles from +x, as heyoka's symbols: Lagrange's equations, solved.
 
     With d = th_1 - th_2 and M = m_1 + m_2,
         M a th_1'' + m_2 b cos d th_2'' = -m_2 b sin d th_2'^2 - M g cos th_1
@@ -156,22 +224,80 @@ def run_heyoka(task, tol):
     """
     import heyoka as hy
 
-    hy.llvm_state.set_diskcache_enabled(False)  # it is built anew, as for whoever asks once
-    hy.llvm_state.clear_memcache()
-    (m1, a), (m2, b) = masses_and_lengths(task.system)
+    (m1, a), (m2, b) = masses_and_lengths(system)
     th1, th2, w1, w2 = hy.make_vars("th1", "th2", "w1", "w2")
     sin, cos, whole = hy.sin(th1 - th2), hy.cos(th1 - th2), m1 + m2
     p = -m2 * b * sin * w2 * w2 - whole * G * hy.cos(th1)
     r = a * sin * w1 * w1 - G * hy.cos(th2)
     share = whole - m2 * cos * cos
     turning = (p - m2 * cos * r) / (a * share), (whole * r - cos * p) / (b * share)
-    equations = [(th1, w1), (th2, w2), *zip((w1, w2), turning, strict=True)]
+    return [(th1, w1), (th2, w2), *zip((w1, w2), turning, strict=True)]
+
+
+def uncached():
+    """heyoka, which compiles as for whoever asks once."""
+    import heyoka as hy
+
+    hy.llvm_state.set_diskcache_enabled(False)
+    hy.llvm_state.clear_memcache()
+    return hy
+
+
+def heyoka_flow(task, tol, **how):
+    """heyoka's Taylor integrator, compiled; `how`: fast_math, opt_level and the like."""
     start = [*start_angles(task.system).tolist(), 0.0, 0.0]
-    flow = hy.taylor_adaptive(equations, start, tol=tol)
-    times = task.every * np.arange(task.samples + 1)
-    flow.step()  # as ours, its code has been called before
-    flow.time, flow.state[:] = 0.0, start
-    clock = time.perf_counter()
-    found = flow.propagate_grid(times)
-    seconds = time.perf_counter() - clock
-    return seconds, placed(task.system, found[-1][1:, :2])
+    return uncached().taylor_adaptive(taylor_equations(task.system), start, tol=tol, **how)
+
+
+def heyoka(flow, task):
+    """A run of it: (seconds, positions). To the end, or by dense output where there are samples."""
+    start = [*start_angles(task.system).tolist(), 0.0, 0.0]
+    times, found = task.every * np.arange(task.samples + 1), []
+
+    def again():
+        flow.time, flow.state[:] = 0.0, start
+
+    def go():
+        if task.samples == 1:
+            flow.propagate_until(times[-1])
+        else:
+            found[:] = [flow.propagate_grid(times)[-1][1:]]
+
+    seconds = least(again, go)
+    ends = found[0] if found else flow.state[None]
+    return seconds, placed(task.system, ends[:, :2])
+
+
+def run_heyoka(task, tol, **how):
+    """Build, and run: as `heyoka`."""
+    return heyoka(heyoka_flow(task, tol, **how), task)
+
+
+def heyoka_batch(system, tol):
+    """heyoka's integrator of a register of members at once, as many as it recommends."""
+    hy = uncached()
+    start = np.zeros((4, hy.recommended_simd_size()))
+    start[:2] = start_angles(system)[:, None]
+    how = {"tol": tol, "fast_math": True}
+    return hy.taylor_adaptive_batch(taylor_equations(system), start, **how)
+
+
+def heyoka_crowd(flow, starts, until):
+    """A run of many, register by register, on one core: (seconds, angles (R, 2)).
+
+    `starts` (R, 2): angles of the rods, at rest. The last register is filled with the last member.
+    """
+    count, lanes = len(starts), flow.batch_size
+    filled = np.concatenate([starts, np.repeat(starts[-1:], -count % lanes, axis=0)])
+    registers = filled.reshape(-1, lanes, 2).transpose(0, 2, 1)
+    ends = np.empty_like(registers)
+
+    def go():
+        for begin, end in zip(registers, ends, strict=True):
+            flow.set_time(0.0)
+            flow.state[:2], flow.state[2:] = begin, 0.0
+            flow.propagate_until(until)
+            end[:] = flow.state[:2]
+
+    seconds = least(lambda: None, go)
+    return seconds, ends.transpose(0, 2, 1).reshape(-1, 2)[:count]

@@ -1,13 +1,19 @@
-"""How fast, and beside what?  Two tables of medians with quartiles, and bars.
+"""How fast, and beside what?  Tables of medians, and bars.
 
 (a) What is a step worth beside the same lines in plain numpy and in Python, and beside MuJoCo's C?
-(b) How does a step grow with the chain?
+(b) How does a step grow with the chain?  (c) How soon does a long chain begin?  Whole processes,
+400 steps without the viewer, in units of a default run.  (d) What does a long run cost, all of it
+measured at every step, beside MuJoCo's Euler on hinges, of which nothing is measured?
 Whatever is compared is timed in turns, A B A B, so that a busy machine slows both: only ratios and
 exponents carry over to another. Steps in (a) are those of one call for a whole run, of which
 nothing is measured. `plain` is the chapter's lines as numpy runs them, `python` the step compiled
 to Python alone, MuJoCo its rule of the same order on hinges.
 """
 
+import subprocess
+import sys
+import tempfile
+import time
 from functools import partial
 from importlib.util import find_spec
 from itertools import product
@@ -23,6 +29,8 @@ import numpy as np
 
 DT, REPEATS = 0.005, 9  # s
 STEPS, PLAIN = 4000, 40  # steps in plain numpy are slow
+BEGIN = {300: 2.0, 1000: 6.0}  # links: default runs until the 400th step, at most
+LONG, FEW = 4_000_000, 3  # steps of a long run; timings of what takes seconds
 LINKS = (10, 30, 100, 300, 1000)
 THEIRS = {"semi_implicit": "Euler", "rk4": "RK4"}  # MuJoCo's rules
 # (system, rule, mode): {column: what it may be at most, with llvmlite}
@@ -74,14 +82,65 @@ def growth():
         system, steps = c.build_system("chain", links=n), max(20, 20_000 // n)
         how = {"machine": kind == "machine", "best": False}
         step = peers.compiled_step(system, "semi_implicit", "none", DT, **how)
-        jobs[n, kind] = partial(peers.timed, step, system, steps, DT)
+        task = Task(system, 1, DT * steps, None)
+
+        def pace(step=step, task=task, steps=steps):
+            return 1e6 * peers.ours(step, task, steps)[0] / steps
+
+        jobs[n, kind] = pace
     found = in_turns(jobs, REPEATS)
     for n in LINKS:
-        us = {kind: [1e6 * x / len(q) for x, q in found[n, kind]] for kind in kinds}
+        us = {kind: found[n, kind] for kind in kinds}
         rows.append({"links": n} | {kind: np.median(x) for kind, x in us.items()})
     n, us = np.array([(row["links"], row["python"]) for row in rows if row["links"] >= 30]).T
     exponent = np.polyfit(np.log(n), np.log(us), 1)[0]
     return "(b) a step of a chain, us", rows, [("grows as links to the power", exponent, 1.1)]
+
+
+def process(*flags):
+    """Seconds of a whole process, from its start to its end, without the viewer."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, c.HERE / "constraints.py", "--no-rerun", "--out", folder, *flags]
+        clock = time.perf_counter()
+        subprocess.run(command, check=True, capture_output=True)
+        return time.perf_counter() - clock
+
+
+def beginnings():
+    """(c) Rows and bars of how soon a chain has begun."""
+    jobs = {"default run": process}
+    for links in BEGIN:
+        flags = "--system", "chain", "--links", str(links), "--steps", "400"
+        jobs[f"{links} links"] = partial(process, *flags)
+    found = in_turns(jobs, FEW)
+    rows, bars = [], []
+    for name, samples in found.items():
+        share = float(np.median(np.divide(samples, found["default run"])))  # in a turn
+        rows.append({"run": name, **spread(samples, "s"), "default runs": share})
+    for row, limit in zip(rows[1:], BEGIN.values(), strict=True):
+        bars.append((f"{row['run']}, in default runs", row["default runs"], limit))
+    return "(c) whole processes, s", rows, bars
+
+
+def long_run():
+    """(d) A row and a bar of a long run of the double pendulum through `simulate`."""
+    system = c.build_system("double")
+    task = Task(system, 1, DT * LONG, None)
+
+    def measured():
+        clock = time.perf_counter()
+        run(system, "semi_implicit", "impulse", DT, LONG)
+        return time.perf_counter() - clock
+
+    jobs = {"ours": measured}
+    if find_spec("mujoco"):
+        jobs["MuJoCo"] = lambda: peers.run_hinges(task, LONG, "Euler")[0]
+    found, bars = in_turns(jobs, FEW), []
+    row = {"steps": LONG} | {f"{who}, s": np.median(found[who]) for who in found}
+    if NATIVE and "MuJoCo" in found:
+        row["ours/MuJoCo"] = float(np.median(np.divide(found["ours"], found["MuJoCo"])))
+        bars.append(("a run, ours over MuJoCo", row["ours/MuJoCo"], 0.3))
+    return "(d) impulse, measured at every step", [row], bars
 
 
 def main(argv=None):
@@ -92,6 +151,8 @@ def main(argv=None):
         say("MuJoCo is not installed, its column stays empty; pip install -e '.[compare]'")
     show(*beside())
     show(*growth())
+    show(*beginnings())
+    show(*long_run())
 
 
 if __name__ == "__main__":

@@ -1,7 +1,10 @@
-"""What can a thousand seeds say that one cannot?  Three tables of the double pendulum.
+"""What can a thousand seeds say that one cannot?  Tables of the double pendulum.
 
 (a) How fast do many seeds go in step?  (b) In how many does the drift ordering hold, and what does
 drift make of the crowd?  (c) How fast do neighbours part: the largest Lyapunov exponent?
+(d), with --peers: how long do a thousand take for 5 s, to the same error of the worst of them? On
+one core each, from the start to the end: ours, by the rules among which --tol chooses; heyoka's
+batch mode, a register of members at a time, with `fast_math`; MuJoCo's rollout, in joint angles.
 Seeds are members along a leading axis: q0, v0 (R, N, 3). Each computes what it computes alone, to
 the last bit.
 """
@@ -9,12 +12,20 @@ the last bit.
 import math
 import time
 from collections import namedtuple
-from functools import partial
+from functools import cache, partial
+from importlib.metadata import version
+from importlib.util import find_spec
+from itertools import pairwise
+from typing import NamedTuple
+from unittest.mock import patch
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
+from curriculum.common import native, rules
 from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.crowds import mapped
 
 import numpy as np
 
@@ -24,6 +35,8 @@ CROWD, WORK, REPEATS = 1000, 4_000_000, 5  # members timed, steps of all of them
 LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second: the bars
 BLOCK = 256  # steps a call, which costs as much as some of them
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
+# of (d): s; m; steps of MuJoCo, as many as one has the patience for
+LONG, ERRORS, ROLLED = 5.0, (1e-3, 1e-6, 1e-9, 1e-12), [125, 140, 155, 170, 600, 660, 720, 800]
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
 # What a run came to, an entry a member: its worst rod error in m; the energy it has gained, as a
@@ -45,7 +58,8 @@ def follow(system, rule, mode, steps):
     for done in range(0, steps, BLOCK):
         rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=(0, 1)))
     q, v = many.states()
-    gained = c.energy(system, q, v) - c.energy(system, system["q0"], system["v0"])
+    joules = mapped(partial(c.energy, system))
+    gained = joules(q, v) - joules(system["q0"], system["v0"])
     return Ends(rods, gained / _runs.energy_scale(system), q[:, -1])
 
 
@@ -102,15 +116,16 @@ def growth(system, skip, span, dt):
     unit = math.sqrt(system["lengths"].sum() / _runs.G)
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = _runs.crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
+    onto_rods = mapped(lambda q, v: c.project(system, q, q, v, math.inf))
     size = np.ones(len(q))
     for _ in range(round((skip + span) / RENEW)):
         near = away * (CLOSE / size)[:, None, None]
         both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
-        steps.put(*c.project(system, both[0], *both, math.inf))
+        steps.put(*onto_rods(*both))
         steps.advance(round(RENEW / dt))
         q, v = (x.reshape(2, -1, *x.shape[1:]) for x in steps.states())
         away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
-        size = np.sqrt(np.sum(c.dot(away, away), axis=(0, -1)))
+        size = np.sqrt(np.sum(away * away, axis=(0, 2, 3)))
         rates.append(np.log(size / CLOSE) / RENEW)
     return np.array(rates[round(skip / RENEW) :]).T
 
@@ -130,11 +145,130 @@ def parting():
     return rows
 
 
+# --- (d) beside peers ---
+class Climb(NamedTuple):
+    """A way to run the crowd: go(build(x), x) -> (seconds, q (R, N, 2)), for ever finer x."""
+
+    name: str
+    build: object
+    go: object
+    settings: list
+
+
+def our_climb(system, rule):
+    """The crowd under a rule, in ever more steps; on one core, whatever there are."""
+
+    @cache
+    def build():  # once: what is compiled takes any step
+        return _runs.crowd(system, rule, "none", LONG)
+
+    def go(many, steps):
+        many.dt = LONG / steps
+
+        def again():
+            many.put(system["q0"], system["v0"])
+
+        with patch.object(native, "CORES", 1):
+            seconds = peers.least(again, lambda: many.advance(steps))
+        return seconds, many.states()[0][..., :2]
+
+    return Climb(
+        rule,
+        lambda _: build(),
+        go,
+        np.unique(np.geomspace(8, 400, 32).round().astype(int)).tolist(),
+    )
+
+
+def peer_climbs(system):
+    """{who: Climb} of the engines that are installed, from the angles of all members' rods."""
+    one = system | {"q0": system["q0"][0], "v0": system["v0"][0]}
+    starts = np.array([peers.start_angles({"q0": q}) for q in system["q0"]])
+    found = {}
+
+    def taylor(flow, _):
+        seconds, angles = peers.heyoka_crowd(flow, starts, LONG)
+        return seconds, peers.placed(one, angles)
+
+    def hinges(model, steps):
+        relative = np.diff(starts, axis=-1, prepend=0.0)
+        seconds, angles = peers.hinges_crowd(model, relative, steps, LONG / steps)
+        return seconds, peers.placed(one, np.cumsum(angles, axis=-1))
+
+    if find_spec("heyoka"):
+        tols = (10.0 ** -np.arange(1.0, 15.0, 0.25)).tolist()
+        found["heyoka, batch"] = Climb("tol", partial(peers.heyoka_batch, one), taylor, tols)
+    if find_spec("mujoco"):
+        model = peers.hinges_model(_runs.Task(one, 1, LONG, None))
+        found["MuJoCo rollout"] = Climb("steps", lambda _: model, hinges, ROLLED)
+    return found
+
+
+def reaches(climb, error, off_of):
+    """The first setting of a Climb that is as near as `error`, and the next one, too; or None.
+
+    off_of(climb, x): how far in m the worst member is off.
+    """
+    near = (off_of(climb, x) <= error for x in climb.settings)
+    for x, both in zip(climb.settings, pairwise(near), strict=False):
+        if all(both):
+            return x
+    return None
+
+
+def beside():
+    """(d) Rows and bars: who takes how long for the crowd to each error."""
+    system, rows, bars = ensemble("double", range(CROWD)), [], []
+    true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
+    true.advance(160)
+    truth = true.states()[0][..., :2]
+
+    def off(q):
+        return float(np.nan_to_num(np.linalg.norm(q - truth, axis=-1), nan=np.inf).max())
+
+    tried = {}  # no setting is tried for a second time
+
+    def off_of(climb, x):
+        key = climb.name, x
+        if key not in tried:
+            tried[key] = off(climb.go(climb.build(x), x)[1])
+        return tried[key]
+
+    theirs = peer_climbs(system)
+    for error in ERRORS:
+        climbs, jobs, best = list(theirs.items()), {}, {}
+        for family in rules.FAMILIES:
+            names = rules.offered(family, c.INTEGRATORS, error)
+            climbs += [("ours", our_climb(system, rule)) for rule in names]
+        for who, climb in climbs:
+            x = reaches(climb, error, off_of)
+            if x is not None:
+                jobs[who, f"{climb.name} {x:.3g}"] = partial(climb.go, climb.build(x), x)
+        for (who, setting), samples in in_turns(jobs, REPEATS).items():
+            ms = 1e3 * min(seconds for seconds, _ in samples)
+            if who not in best or ms < best[who][0]:
+                best[who] = ms, off(samples[0][1]), setting
+        for who, (ms, worst, setting) in best.items():
+            row = {"to": f"{error:.0e}", "who": who, "error": worst, "ms": ms}
+            row["ours/it"] = best["ours"][0] / ms if "ours" in best else "-"
+            rows.append(row | {"setting": setting})
+            if who in theirs and _runs.NATIVE and "ours" in best:
+                bars.append((f"{error:.0e}: ours over {who}", row["ours/it"], 1.0))
+    return f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m", rows, bars
+
+
 def main(argv=None):
     """Ask and print."""
     parser = Parser(prog="chaos", description=__doc__)
     parser.add_argument("--seeds", type=number(int, 2, 10**6), default=1000, help="so many (1000)")
-    seeds = parser.parse_args(argv).seeds
+    parser.add_argument("--peers", action="store_true", help="(d) alone")
+    args = parser.parse_args(argv)
+    if args.peers:
+        engines = {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
+        _runs.host(seeds=CROWD, repeats=REPEATS, **engines)
+        show(*beside())
+        return
+    seeds = args.seeds
     steps, after = round(SECONDS / DT), f"{SECONDS:g} s"
     _runs.host(seeds=seeds, steps=steps, dt=DT)
     show(*speed())
