@@ -426,10 +426,11 @@ class Native:
         measured of them. A single member ends with a step whose end is not finite, which is not
         counted; `unsettled`: whether a loop that came to no end is to blame.
         """
-        same = np.array([x for x in knobs for _ in range(self.lanes)])
-        apart, done, unsettled = state.strides[0] // 8, count, np.zeros(1, np.int64)
-        begin, rows, given, told = (address(x) for x in (state, out, same, unsettled))
+        many = self.lanes * len(knobs)
+        given = (ctypes.c_double * many)(*[x for x in knobs for _ in range(self.lanes)])
+        apart, done, unsettled = state.strides[0] // 8, count, ctypes.c_int64()
+        begin, rows, told = address(state), address(out), ctypes.byref(unsettled)
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
             place = rows and rows + first
             done = self.function(begin + first, count, place, apart, given, told)
-        return done, bool(unsettled[0])
+        return done, bool(unsettled.value)
