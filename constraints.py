@@ -8,17 +8,26 @@ the lines that run: once on symbols, and then compiled (--show-step). Change one
 """
 
 # --- region: setup ---
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from curriculum.ch3_4_constraints import publish, scene_files, solving, statics, tables
+from curriculum.ch3_4_constraints import (
+    publish,
+    run_checks,
+    scene_files,
+    solving,
+    statics,
+    systems,
+    tables,
+)
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve
 from curriculum.common import banner, ruler, rules
 from curriculum.common.arrays import ordered
-from curriculum.common.cli import chapter_parser, number, run_script
+from curriculum.common.cli import chapter_parser, installed, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
 from curriculum.common.elimination import has_loop
@@ -56,10 +65,11 @@ def build_system(name, rng=0, links=10):
     only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
-        return scene_files.load_scene(name, HERE / CHAPTER / "scenes", [*SYSTEMS, "chain"], GRAVITY)
+        return scene_files.load_scene(name, HERE / CHAPTER, [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
+    systems.check_links(count)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
-    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * scene_files.direction(-tilt)
+    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * systems.direction(-tilt)
     pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
     rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
     return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
@@ -203,7 +213,7 @@ def as_hold(hold):
     if isinstance(hold, Hold):
         return hold
     if isinstance(hold, str):
-        return scene_files.chosen(hold, hold_table())
+        return run_checks.chosen(hold, hold_table())
     return hold_table(baumgarte=hold)["baumgarte"]
 
 
@@ -311,7 +321,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
     system = {"anchors": PIVOT[None], **system}
-    system = scene_files.check_run(system, force, dt, steps, step_fn, INTEGRATORS)
+    system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS)
     step_fn = followed(step_fn, getattr(force, "after", None))
 
     def measure(q, v):
@@ -338,7 +348,7 @@ def parse(argv):
     orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
     scene("--scenes", action="store_true", help="list them")
     scene("--system NAME", default="double", help="one that --scenes lists, or a file")
-    scene("--links N", type=number(int, 1, 1001), default=10, help="rods of --system chain")
+    scene("--links N", type=number(int, 1, 1001), help="rods of --system chain (10)")
     scene("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
     scene("--dt S", type=number(high=1e3), default=0.005, help="s; halve it: the rule's order")
     rule = {"type": rules.known(INTEGRATORS), "default": "semi_implicit"}
@@ -348,6 +358,7 @@ def parse(argv):
     method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
     method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
     method("--tol M", type=number(high=1), help="m at 2 s; midpoint, gauss find number and step")
+    parser.names = {"--system": [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]}
     args = parser.parse_args(argv)
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
@@ -355,9 +366,14 @@ def parse(argv):
     if args.tol and args.plain:
         parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
     parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
-    if why := scene_files.misfit(hold_table().get(mode := args.stabilization), args.integrator):
+    if why := run_checks.misfit(hold_table().get(mode := args.stabilization), args.integrator):
         parser.error(f"argument --stabilization: {mode} {why}")
-    system = parser.attempt("--system", build_system, args.system, args.seed, args.links)
+    if args.rerun:
+        parser.attempt("--rerun", installed, "rerun")
+    if args.links is not None and args.system != "chain":
+        parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
+    links = 10 if args.links is None else args.links
+    system = parser.attempt("--system", build_system, args.system, args.seed, links)
     usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
@@ -369,7 +385,9 @@ def report(found):
     args, rows, runs, dt = found.args, found.rows, found.runs, found.dt
     ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
-    print(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}\n")
+    how = f"{args.integrator}, steps of {dt:.4g} s, {ways}"
+    tables.say(f"{args.system}: seed {args.seed}; {how}")
+    print()
     tables.comparison(rows, runs, f"{found.truth.step * dt:.3g} s", found.truth, args.tol)
     if "baumgarte" in runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
@@ -403,10 +421,14 @@ def main(argv=None):
         return
     print(banner.banner("ch3.4", "constraints", args.device, usual))
     for mode in list(modes):
-        if why := scene_files.misfit(hold_table()[mode], args.integrator):
+        if why := run_checks.misfit(hold_table()[mode], args.integrator):
             modes.remove(mode)
             print(f"{mode} left out: it {why}")
     sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
+    after = ["the picture"] * args.picture + ["the page"] * args.page
+    after += ["the recording"] * args.rerun
+    banner.work.plan("the truth", *modes, "the true motion", *after)
+    banner.work.begin("the truth")
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     settled = attempt(ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
     args.integrator, dt, steps, truth = settled
@@ -414,20 +436,26 @@ def main(argv=None):
     seen = args.rerun or args.picture
     shown = frames(steps, dt, len(system["q0"])) if seen else np.array([], dtype=int)
     keep = [truth.step, *shown]
-    runs = {mode: watched(mode) for mode in banner.in_parts(modes)}
+    runs = {mode: watched(mode) for mode in banner.work.each(modes)}
     scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
     rows, pulls = {}, {}
     for mode in modes:
         rows[mode] = runs[mode].summary(scale, truth)
         pulls[mode] = mapped(partial(tensions, system, hold=hold_table(dt, *knobs)[mode]))
+    banner.work.begin("the true motion")
     known = shown if truth.sought else shown[:0]  # the true motion is sought at these
     close = 1e-3 * np.max(system["lengths"])
     motion = ruler.true_motion(partial(run, "project"), dt, known, close)
     found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
+    banner.work.wipe()
     report(found)
-    print(publish.publish(found))
+    page = partial(publish.play.page, sys.modules[__name__], step_fn=rule)  # of these very lines
+    text = publish.publish(found, page)
+    banner.work.wipe()
+    print(text)
 
 
+command = partial(run_script, main)  # as a program: by its entry point, or as below
 if __name__ == "__main__":
-    run_script(main)
+    command()
 # --- endregion ---

@@ -1,8 +1,12 @@
 """The command line: a mistake is answered by one line, a run by sentences that fit a terminal."""
 
+import contextlib
+import importlib
 import os
 import re
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tomllib
@@ -11,9 +15,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import constraints as c
+import curriculum
 from curriculum.ch3_4_constraints import publish
-from curriculum.common import banner, cli
+from curriculum.ch3_4_constraints.studies import __main__ as studies
+from curriculum.common import banner, cli, pure
 
+import numpy
 import pytest
 from conftest import MISTAKES, complaint, python, script
 
@@ -51,17 +58,174 @@ def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(capsys, monkeypatch)
 
 
 def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_asked_for(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, capsys
 ):
     code = f"import os, sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
     code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {publish.METRICS, publish.PICTURE}
+    assert files == {publish.METRICS, publish.PICTURE, publish.PAGE}
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
-    flags = ["--out", str(tmp_path)]
-    assert [c.parse([*flags, *more])[0].rerun for more in ([], ["--rerun"])] == [False, True]
+    assert not c.parse(["--out", str(tmp_path)])[0].rerun
+    line = complaint(capsys, "--rerun")  # told before the run, not after it
+    assert line.endswith("argument --rerun: rerun is not installed: pip install -e '.'\n")
+
+
+def test_scenes_use_a_wide_terminal_and_a_run_prints_nothing_that_is_wider_than_a_narrow_one(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setenv("COLUMNS", "500")
+    with pytest.raises(SystemExit, match="0"):
+        c.main(["--scenes"])
+    assert "..." not in capsys.readouterr().out
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv/bin/python"))
+    (tmp_path / ".venv/bin").mkdir(parents=True)
+    (tmp_path / ".venv/bin/rerun").touch()
+    for flags in (["--rerun"], ["--plain", "--no-rerun"]):
+        c.main(["--steps", "9", *flags])
+        lines = capsys.readouterr().out.splitlines()
+        assert max(map(len, lines)) <= 80, lines
+
+
+def test_a_program_is_told_as_it_was_started(monkeypatch, capsys):
+    """By python, or by the entry point that pipx and uvx look for."""
+    settings = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
+    (name, place), *_ = settings["scripts"].items()
+    assert name == settings["name"] == curriculum.COMMAND  # pipx run wants them to be one
+    module, _, function = place.partition(":")
+    assert callable(getattr(sys.modules[module], function))
+    for started, command in ((f"bin/{name}", name), ("constraints.py", "python constraints.py")):
+        monkeypatch.setattr(sys, "argv", [started, "--help"])
+        with pytest.raises(SystemExit, match="0"):
+            c.main()
+        assert capsys.readouterr().out.startswith(f"usage: {command} [flags]")
+
+
+STUDIES = sorted(path.stem for path in (c.HERE / c.CHAPTER / "studies").glob("[!_]*.py"))
+QUICK = {"benchmark": 1, "chaos": 100, "hard_cases": 2, "map": 100, "speed_vs_error": 1000}
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_study_is_run_by_its_name_and_its_help_fits(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit, match="0"):
+        studies.main([name, "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert ("--quick" in " ".join(lines)) == (name in QUICK or name == "reference")
+    if name not in ("figures", "real_thing"):
+        assert lines[0].startswith(f"usage: python -m {studies.__package__} {name}")
+        assert max(map(len, lines)) <= 80, lines
+
+
+def test_studies_answer_a_name_that_is_none_and_no_name_at_all(capsys):
+    for words, said in (([], "a NAME is missing, one of benchmark"), (["caos"], "mean 'chaos'?")):
+        with pytest.raises(SystemExit, match="2"):
+            studies.main(words)
+        assert said in capsys.readouterr().err
+
+
+def test_a_quick_study_prints_what_a_whole_one_does(tmp_path, capsys):
+    studies.main(["map", "--quick", "--size", "16", "--out", str(tmp_path / "a.png")])
+    assert "size 16, seconds 5.0" in capsys.readouterr().out  # what comes after it counts
+
+
+# --- what could stop a run, and does not ---
+def table(*flags, script=c.__file__, folder="/dev/null/below", python_flags=(), **variables):
+    """The words of the second line that a run prints, up to the table, and what the table says."""
+    words = [*python_flags, script, "--no-rerun", "--no-picture", "--stabilization", "none"]
+    done = python(*words, *flags, "--out", folder, variables=variables, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    told, _, rows = done.stdout.partition("\n\n")
+    return " ".join(told.split()), rows
+
+
+@pytest.mark.parametrize("fails", ["raise OSError('built for another\\nprocessor')", "x = 1"])
+def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(fails, tmp_path):
+    pytest.importorskip("llvmlite", reason="the extra fast brings it")
+    (tmp_path / "llvmlite").mkdir()
+    (tmp_path / "llvmlite/__init__.py").touch()
+    (tmp_path / "llvmlite/binding.py").write_text(fails)
+    path = f"{tmp_path}{os.pathsep}{c.HERE}"
+    told, rows = table("--steps", "100000", folder=tmp_path / "out", PYTHONPATH=path)
+    assert told.count("compiled to Python; llvmlite fails: ") == told.count("llvmlite fails") == 1
+    assert "built for another processor" in told or "has no attribute" in told
+    table("--steps", "100000", folder=tmp_path / "machine")
+    metrics = [(tmp_path / x / publish.METRICS).read_bytes() for x in ("out", "machine")]
+    assert metrics[0] == metrics[1]
+
+
+def test_numpy_may_lie_anywhere_and_is_no_code_of_the_readers(tmp_path):
+    """As pip install --target has it, or a folder of one's own."""
+
+    def put(*paths):
+        try:
+            os.link(*paths)
+        except OSError:  # from another disk
+            shutil.copy(*paths)
+
+    for name in ("numpy", "numpy.libs"):
+        folder = Path(numpy.__file__).parents[1] / name
+        if folder.exists():
+            less = shutil.ignore_patterns("tests", "__pycache__")
+            shutil.copytree(folder, tmp_path / name, ignore=less, copy_function=put)
+    path = f"{tmp_path}{os.pathsep}{c.HERE}"
+    told, _ = table("--steps", "9", folder=tmp_path / "out", python_flags=["-S"], PYTHONPATH=path)
+    assert told.endswith("compiled to Python")
+
+
+def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):
+    """The reader's own module, in the very folder, is asked what it remembers."""
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("theirs", "mine"):
+        (tmp_path / f"{name}.py").touch()
+        importlib.import_module(name)
+    (tmp_path / "theirs-1.0.dist-info").mkdir()
+    pure.ours.cache_clear()
+    assert [pure.ours(name) for name in ("theirs", "mine", "json", "math")] == [
+        False,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_printed_and_drawn(tmp_path):
+    row = '"none": Hold(1.0, 0.0, 0.0, 0.0),'
+    text = Path(c.__file__).read_text()
+    assert row in text
+    mine = tmp_path / "constraints.py"
+    mine.write_text(text.replace(row, f"{row}\n        'my_own_spring': Hold(1.0, 9.0, 9.0, 0.0),"))
+    words = [mine, "--steps", "9", "--out", tmp_path / "out"]
+    done = python(*words, variables={"PYTHONPATH": str(c.HERE)})
+    assert (done.returncode, done.stderr) == (0, "")
+    table = done.stdout.split("\n\n")[1].splitlines()
+    assert sum(line.startswith("my_own_spring ") for line in table) == 1
+    assert len({len(line) for line in table[1:7]}) == 1  # and its columns are in line
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks there")
+def test_a_forked_child_goes_on_with_a_crowd_of_its_own():
+    """Its parent's threads are not there, and it must not wait for them."""
+    lines = f"""sys.path.insert(0, {str(c.HERE)!r})
+from curriculum.ch3_4_constraints.studies import chaos
+seeds = chaos.ensemble("double", range(99))
+before = chaos.follow(seeds, "rk4", "none", 9)
+child = os.fork()
+signal.alarm(20)
+assert (before.rods == chaos.follow(seeds, "rk4", "none", 9).rods).all()
+if child:
+    sys.exit(os.waitpid(child, 0)[1])"""
+    assert script(lines).returncode == 0
+
+
+def test_without_gravity_errors_of_energy_have_a_unit_all_the_same(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(c, "GRAVITY", 0.0 * c.GRAVITY)
+    c.main(["--system", "spin", "--steps", "9", "--no-rerun", "--out", str(tmp_path)])
+    assert "nan" not in capsys.readouterr().out
 
 
 # --- what ends a program ---
@@ -110,6 +274,18 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
 
 
 @posix
+def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path):
+    """As if it came while numpy is loaded, which takes longest."""
+    (tmp_path / "numpy.py").write_text("raise KeyboardInterrupt")
+    for started in ([c.__file__], ["-m", studies.__package__, "chaos"]):
+        done = python(*started, variables={"PYTHONPATH": f"{tmp_path}{os.pathsep}{c.HERE}"})
+        assert done.returncode and re.fullmatch(rf"\n\S+: {curriculum.INTERRUPTED}\n", done.stderr)
+    mine = "sys.excepthook is sys.__excepthook__"  # a program of the reader's keeps its own
+    done = python("-c", f"import sys, curriculum; assert {mine}")
+    assert done.returncode == 0
+
+
+@posix
 def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     with open("/dev/full", "w") as full:
         done = script("print(1)", stdout=full)
@@ -124,7 +300,11 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     done = run(tmp_path, preexec_fn=closed)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     done = run(tmp_path / "\u00e4", variables={"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0 and done.stdout.rstrip().endswith("\\xe4/motion.svg")
+    assert done.returncode == 0 and done.stdout.rstrip().endswith(
+        "\\xe4:\n  metrics.json, motion.svg, play.html"
+    )
+    done = script("raise OSError(28, 'Full', 'a.json')", preexec_fn=partial(os.close, 1))
+    assert (done.returncode, done.stderr) == (1, "-c: error: Full: a.json\n")
     assert script("import numpy; numpy.ones(1) / 0.0").stderr == ""  # a warning for nobody
     done = python("-S", c.__file__, variables={"PYTHONPATH": ""})
     assert done.returncode == 1 and re.fullmatch("numpy is not installed: [^\n]+\n", done.stderr)
@@ -139,24 +319,52 @@ def test_only_a_default_run_begins_with_how_long_one_took(flags, told, tmp_path)
     assert line.startswith("ch3.4 constraints | device cpu") and len(line) <= 80
 
 
-def test_progress_of_all_parts_is_told_to_a_terminal(monkeypatch, capsys):
-    """Unless it is short, or has hardly begun."""
-    long = 0.0, 0.1, 5.0, 10.0, 10.1, 20.0, 30.0
-    short = 0.0, 0.1, 0.2, 0.4, 0.5, 1.0, 1.5
-    told = ["", "soft: 25% of all, about 15 s left", "", "none: 50% of all, about 10 s left"]
-    told += ["none: 75% of all, about 7 s left", ""]
-    for terminal, times in ((True, long), (True, short), (False, long)):
-        clock, shown = iter(times), []
-        monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=clock.__next__))
-        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal, raising=False)
-        for _ in banner.in_parts(["soft", "none"]):
-            tick = banner.progress("swinging", 1000)
-            for step in (1, 500, 1000):
-                tick(step)
-                shown.append(capsys.readouterr().err.replace("\x1b[K", "").strip()[9:])
-        assert shown == (told if terminal and times == long else [""] * 6)
+def test_progress_names_what_is_under_way_and_counts_what_follows_the_steps(monkeypatch, capsys):
+    """How long it takes is told of the part alone, and not by its first steps, which are slow."""
+    now = [0.0]
+    monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(banner, "work", banner.Work())
+    work = banner.work
+
+    def told():
+        return capsys.readouterr().err.replace("\x1b[K", "").strip("\r")
+
+    work.plan("the truth", "none", "the recording")
+    work.begin("the truth")
+    assert told() == ""  # it may be short
+    now[0] = 1.0
+    banner.progress("simulating", 10)(5)  # one of several runs in this part
+    assert told() == "1 of 3, the truth"
+    for _ in work.each(["none"]):
+        assert told() == "2 of 3, none"
+        tick = banner.progress("simulating", 1000)
+        for now[0], step in ((21, 0), (21.5, 5), (23, 10), (23.5, 60), (24, 110), (25, 210)):
+            tick(step)  # 100 a second in the end
+        shares = [line.removeprefix("2 of 3, none, ") for line in told().split("\r")]
+        assert shares[:2] == ["0%", "0%"] and shares[-1] == "21%, about 8 s left of it"
+        tick(1000)
+    work.begin("the recording")
+    assert told().endswith("3 of 3, the recording")
+    work.wipe()
+    assert told() == ""
     words = {0.2: "1 s", 45: "45 s", 170: "3 min", 8000: "2 h", 1e6: "278 h"}
     assert all(banner.about(seconds) == f"about {text}" for seconds, text in words.items())
+
+
+def test_progress_is_for_a_terminal_alone_and_a_run_that_stands_alone_has_it_too(
+    monkeypatch, capsys
+):
+    for terminal in (True, False):
+        now = iter(range(100))
+        monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=now.__next__))
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal, raising=False)
+        monkeypatch.setattr(banner, "work", banner.Work())
+        tick = banner.progress("simulating", 1000)
+        tick(500)
+        assert ("simulating, 50%" in capsys.readouterr().err) == terminal
+        tick(1000)
+        assert capsys.readouterr().err == "\x1b[K\r" * terminal  # the line is gone
 
 
 def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, monkeypatch):
@@ -168,13 +376,16 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     browser = publish.look(smoke[1] / publish.RECORDING)
-    assert window == browser.replace(" --web-viewer", "") != browser and window[0] != "/"
-    assert "--bind 127.0.0.1" in browser  # or it listens to the network
+    assert window == browser.replace(" --web-viewer --new --web-viewer-port 0", "") != browser
+    assert window[0] != "/"  # the way from here is shorter
     opened, opener = tmp_path / "opened", tmp_path / "browser"
     opener.write_text(f"#!/bin/sh\necho $1 > {opened}\nkill 0")  # it ends the viewer, too
     opener.chmod(0o700)
     monkeypatch.setenv("BROWSER", str(opener))
-    command = f"exec {browser} --port 0 --web-viewer-port 0"  # the usual ones may be taken
     own = {"start_new_session": True, "stderr": subprocess.DEVNULL, "timeout": 30}
-    subprocess.run(command, shell=True, **own)
+    with contextlib.ExitStack() as stack:
+        for port in (9876, 9090):  # as another viewer has them, or whatever has them here
+            with contextlib.suppress(OSError):
+                stack.enter_context(socket.create_server(("127.0.0.1", port)))
+        subprocess.run(f"exec {browser}", shell=True, **own)
     assert opened.read_text().startswith("http://")

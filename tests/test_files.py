@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -9,7 +11,7 @@ from unittest import mock
 
 import constraints as c
 from curriculum.ch3_4_constraints import publish
-from curriculum.common import files
+from curriculum.common import banner, files
 
 import pytest
 from conftest import script
@@ -47,15 +49,21 @@ def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path, mon
     assert error is not FULL or raised.value.filename == str(tmp_path / "b")
 
 
-def test_ctrl_c_between_two_files_of_a_set_waits_for_the_second(tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_between_two_files_of_a_set_waits_for_the_second(name, tmp_path, monkeypatch):
+    number = getattr(signal, name)
+
     def interrupted(*paths, replace=Path.replace):
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         replace(*paths)
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
-    monkeypatch.setattr(files.Path, "replace", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        files.write_together(tmp_path, dict.fromkeys("ab", "new"))
+    before = signal.signal(number, signal.default_int_handler)  # it raises KeyboardInterrupt
+    try:
+        monkeypatch.setattr(files.Path, "replace", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            files.write_together(tmp_path, dict.fromkeys("ab", "new"))
+    finally:
+        signal.signal(number, before)
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
@@ -73,9 +81,86 @@ def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_p
     heed = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
     done = script(HALF, tmp_path / "a", number, preexec_fn=heed)
     assert done.returncode == (-number if name == "SIGKILL" else 128 + number)
-    assert len(list(tmp_path.iterdir())) == (name == "SIGKILL")
+    assert any(tmp_path.iterdir()) == (name == "SIGKILL")
     files.write_whole(tmp_path / "a", "whole")
     assert contents(tmp_path) == {"a": "whole"}
+
+
+def test_a_file_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, monkeypatch):
+    """Whatever was replaced, made or removed before it."""
+    for name in "abd":
+        (tmp_path / name).write_text("old")
+
+    def refused(path, target, replace=Path.replace):
+        if target.name == "d" and path.parent.name.endswith("-new"):
+            raise PermissionError(1, "Operation not permitted", "a temporary name")
+        replace(path, target)
+
+    monkeypatch.setattr(files.Path, "replace", refused)
+    with pytest.raises(PermissionError) as raised:
+        files.write_together(tmp_path, {"a": "new", "b": None, "c": "new", "d": "new"})
+    assert contents(tmp_path) == dict.fromkeys("abd", "old")
+    assert raised.value.filename == str(tmp_path / "d")
+
+
+def test_what_another_program_left_under_our_name_stops_no_tidying(tmp_path):
+    (tmp_path / f"{files.UNFINISHED}77").touch()
+    (tmp_path / f"{files.UNFINISHED}78").mkdir()
+    (tmp_path / f"{files.UNFINISHED}78" / "folder").mkdir()
+    files.write_whole(tmp_path / "a", "whole")
+    assert contents(tmp_path) == {"a": "whole"}
+
+
+def test_a_file_that_must_not_be_replaced_is_found_out_before_a_run(tmp_path, monkeypatch, capsys):
+    old, flags = tmp_path / publish.PICTURE, ["--steps", "1", "--out", str(tmp_path)]
+    old.write_text("old")
+    old.chmod(0o444)
+    c.main([*flags, "--no-rerun"])  # read-only is no more than a wish
+    assert old.read_text() != "old"
+    tmp_path.chmod(0o1777)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "geteuid", lambda: old.stat().st_uid + 1)  # as somebody else sees it
+        with pytest.raises(SystemExit, match="2"):
+            c.main(flags)
+    assert "is there and must not be replaced" in capsys.readouterr().err
+    if subprocess.run(["chattr", "+i", old], capture_output=True).returncode:
+        return  # only root may, and not on every disk
+    try:
+        with pytest.raises(SystemExit, match="2"):
+            c.main(flags)
+    finally:
+        subprocess.run(["chattr", "-i", old], check=True)
+
+
+def test_each_file_of_a_run_is_looked_for_and_none_of_them_tells_where_it_was(tmp_path, capsys):
+    scene, out = tmp_path / "mine.json", tmp_path / "out"
+    scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
+    c.main(["--system", str(scene), "--steps", "1", "--no-rerun", "--out", str(out)])
+    assert f'"{scene.name}"' in (out / publish.METRICS).read_text()
+    for name in (publish.METRICS, publish.PICTURE):
+        assert str(tmp_path) not in (out / name).read_text()
+    for name in (publish.METRICS, publish.PICTURE, publish.RECORDING):
+        (tmp_path / name / name).mkdir(parents=True)
+        with pytest.raises(SystemExit, match="2"):
+            c.main(["--steps", "1", "--out", str(tmp_path / name)])
+        assert f"{name} is a folder there" in capsys.readouterr().err
+
+
+def test_what_measures_a_default_run_does_not_begin_where_it_cannot_write(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(banner, "LEDGER", tmp_path / "file" / "ledger")
+    monkeypatch.setattr(sys, "argv", ["banner", "ch3.4", "a command that there is not"])
+    with pytest.raises(OSError, match="file is no folder"):
+        banner.main()
+
+
+def test_a_working_folder_that_is_gone_is_told_of(tmp_path):
+    gone = f"os.mkdir({str(tmp_path / 'x')!r}); os.chdir(sys.argv[1]); os.rmdir(sys.argv[1])\n"
+    start = f"sys.path.insert(0, {str(c.HERE)!r}); import constraints as c\n{gone}"
+    done = script(f"{start}c.main(['--steps', '1'])", tmp_path / "x")
+    assert done.stderr.rstrip().endswith("the folder you are in is gone; cd to one that is there")
+    done = script(f"{start}c.main(['--steps', '1', '--out', {str(tmp_path)!r}])", tmp_path / "x")
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
@@ -96,11 +181,12 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path):
 
 
 def test_a_run_leaves_all_its_files_and_none_older(tmp_path, monkeypatch):
-    old = dict.fromkeys((publish.METRICS, publish.PICTURE, publish.RECORDING), "old")
+    names = publish.METRICS, publish.PICTURE, publish.PAGE, publish.RECORDING
+    old = dict.fromkeys(names, "old")
     files.write_together(tmp_path, old)
     monkeypatch.setattr(publish, "record", mock.Mock(return_value=b"new"))
     c.main(["--steps", "2", "--rerun", "--out", str(tmp_path)])
-    new = contents(tmp_path)
+    new, less = contents(tmp_path), ["--no-rerun", "--no-picture", "--no-page"]
     assert new.keys() == old.keys() and "old" not in new.values()
-    c.main(["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
+    c.main(["--steps", "2", *less, "--out", str(tmp_path)])
     assert contents(tmp_path).keys() == {publish.METRICS}

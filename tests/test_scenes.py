@@ -7,10 +7,10 @@ from itertools import combinations, product
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import MOST, SceneError, check_system
 from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.ch3_4_constraints.studies._runs import SCENES, make_system, run
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
+from curriculum.ch3_4_constraints.systems import MOST, SceneError, check_system
 from curriculum.common.elimination import has_loop
 
 import numpy as np
@@ -24,12 +24,16 @@ WRONG += [
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
 ]
 STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
+NONE = np.zeros((0, 2, 3))
 TYPED = MISTAKES["scenes"]["typed"] | {
+    "the shape of q0 is [0, 2, 3]; must be of one member at least": {"q0": NONE, "v0": NONE},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0 is null; must be a list or an array (N, 3), each row three": {"q0": None},
     "meet is 489300; must be 10000 at most": c.build_system("chain", links=700) | STAR,
     "must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
 }
+CONTENTS = {"open": "{", "deep": "[" * 100000, "huge": ""}
+CONTENTS["twice"] = '{"particles": [{"position": [1, 0, 0], "mass": 1, "mass": 5}]}'
 NO_SCENES = [*MISTAKES["scenes"]["names"], ("x" * 5000, "cannot be read: ")]
 
 
@@ -85,14 +89,74 @@ def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():
 
 
 def test_a_file_or_a_name_that_is_no_scene(capsys):
-    for name, content in {"open": "{", "deep": "[" * 100000, "huge": ""}.items():
+    for name, content in CONTENTS.items():
         Path(name).write_text(content)
+    Path("itself").symlink_to("itself")
     Path("bytes").write_bytes(b"\xff")
     os.truncate("huge", 10**12)  # a hole
     os.mkdir("folder")
     os.mkfifo("pipe")  # reading it would never end
     for name, sentence in NO_SCENES:
         assert sentence in answer(capsys, name)
+
+
+def test_a_scene_is_named_by_text_or_a_path_and_a_chain_has_links(tmp_path):
+    Path("mine.json").write_text(json.dumps(GOOD))
+    assert len(c.build_system(tmp_path / "mine.json")["m"]) == 2
+    with pytest.raises(SceneError, match="3 is neither the name of a scene nor a path"):
+        c.build_system(3)
+    for links in (0, -1, 2.5, MOST + 1):
+        with pytest.raises(SceneError, match=f"links is {links}; must be a whole number of rods"):
+            c.build_system("chain", links=links)
+    flags = ["--system", "chain", "--links", str(MOST), "--out", str(tmp_path)]
+    assert len(c.parse(flags)[1]["m"]) == MOST  # as many as a file may have
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
+def test_a_length_in_a_file_is_judged_by_its_rods_own(size):
+    for off, right in ((1e-7, True), (1e-5, False)):
+        rod = {"pair": [0, -1], "length": size * (1.0 + off)}
+        scene = {"anchors": [[0, 0, 0]], "particles": [{"position": [size, 0, 0]}], "rods": [rod]}
+        Path("scene.json").write_text(json.dumps(scene))
+        if right:
+            assert c.build_system("scene.json")["lengths"] == [size * (1.0 + off)]
+            continue
+        with pytest.raises(SceneError, match="as its ends are apart"):
+            c.build_system("scene.json")
+
+
+ASKED = {  # what a run is asked for besides, and the sentence that answers it
+    "keep has -1; must be steps of the run, whole numbers 0 to 9": {"keep": [0, -1, 31, 5.5]},
+    "keep can be gone through but once": {"keep": iter([1, 2])},
+    "keep has 10; must be steps": {"keep": range(11)},
+    "keep has 5.5; must be steps": {"keep": (5, 5.5)},
+    "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
+    "steps is True; must be": {"steps": True},
+    "dt is inf; must be a finite number of seconds > 0": {"dt": np.inf},
+    "dt is -0.1; must be": {"dt": -0.1},
+    "dt is nan; must be": {"dt": np.nan},
+    "dt is '1'; must be": {"dt": "1"},
+}
+
+
+@pytest.mark.parametrize("sentence", ASKED)
+def test_what_a_run_cannot_do_is_named_before_it_begins(sentence):
+    double, asked = c.build_system("double"), {"dt": 0.01, "steps": 9} | ASKED[sentence]
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        c.simulate(c.rk4_step, double, c.make_force(double, "none"), **asked)
+
+
+def test_a_force_of_another_system_is_refused_whatever_differs():
+    double = c.build_system("double")
+    others = {"m": [[1.0], [2.0]], "lengths": [1.0, 1.01], "anchors": [[0.0, 0.01, 0.0]]}
+    others["pairs"] = [(0, -1), (1, -1)]
+    for key, other in others.items():
+        force = c.make_force(double | {key: other}, "none")
+        with pytest.raises(ValueError, match=f"another system: {key} are not those of the run"):
+            c.simulate(c.rk4_step, double, force, 0.01, 1)
+    typed = {key: np.asarray(double[key]).tolist() for key in ("m", "pairs", "lengths", "q0", "v0")}
+    found = c.simulate(c.rk4_step, double, c.make_force(typed, "none"), 0.01, np.int64(1))
+    assert found.stopped is None  # the same numbers, typed in another way, without the pivot
 
 
 def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first():

@@ -2,6 +2,7 @@
 
 import random as dice
 import time
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from functools import partial, singledispatch
@@ -9,7 +10,7 @@ from itertools import product
 from types import SimpleNamespace
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import misfit
+from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SCENES, run
 from curriculum.common import compiled, native
@@ -114,7 +115,15 @@ def forces():
         def __call__(self, q, v):
             return -v
 
-    slotted, ones = Slot(), np.ones(1)
+    recent, faded = deque(maxlen=50), []
+
+    class Fading:
+        @property
+        def gain(self):
+            faded.append(1)
+            return 0.1 * len(faded)
+
+    slotted, fading, ones = Slot(), Fading(), np.ones(1)
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
 
@@ -130,6 +139,9 @@ def forces():
 
     return {
         "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
+        "changes the list recent": lambda q, v: recent.append(1) or -0.1 * len(recent) * v,
+        "changes the list held": lambda q, v, *, held=[]: held.append(1) or -0.1 * len(held) * v,
+        "changes the list faded": lambda q, v: -fading.gain * v,
         "changes the array turns": lambda q, v, turns=ones: v * turns.__isub__(0.1),
         "changes the set seen": lambda q, v: -v if seen.add(len(seen)) or len(seen) % 2 else v,
         "changes the global CALLS": count,

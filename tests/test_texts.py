@@ -13,10 +13,10 @@ from types import ModuleType
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
 from curriculum.ch3_4_constraints.exercises.checks import Blank, Wrong, noted, solved
-from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies import __main__ as studies
 from curriculum.ch3_4_constraints.studies import figures, hard_cases, shown
 from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.ch3_4_constraints.systems import SceneError
 
 import numpy as np
 import pytest

@@ -1,37 +1,49 @@
 """What a run hands over: numbers, a picture and a recording, all of one run, in one folder."""
 
-import json
+import contextlib
 import os
 import shlex
+import shutil
 import sys
 import textwrap
 from functools import partial
 from pathlib import Path
 
+from curriculum.ch3_4_constraints import play
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
+from curriculum.ch3_4_constraints.scene_files import read_document, shipped
+from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
+from curriculum.common.trace import Untraceable
 
+WIDTH = 80  # columns of what is printed
 METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
+PAGE = play.PAGE
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
-results_folder = partial(writable, names=(METRICS, PICTURE, RECORDING))  # an argparse type
+results_folder = partial(writable, names=(METRICS, PICTURE, PAGE, RECORDING))  # an argparse type
 
 
 def scene_list(counts, folder):
     """The systems, a line each: {name: how many rods} of those without a file, and a chapter's."""
     named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
     named["chain"] = "let go level, rods: --links"
-    for path in sorted(folder.glob("scenes/*.json")):
-        about = json.loads(path.read_bytes())["about"]
-        named[path.stem] = textwrap.shorten(about, 63, placeholder=" ...")
+    for name, path in shipped(folder).items():
+        named[name] = read_document(path)["about"]
+    width = shutil.get_terminal_size().columns - 17
+    named = {
+        name: textwrap.shorten(text, max(width, 20), placeholder=" ...")
+        for name, text in named.items()
+    }
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
-def publish(found):
-    """Write metrics.json, and the picture and the recording if they are asked for; say so in words.
+def publish(found, page):
+    """Write metrics.json and, if asked for, picture, page and recording; say so in words.
 
     The metrics are the rows of a Comparison, what was used, and those flags that decide them.
+    `page` makes the page's text, as play.page, whose first and `step_fn` arguments it has already.
     Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
     args = found.args
@@ -40,18 +52,50 @@ def publish(found):
     used["error_at"] = found.truth.step * found.dt
     used["known"] = None if found.truth.q is None else float(f"{found.truth.known:.2g}")  # m
     files = {METRICS: as_json(flags | used | {"results": found.rows})}
-    files[PICTURE] = motion(found) if args.picture else None
-    files[RECORDING] = record(found) if args.rerun else None
+    files |= {PICTURE: None, PAGE: None, RECORDING: None}
+    left_out = ""
+    if args.picture:
+        work.begin("the picture")
+        files[PICTURE] = motion(found)
+    if args.page:
+        work.begin("the page")
+        knobs = args.baumgarte, args.time_constant, args.impedance
+        scene = {"name": found.scene, "system": found.system, "rule": args.integrator}
+        try:
+            files[PAGE] = page(**scene, dt=found.dt, knobs=knobs)
+        except Untraceable as why:
+            left_out = f"\n{PAGE} left out: {why}"
+    if args.rerun:
+        work.begin("the recording")
+        files[RECORDING] = record(found)
     write_together(args.out, files)
-    text = f"wrote {', '.join(str(args.out / name) for name in files if files[name])}"
+    text = wrote(args.out, [name for name in files if files[name]]) + left_out
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
 
 
+def wrote(folder, names):
+    """A line that says which files a folder has got; they stand below it, where it is too long."""
+    files = ", ".join(names)
+    line = f"wrote {folder}: {files}"
+    return line if len(line) <= WIDTH else f"wrote {folder}:\n  {files}"
+
+
 def look(recording):
-    """The command that shows a recording, in a browser where there is no display."""
-    nearby = os.path.relpath(sys.executable)
-    short = os.sep in nearby and len(nearby) < len(sys.executable)
+    """The command that shows a recording, in a browser where there is no display.
+
+    A shell takes it as it is pasted, though it may be two lines. The viewer listens to this machine
+    alone.
+    """
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
-    viewer = ["rerun"] if window else ["rerun", "--web-viewer"]
-    alone = ["--bind", "127.0.0.1"]  # else its ports are open to the network
-    return shlex.join([nearby if short else sys.executable, "-m", *viewer, *alone, str(recording)])
+    script = Path(sys.executable).with_name("rerun")
+    program, *words = [script] if script.exists() else [sys.executable, "-m", "rerun"]
+    with contextlib.suppress(OSError, ValueError):  # in a folder that is gone; on another drive
+        nearby = os.path.relpath(program)
+        if os.sep in nearby and len(nearby) < len(str(program)):
+            program = nearby
+    words += ["--bind", "127.0.0.1"]
+    if not window:
+        words += ["--web-viewer", "--new", "--web-viewer-port", "0"]  # another may be open
+    command, file = shlex.join([str(program), *words]), shlex.quote(str(recording))
+    fits = len(f"look: {command} {file}") <= WIDTH
+    return f"{command} {file}" if fits else f"{command} \\\n  {file}"

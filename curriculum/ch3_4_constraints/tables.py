@@ -3,8 +3,11 @@
 import math
 import textwrap
 
+from curriculum.common.banner import work
+
 import numpy as np
 
+WIDTH = 80  # columns of what is printed
 UNHELD = 1e-3  # m/s^2: so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
@@ -35,8 +38,9 @@ def comparison(rows, runs, at, truth, tol):
 
     `at`: when the Truth was taken, in words; `tol` m: the error that was asked for, or None.
     """
-    print("               rods off by      energy off  from the truth    a step")
-    print(f"mode          worst     at end    of m g L  {f'at {at}':>14}        us")
+    wide = max(10, *(len(mode) + 1 for mode in rows))  # a row of the reader's own may be longer
+    print(f"{'':{wide}}     rods off by      energy off  from the truth    a step")
+    print(f"{'mode':{wide}}    worst     at end    of m g L  {f'at {at}':>14}        us")
     for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
         worst, end = (length(x) for x in (np.max(run.violations), run.violations[-1]))
         energy, error = per_cent(row["energy_rel_max"]), row["error"]
@@ -44,20 +48,20 @@ def comparison(rows, runs, at, truth, tol):
             worst = end = energy = "-"
         name = mode + "*" * bool(run.note or row["unheld"] > UNHELD)
         error = "-" if error is None else no_finer(error, truth.known)
-        print(f"{name:<10}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
+        print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:
-            print(f"* {mode} {run.note}")
+            say(f"* {mode} {run.note}")
         if (left := rows[mode]["unheld"]) > UNHELD:
-            print(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")
+            say(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         unknown = "not known to 1 nm" if truth.sought else "not looked for"
         why = f"the truth is {unknown} at" if truth.q is None else "stopped before"
-        print(f"- {', '.join(lost)}: {why} {at}")
+        say(f"- {', '.join(lost)}: {why} {at}")
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (tol or math.inf)]
     if tol and over:
-        print(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
+        say(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
 
 
 def verdict(rows):
@@ -71,7 +75,12 @@ def verdict(rows):
 
 def in_turns(jobs, repeats):
     """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
-    rounds = [{name: job() for name, job in jobs.items()} for _ in range(repeats + 1)]
+    rounds, tick = [], work.counted("timing", (repeats + 1) * len(jobs))
+    for turn in range(repeats + 1):
+        rounds.append({})
+        for k, (name, job) in enumerate(jobs.items()):
+            rounds[-1][name] = job()
+            tick(turn * len(jobs) + k + 1)
     return {name: [found[name] for found in rounds[1:]] for name in jobs}
 
 
@@ -82,16 +91,30 @@ def spread(samples, unit):
 
 
 def say(text):
-    """Print a sentence, in lines that fit a page."""
-    print(textwrap.fill(text, 100, subsequent_indent="  ", break_long_words=False))
+    """Print a sentence, in lines that fit a terminal."""
+    lines = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    lines.break_long_words = False  # a path is one
+    print(lines.fill(text))
 
 
 def show(title, rows, bars=()):
     """Print a table, and of each bar (what, value, the most it may be) whether it is met."""
     cells = [[f"{x:.3g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
-    widths = [max(map(len, column)) for column in zip(rows[0], *cells, strict=True)]
+    heads = fitting(list(rows[0]), cells)
+    widths = [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
+    gap = "  " if sum(widths) + 2 * len(widths) - 2 <= WIDTH else " "
     print(f"\n{title}")
-    for row in (rows[0], *cells):
-        print("  ".join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
+    for row in (*heads, *cells):
+        print(gap.join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
     for bar, value, most in bars:
         print(f"{bar}: {value:.3g}, bar {most:.3g}: {'met' if value <= most else 'MISSED'}")
+
+
+def fitting(headers, cells):
+    """Lines of a table's head: one, or one a word of its longest header, if one is too wide."""
+    widths = [max(map(len, column)) for column in zip(headers, *cells, strict=True)]
+    if sum(widths) + 2 * len(widths) - 2 <= WIDTH:
+        return [headers]
+    words = [header.split() for header in headers]
+    most = max(map(len, words))
+    return list(zip(*([""] * (most - len(x)) + x for x in words), strict=True))

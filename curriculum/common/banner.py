@@ -3,17 +3,18 @@
 python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run, and notes it
 """
 
+import math
 import platform
 import re
 import sys
 import time
 from pathlib import Path
 
-from curriculum.common.files import write_whole
+from curriculum.common.files import check_writable, write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
-LONG, SURE = 2.0, 0.2  # s: what takes longer is shown, once so much of it is done that one can tell
-PARTS = []  # of what is under way: name, how many are done, how many there are, when it all began
+SOON, OFTEN = 0.5, 0.1  # s: what takes longer is told of, and no more often than that
+SURE = 1.0  # s of steps, after which one can tell how long the others will take
 
 
 def banner(chapter, title, device, default=False):
@@ -25,37 +26,97 @@ def banner(chapter, title, device, default=False):
     return line[:80]
 
 
-def in_parts(names):
-    """Each name in turn; what tells its progress meanwhile is one part of so many, by that name."""
-    begin = time.monotonic()
-    try:
-        for done, name in enumerate(names):
-            PARTS[:] = name, done, len(names), begin
+class Work:
+    """What a program does, part by part, in a line on a terminal that is gone in the end.
+
+    plan(names) what is to come, and begin(name) each part; or go through `each` of them.
+    """
+
+    def __init__(self):
+        self.plan()
+
+    def plan(self, *names):
+        """Now begins a program of these parts."""
+        self.names, self.name, self.runs = names, "", False
+        self.begun, self.told, self.visible = time.monotonic(), -math.inf, False
+
+    def begin(self, name, runs=False):
+        """Now begins a part; `runs`: it is a single run, so that the steps of that are its own."""
+        self.name, self.runs, self.told = name, runs, -math.inf
+        self.tell()
+
+    def each(self, names):
+        """Each name in turn, as a part that is a run."""
+        for name in names:
+            self.begin(name, runs=True)
             yield name
-    finally:
-        PARTS.clear()
+
+    def tell(self, what=""):
+        """Show which part is under way and, in words, what is known of it."""
+        now = time.monotonic()
+        if not on_terminal() or now < max(self.begun + SOON, self.told + OFTEN):
+            return
+        count = ""
+        if len(self.names) > 1:
+            count = f"{self.names.index(self.name) + 1} of {len(self.names)}, "
+        line = f"{count}{self.name}{what}"[:79]
+        # back to the line's start, so that an error writes over it
+        print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
+        self.told, self.visible = now, True
+
+    def wipe(self):
+        """Leave no line: something is to be printed."""
+        if self.visible:
+            print("\033[K", end="\r", file=sys.stderr, flush=True)
+        self.visible = False
+
+    def counted(self, name, steps):
+        """tick(step), for a program of one part, which has so many steps."""
+        self.plan(name)
+        self.begin(name)
+        return self.ticker(steps)
+
+    def ticker(self, steps):
+        """tick(step) tells which share of the steps of the part is done, and how long the others
+        take at the latest pace: the first ones are slow, for they are traced and compiled."""
+        marks = []  # times in s, and steps done by then
+
+        def tick(step):
+            if step >= steps:
+                self.tell() if len(self.names) > 1 else self.wipe()
+                return
+            now = time.monotonic()
+            if not marks or now > marks[-1][0] + OFTEN:
+                marks.append((now, step))
+            first, share = marks[0][0], f", {step / steps:.0%}"
+            before, done = next(x for x in reversed(marks) if x[0] <= 0.5 * (first + now))
+            if now > first + SURE and step > done:
+                left = (steps - step) * (now - before) / (step - done)
+                share += f", {about(left)} left of it"
+            self.tell(share)
+
+        return tick
+
+
+work = Work()
+
+
+def on_terminal():
+    """Whether somebody may be looking on."""
+    return bool(sys.stderr) and sys.stderr.isatty()
 
 
 def progress(what, steps):
-    """tick(step) tells a terminal which share is done of all parts, and how long the rest takes."""
-    if not (sys.stderr and sys.stderr.isatty()):
+    """tick(step) of a run, which is the part of the work under way, or one of several in it; or
+    all there is to be told of, as `what`."""
+    if not on_terminal() or (len(work.names) == 1 and not work.runs):
         return lambda step: None
-    name, before, parts, begin = PARTS or ("", 0, 1, time.monotonic())
-    shown = -1.0  # when a line was last written, in s after begin
-
-    def tick(step):
-        nonlocal shown
-        taken, share = time.monotonic() - begin, (before + step / steps) / parts
-        line, due = "", taken > max(SURE, shown + 0.1) and taken > LONG * share
-        if 0 < step < steps and due:
-            left = about(taken * (1.0 / share - 1.0))
-            line = f"{what} {name}".rstrip() + f": {share:.0%} of all, {left} left"
-        if line or (step >= steps and shown >= 0.0):
-            # back to the line's start, so that whatever comes next writes over it
-            print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
-            shown = taken
-
-    return tick
+    if len(work.names) > 1 and not work.runs:
+        return lambda step: work.tell()
+    if not work.names:
+        work.plan(what)
+        work.begin(what, runs=True)
+    return work.ticker(steps)
 
 
 def about(seconds):
@@ -80,6 +141,7 @@ def main():
     import timeit
 
     chapter, *command = sys.argv[1:]
+    check_writable(LEDGER)
     seconds = timeit.repeat(lambda: subprocess.check_output(command), number=1, repeat=5)
     row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
     text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
@@ -87,4 +149,6 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    from curriculum.common.cli import run_script
+
+    run_script(main)

@@ -13,12 +13,13 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
+from curriculum import INTERRUPTED
+from curriculum.common.banner import work
 from curriculum.common.files import check_writable
 
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
 EXTRAS |= {"mujoco": "[compare]", "heyoka": "[peers]"}
 FORMS = {int: r"[-+]?\d{1,99}", float: r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"}
-FOREIGN = f"^<|^{re.escape(os.path.dirname(__file__))}|(site|dist)-packages"  # not the reader
 
 
 def shorten(text):
@@ -26,19 +27,39 @@ def shorten(text):
     return text if len(text) < 60 else text[:57] + "..."
 
 
-def meant(name, known, otherwise=""):
-    """The end of a sentence about a wrong name: the nearest of the `known`, or `otherwise`."""
+def nearest(name, known):
+    """The one of the `known` names that was meant by a wrong one, in a list; or an empty list."""
     from difflib import get_close_matches  # here: few runs end so
 
-    near = get_close_matches(name.lower(), known, 1)
+    return get_close_matches(name.lower(), known, 1, cutoff=0.65)
+
+
+def meant(name, known, otherwise=""):
+    """The end of a sentence about a wrong name: the nearest of the `known`, or `otherwise`."""
+    near = nearest(name, known)
     return f"; did you mean {near[0]!r}?" if near else otherwise
 
 
+def installed(package):
+    """Raise ArgumentTypeError unless a package is installed."""
+    if find_spec(package) is None:
+        raise argparse.ArgumentTypeError(missing(package))
+
+
+def missing(package):
+    """A sentence about one of EXTRAS that is not installed, and how it is."""
+    return f"{package} is not installed: pip install -e '.{EXTRAS[package]}'"
+
+
 class Parser(argparse.ArgumentParser):
-    """argparse, except that an error is a single line and no flag may be abbreviated."""
+    """argparse, except that an error is a single line and no flag may be abbreviated.
+
+    `names`: {flag: words that it takes}, for those who forget the flag; a flag's choices are known.
+    """
 
     def __init__(self, formatter_class=argparse.RawDescriptionHelpFormatter, **settings):
         super().__init__(formatter_class=formatter_class, allow_abbrev=False, **settings)
+        self.names = {}
 
     def parse_known_args(self, args=None, namespace=None):
         """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
@@ -51,13 +72,35 @@ class Parser(argparse.ArgumentParser):
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
-        choice = r"invalid choice: '(.*)' \(choose from (.*)\)|unrecognized arguments: (--[\w-]+)"
-        if wrong := re.search(choice, message):
-            value, choices, flag = wrong.groups(default="")
-            known = re.findall(r"[\w-]+", choices) or re.findall(r"--[\w-]+", self.format_help())
-            message += meant(value + flag, known)
+        wrong = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
+        stray = re.search(r"unrecognized arguments: (\S+)", message)
+        if wrong:
+            message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
+        elif stray:
+            likely = self.flags_like(stray[1]) if stray[1][0] == "-" else self.words_like(stray[1])
+            end = f"did you mean {likely[0]!r}?" if likely else "--help lists what is known"
+            message += f"; {end}"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
-        self.exit(2, f"{self.prog}: error: {message}\n")
+        name = self.prog.split()[-1]  # of a study, without what runs it
+        self.exit(2, f"{name}: error: {message}\n")
+
+    def flags_like(self, word):
+        """The flag that a wrong one stands for, in a list: the only one that begins so, or one that
+        is spelled nearly so."""
+        flags = [flag for action in self._actions for flag in action.option_strings]
+        known = {flag.strip("-"): flag for flag in flags}
+        word = word.partition("=")[0].strip("-")
+        begun = [name for name in known if name.startswith(word.lower())]
+        likely = begun if len(begun) == 1 else nearest(word, known)
+        return [known[name] for name in likely]
+
+    def words_like(self, word):
+        """What a word without a flag stands for: flags and the word that they take."""
+        known = {a.option_strings[-1]: map(str, a.choices) for a in self._actions if a.choices}
+        if os.path.exists(word):  # a file of the reader's
+            return [f"{flag} {word}" for flag in self.names]
+        known |= self.names
+        return [f"{flag} {x}" for flag, words in known.items() for x in nearest(word, words)]
 
     def attempt(self, flag, function, *args):
         """function(*args), whose ArgumentTypeError becomes the error of the argument `flag`."""
@@ -70,7 +113,7 @@ class Parser(argparse.ArgumentParser):
 def number(kind=float, low=1e-12, high=1e12):
     """An argparse type: a `kind` (int or float) >= `low` and < `high`.
 
-    Nobody means the numbers beyond, and they overflow once squared or divided by.
+    Numbers beyond are not meant, and they overflow once squared or divided by.
     """
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
@@ -109,10 +152,12 @@ def add_flag(group, flag, **settings):
 def chapter_parser(prog, folder, out, examples):
     """(parser, system, method): with every chapter's flags; and add_flag, for two of its groups."""
     names = ", ".join(sorted(path.stem for path in folder.glob("studies/[!_]*.py")))
-    studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies.NAME: {names}"
-    lines = ["examples:", *(f"  python {prog} {example}" for example in examples)]
+    studies = f"studies, python -m {'.'.join(folder.parts[-2:])}.studies NAME: {names}"
+    # by its entry point a chapter is a command of its own
+    command = f"python {prog}" if sys.argv[0].endswith(".py") else Path(sys.argv[0]).stem
+    lines = ["examples:", *(f"  {command} {example}" for example in examples)]
     lines += textwrap.wrap(studies, 80, subsequent_indent="  ")
-    use = f"python {prog} [flags]: each is a question, turn it and look"
+    use = f"{command} [flags]: each is a question, turn it and look"
     form = partial(argparse.RawDescriptionHelpFormatter, max_help_position=27, width=80)
     settings = {"epilog": "\n".join(lines), "add_help": False, "formatter_class": form}
     parser = Parser(prog=prog, usage=use, **settings)
@@ -125,6 +170,7 @@ def chapter_parser(prog, folder, out, examples):
     results("--out DIR", default=out, help="a folder")
     switch = argparse.BooleanOptionalAction
     results("--picture", action=switch, default=True, help="one that moves, for any browser")
+    results("--page", action=switch, default=True, help="one to touch, for any browser")
     viewer = find_spec("rerun") is not None  # without it nothing can make the recording
     results("--rerun", action=switch, default=viewer, help="the recording, for Rerun's viewer")
     results("--show-step", action="store_true", help="print the code that a step becomes, no more")
@@ -137,8 +183,10 @@ def mistake(error):
     """The traceback of an exception, without frames of this package, of libraries, of made code."""
     import traceback  # here, too
 
+    from curriculum.common.pure import foreign
+
     shown = traceback.TracebackException.from_exception(error)
-    own = [frame for frame in shown.stack if not re.search(FOREIGN, frame.filename)]
+    own = [frame for frame in shown.stack if not foreign(frame.filename)]
     shown.stack[:] = own or shown.stack
     return "".join(shown.format(chain=False)).rstrip()
 
@@ -164,10 +212,12 @@ def run_script(main):
             status = main()
         except SystemExit as end:  # after --help, or a mistake
             status = end.code
+        finally:
+            work.wipe()
         for stream in streams:
             stream.flush()
     except KeyboardInterrupt:
-        status = f"\n{prog}: interrupted; files are as they were, or whole"
+        status = f"\n{prog}: {INTERRUPTED}"
     except MemoryError:
         status = f"{prog}: error: not enough memory; ask for fewer rods, members or steps"
     except OSError as error:
@@ -179,6 +229,8 @@ def run_script(main):
     except Exception as error:
         status, name = mistake(error), getattr(error, "name", None)
         if isinstance(error, ModuleNotFoundError) and name in EXTRAS:
-            status = f"{prog}: error: {name} is not installed: pip install -e '.{EXTRAS[name]}'"
-    gc.freeze()  # an exit need not look for what nobody uses: all goes with the process
+            status = f"{prog}: error: {missing(name)}"
+    gc.freeze()  # an exit need not look for what is not used: all goes with the process
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done: nothing is left to be told
     sys.exit(status)

@@ -1,5 +1,6 @@
 """A step that computes many ahead, compiled: the same numbers, hundreds of times sooner."""
 
+import contextlib
 import sys
 import time
 
@@ -141,7 +142,10 @@ class Compiled:
         cost = COMPILING * len(self.source) + LOADING * ("llvmlite.binding" not in sys.modules)
         left = self.steps * pace
         if native.available() and left > 1.5 * cost:
-            self.to_machine(left > 200.0 * cost)
+            with contextlib.suppress(native.Unavailable):  # it goes on as it is
+                self.to_machine(left > 200.0 * cost)
+        if native.failure() and not self.alone.machine:
+            self.way = f"compiled to Python; {native.failure()}"
 
     def to_machine(self, best=True):
         """Machine code from here on; the best takes a few times as long to make."""

@@ -1,5 +1,7 @@
 """A step of one state, or a function of one, for many states: each as if it were alone."""
 
+import contextlib
+import os
 from functools import cache
 
 from curriculum.common import native
@@ -21,6 +23,10 @@ def pool():
     return ThreadPoolExecutor(native.CORES)
 
 
+if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads, and makes its own
+    os.register_at_fork(after_in_child=pool.cache_clear)
+
+
 def code_of(traced, work):
     """What runs a Traced step for many members, called as native.Native is.
 
@@ -28,7 +34,8 @@ def code_of(traced, work):
     columns of numpy, or one by one where there is a loop and no machine code.
     """
     if native.available() and work > WORTH:
-        return native.Native(traced.program, native.LANES)
+        with contextlib.suppress(native.Unavailable):  # then as below
+            return native.Native(traced.program, native.LANES)
     return OneByOne(traced.source) if traced.program.loops() else Columns(traced.source)
 
 

@@ -1,9 +1,11 @@
 """Files that appear whole or not at all, alone or several at once."""
 
 import contextlib
+import errno
 import json
 import os
 import signal
+import stat
 from pathlib import Path
 
 UNFINISHED = ".unfinished-"  # and a process: files that are being written
@@ -12,41 +14,80 @@ UNFINISHED = ".unfinished-"  # and a process: files that are being written
 def write_together(folder, contents):
     """Write files {name: text or bytes} aside, then rename them into `folder`.
 
-    A name whose content is None is not there afterwards. If one cannot be written, or all is
-    interrupted, all is as it was, and an OSError names the file. Processes wait for each other.
+    A name whose content is None is not there afterwards. If one cannot be written or replaced, or
+    all is interrupted, all is as it was, and an OSError names the file. Processes wait for each
+    other.
     """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     made = {name: x.encode() if isinstance(x, str) else x for name, x in contents.items()}
-    (folder := Path(folder)).mkdir(parents=True, exist_ok=True)
-    aside = folder / f"{UNFINISHED}{os.getpid()}"
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError):  # of a system that cannot lock folders
             import fcntl
 
-            stack.callback(os.close, handle := os.open(folder, os.O_RDONLY))
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
-            for left in folder.glob(f"{UNFINISHED}*"):
-                remove(left)
-        aside.mkdir(exist_ok=True)
-        stack.callback(remove, aside)
-        for name in (name for name, x in made.items() if x is not None):
-            try:
-                (aside / name).write_bytes(made[name])
-            except OSError as why:
-                raise OSError(why.errno, why.strerror or str(why), str(folder / name)) from None
-
+            tidy(folder)
+        new, old = (folder / f"{UNFINISHED}{os.getpid()}-{what}" for what in ("new", "old"))
+        for aside in (new, old):
+            aside.mkdir(exist_ok=True)
+            stack.callback(remove, aside)
+        for name, content in made.items():
+            with naming(folder / name):
+                if content is not None:
+                    (new / name).write_bytes(content)
+                with contextlib.suppress(OSError):  # none is there, or the disk knows no links
+                    os.link(folder / name, old / name)
         with undisturbed():
-            for name, x in made.items():
-                if x is None:
+            replace_all(folder, made, new, old)
+
+
+def tidy(folder):
+    """Remove what processes that were killed have left in a folder."""
+    for left in folder.glob(f"{UNFINISHED}*"):
+        with contextlib.suppress(OSError):  # somebody else's: it is in nobody's way
+            remove(left)
+
+
+def replace_all(folder, made, new, old):
+    """Have the files of `made` be those in the folder `new`, or not be there, if their content is
+    None. If one cannot be replaced, all are those in the folder `old` again."""
+    done = []
+    try:
+        for name, content in made.items():
+            with naming(folder / name):
+                if content is None:
                     (folder / name).unlink(missing_ok=True)
                 else:
-                    (aside / name).replace(folder / name)
+                    (new / name).replace(folder / name)
+            done.append(name)
+    except OSError:
+        for name in done:
+            if (old / name).exists():
+                (old / name).replace(folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+        raise
 
 
-def remove(folder):
-    """Remove a folder of files."""
-    for path in folder.iterdir():
+@contextlib.contextmanager
+def naming(path):
+    """An OSError that is raised meanwhile names this file, and not the one it is written to."""
+    try:
+        yield
+    except OSError as why:
+        raise OSError(why.errno, why.strerror or str(why), str(path)) from None
+
+
+def remove(path):
+    """Remove a file, or a folder and all that is in it."""
+    if path.is_symlink() or not path.is_dir():
         path.unlink()
-    folder.rmdir()
+        return
+    for below in path.iterdir():
+        remove(below)
+    path.rmdir()
 
 
 @contextlib.contextmanager
@@ -81,10 +122,35 @@ def check_writable(path):
     """Raise OSError now if `path`, whose folder is made if need be, could not be written later."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):
         path.lstat()  # of a name that may be too long
-    above = next(folder for folder in path.absolute().parents if os.path.lexists(folder))
+    try:
+        whole = path.absolute()
+    except FileNotFoundError:
+        raise OSError("the folder you are in is gone; cd to one that is there") from None
+    above = next(folder for folder in whole.parents if os.path.lexists(folder))
     if not above.is_dir():
         raise OSError(f"{above.name} is {'no folder' if above.exists() else 'a link to nothing'}")
     if path.exists() and not path.is_file():  # a device, a pipe: a file would take its place
         raise OSError(f"{path.name} is {'a folder' if path.is_dir() else 'no plain file'} there")
-    (probe := above / f"{UNFINISHED}{os.getpid()}").touch()
-    probe.unlink()
+    probe = above / f"{UNFINISHED}{os.getpid()}"
+    with naming(path):
+        probe.touch()
+    probe.unlink(missing_ok=True)  # another process may have tidied up
+    if path.exists() and not replaceable(path):
+        raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")
+
+
+def replaceable(path):
+    """Whether a file, in a folder that can be written to, may be replaced by another of its name.
+
+    Not if it is immutable: such a file cannot be opened to be written by anybody, and that is told
+    as another error (EPERM) than of one that is just read-only (EACCES). And not if it is somebody
+    else's, in a folder of a third person whose sticky bit is set, as /tmp.
+    """
+    try:
+        os.close(os.open(path, os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)))
+    except OSError as why:
+        if why.errno == errno.EPERM or os.name == "nt":
+            return False
+    folder = path.parent.stat()
+    owners = {0, folder.st_uid, path.lstat().st_uid}
+    return not folder.st_mode & stat.S_ISVTX or os.geteuid() in owners

@@ -2,9 +2,10 @@
 
 No fast-math, nothing contracted; sin, exp and the like are the C library's, as in Python's math.
 `lanes` members go in step in one vector register: the type is all that changes. llvmlite is the
-extra `fast`; without it `available()` is false, and everything goes another way.
+extra `fast`; without it, and once it has failed, `available()` is false, and all goes another way.
 """
 
+import contextlib
 import ctypes
 import os
 import struct
@@ -15,6 +16,7 @@ from importlib.util import find_spec
 from itertools import count
 
 from curriculum.common.arrays import FUNCTIONS
+from curriculum.common.cli import shorten
 from curriculum.common.trace import INLINE, Call, Lanes, Symbol
 
 import numpy as np
@@ -25,15 +27,40 @@ COMPARED = {"<": "olt", "<=": "ole", "max": "oge", "min": "ole", "where": "une"}
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
+FAILED = []  # why llvmlite cannot be used, once that has been found out
 FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
 
 
+class Unavailable(Exception):
+    """Machine code cannot be had: why, in words."""
+
+
 def available():
-    """Whether llvmlite is installed."""
-    return find_spec("llvmlite") is not None
+    """Whether llvmlite is installed, and has not failed yet."""
+    return failure() is None and find_spec("llvmlite") is not None
+
+
+def failure():
+    """Why there is no machine code though llvmlite is installed, in words; None if it works."""
+    return FAILED[0] if FAILED else None
+
+
+@contextlib.contextmanager
+def asking_llvm():
+    """What goes wrong meanwhile is raised as Unavailable, and no further attempt is made.
+
+    llvmlite may be of another version or for another processor, or not find memory: whatever it
+    then raises, the same steps can be had from Python.
+    """
+    try:
+        yield
+    except Exception as why:
+        text = " ".join(str(why).split()) or type(why).__name__
+        FAILED[:] = [f"llvmlite fails: {shorten(text)}"]
+        raise Unavailable(FAILED[0]) from why
 
 
 class Writer:
@@ -399,9 +426,10 @@ class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
     `lanes` members go in step, others one after the other. `best`: LLVM optimizes it; else the code
-    is made a few times sooner.
+    is made a few times sooner. Raises Unavailable.
     """
 
+    @asking_llvm()
     def __init__(self, program, lanes=1, best=True):
         llvm = library()
         module = llvm.parse_assembly(assembly(program, lanes))

@@ -1,11 +1,14 @@
 """What functions remember: a trace keeps what they did once, which may be otherwise each time."""
 
+import os
 import pickle
 import random
 import sys
+import sysconfig
 from collections import deque
 from functools import lru_cache
 from itertools import chain
+from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
 
 import numpy as np
@@ -17,12 +20,34 @@ INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
 INSIDE += "__func__", "__self__", "__wrapped__"
 
 
+# of Python's own modules, of installed ones, of numpy, which may be anywhere, and of those here
+PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
+PLACES = {os.path.realpath(x) for x in (*PLACES, *map(os.path.dirname, (np.__file__, __file__)))}
+INSTALLED = {"site-packages", "dist-packages"}
+
+
 @lru_cache
 def ours(module):
     """Whether a module of this name is neither Python's, nor an installed one, nor beside this."""
-    file = getattr(sys.modules.get(module), "__file__", None) or ""
-    away = "site-packages" in file or "dist-packages" in file or module.startswith(__package__)
-    return module == "__main__" or not (away or module.split(".")[0] in sys.stdlib_module_names)
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if module == "__main__" or file is None:
+        return module.partition(".")[0] not in sys.stdlib_module_names - {"__main__"}
+    return not (foreign(file) or comes_with_metadata(module, file))
+
+
+def foreign(file):
+    """Whether a file of code is Python's, an installed package's, or beside this; or is none."""
+    path = Path(os.path.realpath(file))
+    away = INSTALLED & {*path.parts} or any(path.is_relative_to(place) for place in PLACES)
+    return bool(away) or file.startswith("<")
+
+
+def comes_with_metadata(module, file):
+    """Whether pip put this module where it is, as it does with --target: then a folder that tells
+    of it lies beside it."""
+    name, path = module.partition(".")[0], Path(file)
+    beside = path.parents[module.count(".") + (path.stem == "__init__")]
+    return any(beside.glob(f"{name}-*.dist-info"))
 
 
 @lru_cache

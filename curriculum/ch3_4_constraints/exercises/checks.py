@@ -10,8 +10,8 @@ from importlib import import_module
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.scene_files import SceneError
 from curriculum.ch3_4_constraints.studies._runs import make_system
+from curriculum.ch3_4_constraints.systems import SceneError
 from curriculum.common.cli import run_script
 from curriculum.common.elimination import has_loop
 from curriculum.common.files import as_json, write_whole

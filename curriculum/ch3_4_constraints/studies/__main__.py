@@ -12,8 +12,12 @@ NAMES = sorted(path.stem for path in Path(__file__).parent.glob("[!_]*.py"))
 def main(argv=None):
     """Hand what follows the name to the study that has it."""
     words = sys.argv[1:] if argv is None else argv
-    parser = Parser(prog="studies", description="One question each. NAME --help tells its flags.")
-    parser.add_argument("name", metavar="NAME", choices=NAMES, help=", ".join(NAMES))
+    command = f"python -m {__package__}"
+    known = f"one of {', '.join(NAMES)}"
+    parser = Parser(prog=command, usage=f"{command} NAME [its flags, or --help]")
+    parser.add_argument("name", metavar="NAME", choices=NAMES, help=f"a question each: {known}")
+    if not words:
+        parser.error(f"a NAME is missing, {known}")
     name = parser.parse_args(words[:1]).name
     return import_module(f"{__package__}.{name}").main(words[1:])
 

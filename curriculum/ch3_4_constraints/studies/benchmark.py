@@ -20,9 +20,10 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
-from curriculum.common.cli import Parser, run_script
+from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
 
 import numpy as np
@@ -47,10 +48,10 @@ CASES = {
 }
 
 
-def beside():
+def beside(cases, repeats):
     """(a) Rows and bars of a step beside the same lines in plain numpy, in Python, and MuJoCo's."""
     rows, bars = [], []
-    for (name, rule, mode), limits in CASES.items():
+    for (name, rule, mode), limits in cases.items():
         system = c.build_system(name)
         task = Task(system, 1, DT * STEPS, None)
 
@@ -64,7 +65,7 @@ def beside():
         }
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
             jobs["MuJoCo"] = partial(pace, peers.run_hinges, THEIRS[rule])
-        found = in_turns(jobs, REPEATS)
+        found = in_turns(jobs, repeats)
         row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
         share = {who: np.median(np.divide(found["us"], found[who])) for who in found}  # in a turn
         row |= {f"us/{who}": share.get(who, "-") for who in ("plain", "python", "MuJoCo")}
@@ -75,10 +76,10 @@ def beside():
     return "(a) a step, us", rows, bars
 
 
-def growth():
+def growth(links, repeats):
     """(b) Rows and a bar of a step of a chain of N links, in Python and in quick machine code."""
     jobs, rows, kinds = {}, [], ("python", "machine")[: 1 + NATIVE]
-    for n, kind in product(LINKS, kinds):
+    for n, kind in product(links, kinds):
         system, steps = c.build_system("chain", links=n), max(20, 20_000 // n)
         how = {"machine": kind == "machine", "best": False}
         step = peers.compiled_step(system, "semi_implicit", "none", DT, **how)
@@ -88,8 +89,8 @@ def growth():
             return 1e6 * peers.ours(step, task, steps)[0] / steps
 
         jobs[n, kind] = pace
-    found = in_turns(jobs, REPEATS)
-    for n in LINKS:
+    found = in_turns(jobs, repeats)
+    for n in links:
         us = {kind: found[n, kind] for kind in kinds}
         rows.append({"links": n} | {kind: np.median(x) for kind, x in us.items()})
     n, us = np.array([(row["links"], row["python"]) for row in rows if row["links"] >= 30]).T
@@ -145,14 +146,22 @@ def long_run():
 
 def main(argv=None):
     """Measure and print."""
-    Parser(prog="benchmark", description=__doc__).parse_args(argv)
-    host(repeats=REPEATS)
+    quick = {
+        "repeats": 1,
+        "cases": dict(list(CASES.items())[:2]),
+        "links": LINKS[:3],
+        "whole": False,
+    }
+    usual = {"repeats": REPEATS, "cases": CASES, "links": LINKS, "whole": True}
+    args = study_parser("benchmark", __doc__, quick, **usual).parse_args(argv)
+    host(repeats=args.repeats)
     if not find_spec("mujoco"):
         say("MuJoCo is not installed, its column stays empty; pip install -e '.[compare]'")
-    show(*beside())
-    show(*growth())
-    show(*beginnings())
-    show(*long_run())
+    show(*beside(args.cases, args.repeats))
+    show(*growth(args.links, args.repeats))
+    if args.whole:
+        show(*beginnings())
+        show(*long_run())
 
 
 if __name__ == "__main__":

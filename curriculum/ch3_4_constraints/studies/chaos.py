@@ -22,9 +22,11 @@ from unittest.mock import patch
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common import native, rules
-from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.banner import work
+from curriculum.common.cli import number, run_script
 from curriculum.common.crowds import mapped
 
 import numpy as np
@@ -54,18 +56,22 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, steps):
     """The Ends of a run whose rods are measured at every step."""
     many = _runs.crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
-    rods = 0.0
+    rods, tick = 0.0, work.counted(f"{len(system['q0'])} seeds, {rule} {mode}", steps)
     for done in range(0, steps, BLOCK):
         rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=(0, 1)))
+        tick(min(steps, done + BLOCK))
     q, v = many.states()
     joules = mapped(partial(c.energy, system))
     gained = joules(q, v) - joules(system["q0"], system["v0"])
     return Ends(rods, gained / _runs.energy_scale(system), q[:, -1])
 
 
-def speed():
-    """(a) A row of how fast a thousand go, by samples taken in turns, and what they must reach."""
-    system, steps = ensemble("double", range(CROWD)), -(-WORK // (BLOCK * CROWD)) * BLOCK
+def speed(whole, repeats):
+    """(a) A row of how fast a thousand go, by samples taken in turns, and what they must reach.
+
+    `whole`: the steps of all of them.
+    """
+    system, steps = ensemble("double", range(CROWD)), -(-whole // (BLOCK * CROWD)) * BLOCK
 
     def measure(q, v):
         return c.rod_errors(system, q), c.energy(system, q, v)
@@ -79,7 +85,7 @@ def speed():
     alone, measured = (_runs.crowd(system, *RUNS[0], DT, asked) for asked in (None, measure))
     jobs = {"alone": partial(pace, alone, steps), "measured": partial(pace, measured, BLOCK)}
     row, bars = {"seeds": CROWD}, []
-    for what, samples in in_turns(jobs, REPEATS).items():
+    for what, samples in in_turns(jobs, repeats).items():
         row |= spread(samples, what)
         if _runs.NATIVE:
             bars.append((f"{what}: us a step", 1 / row[what], 1 / LEAST[what]))
@@ -117,8 +123,9 @@ def growth(system, skip, span, dt):
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = _runs.crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
     onto_rods = mapped(lambda q, v: c.project(system, q, q, v, math.inf))
-    size = np.ones(len(q))
-    for _ in range(round((skip + span) / RENEW)):
+    size, turns = np.ones(len(q)), round((skip + span) / RENEW)
+    tick = work.counted(f"neighbours, steps of {dt:g} s", turns)
+    for turn in range(turns):
         near = away * (CLOSE / size)[:, None, None]
         both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
         steps.put(*onto_rods(*both))
@@ -127,6 +134,7 @@ def growth(system, skip, span, dt):
         away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
         size = np.sqrt(np.sum(away * away, axis=(0, 2, 3)))
         rates.append(np.log(size / CLOSE) / RENEW)
+        tick(turn + 1)
     return np.array(rates[round(skip / RENEW) :]).T
 
 
@@ -135,12 +143,12 @@ def standard_error(samples):
     return np.std(samples, ddof=1) / math.sqrt(len(samples))
 
 
-def parting():
+def parting(pairs, span):
     """(c) A row each of two steps, with the standard error."""
-    system, rows = ensemble("double", range(PAIRS)), []
+    system, rows = ensemble("double", range(pairs)), []
     for dt in (FINE, 2.0 * FINE):
-        members = growth(system, SKIP, SPAN, dt).mean(axis=1)
-        row = {"pairs": PAIRS, "dt": dt, "1/s": members.mean(), "+-": standard_error(members)}
+        members = growth(system, SKIP, span, dt).mean(axis=1)
+        row = {"pairs": pairs, "dt": dt, "1/s": members.mean(), "+-": standard_error(members)}
         rows.append(row)
     return rows
 
@@ -259,7 +267,9 @@ def beside():
 
 def main(argv=None):
     """Ask and print."""
-    parser = Parser(prog="chaos", description=__doc__)
+    quick = {"seeds": 100, "whole": WORK // 10, "repeats": 1, "pairs": 20, "span": 20.0}
+    usual = {"whole": WORK, "repeats": REPEATS, "pairs": PAIRS, "span": SPAN}
+    parser = study_parser("chaos", __doc__, quick, **usual)
     parser.add_argument("--seeds", type=number(int, 2, 10**6), default=1000, help="so many (1000)")
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
@@ -271,12 +281,12 @@ def main(argv=None):
     seeds = args.seeds
     steps, after = round(SECONDS / DT), f"{SECONDS:g} s"
     _runs.host(seeds=seeds, steps=steps, dt=DT)
-    show(*speed())
+    show(*speed(args.whole, args.repeats))
     system = ensemble("double", range(seeds))
     found = {run: follow(system, *run, steps) for run in RUNS}
     show(f"(b) worst rod error in {after}, none over baumgarte", [ordering(found)])
     show(f"and after {after}: medians, and worst; energy as a share of m g L", fates(found))
-    show("(c) the largest Lyapunov exponent, rk4", parting())
+    show("(c) the largest Lyapunov exponent, rk4", parting(args.pairs, args.span))
 
 
 if __name__ == "__main__":

@@ -85,12 +85,13 @@ def machine_free(text):
     """Its lines, a list of cells each, without what belongs to the machine: the banner, times,
     where files went."""
     lines, header = [], []
+    text = re.sub("^wrote .*", "", text, flags=re.M | re.S)
     for line in re.sub(", compiled to .*", "", text).splitlines():
         cells = re.split(r" {2,}", line.strip())
         header = cells if any(cell in TIMES for cell in cells) else header
         if len(cells) == len(header):
             cells = [cell for cell, title in zip(cells, header, strict=True) if title not in TIMES]
-        if not line.startswith(("ch3.4 ", "wrote ", "look: ")):
+        if not line.startswith("ch3.4 "):
             lines.append(cells)
     return lines
 

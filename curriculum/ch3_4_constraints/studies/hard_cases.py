@@ -15,10 +15,11 @@ from multiprocessing import Pool
 from signal import SIG_IGN, SIGINT, signal
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._runs import SCENES, energy_scale, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.banner import progress
-from curriculum.common.cli import Parser, number, run_script
+from curriculum.common.banner import work
+from curriculum.common.cli import number, run_script
 from curriculum.common.ruler import once_for_all
 
 import numpy as np
@@ -81,9 +82,11 @@ def job(where, args):
 
 def main(argv=None):
     """Print the table, all processors at work."""
-    parser = Parser(prog="hard_cases", description=__doc__)
+    quick = {"starts": 2, "seconds": 1.0, "names": ["cable", "spin", "windows"]}
+    parser = study_parser("hard_cases", __doc__, quick, names=NAMES)
     add = parser.add_argument
-    add("scenes", nargs="*", choices=[*NAMES, []], help="only these; all of them by default")
+    scenes = f"only these, of {', '.join(NAMES)}"
+    add("scenes", nargs="*", choices=[*NAMES, []], metavar="SCENE", help=scenes)
     add("--starts", type=number(int, 1, 10**4), default=40, help="of each scene (40)")
     add("--seconds", type=number(float, 0.1, 1e4), default=10.0, help="to be held (10)")
     add("--methods", default="", metavar="WORD", help="only those that contain this word")
@@ -92,17 +95,17 @@ def main(argv=None):
     if not asked:
         known = ", ".join(TITLES)
         parser.error(f"argument --methods: none contains {args.methods!r}; there are {known}")
-    about = {"starts": args.starts, "s": f"{args.seconds:g}"}
-    rows = {name: {"scene": name, **about} for name in sorted(args.scenes or NAMES)}
+    rows = {name: {"scene": name} for name in sorted(args.scenes or args.names)}
     jobs = list(product(rows, asked))
-    tick = progress("hard cases", len(jobs))
+    tick = work.counted("hard cases", len(jobs))
     # Ctrl-C is for this process alone
     with Pool(initializer=signal, initargs=(SIGINT, SIG_IGN)) as pool:
         cells = pool.imap(partial(job, args=args), jobs)
         for k, ((name, title), found) in enumerate(zip(jobs, cells, strict=True)):
             rows[name][title] = found
             tick(k + 1)
-    show("largest step in s at which all starts are held", list(rows.values()))
+    about = f"{args.starts} starts of each scene, {args.seconds:g} s"
+    show(f"largest step in s at which all are held: {about}", list(rows.values()))
 
 
 if __name__ == "__main__":

@@ -18,10 +18,11 @@ import zlib
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing, position
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.banner import progress
-from curriculum.common.cli import Parser, number, run_script, writable
+from curriculum.common.banner import work
+from curriculum.common.cli import number, run_script, writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -61,7 +62,7 @@ def angle(size):
 def lights(size, rows, mode, seconds):
     """Palette entries (rows, size) of the lowest rows of a map, the lowest first."""
     pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * DT))
-    tick = progress(f"turning, {mode}", rows * size)
+    tick = work.counted(f"turning, {mode}", rows * size)
     for begin in range(0, rows * size, BATCH):
         place = np.arange(begin, min(begin + BATCH, rows * size))
         angles = angle(size)[np.stack([place // size, place % size], axis=1)]
@@ -139,7 +140,7 @@ def line_width(size):
 
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
-    parser = Parser(prog="map", description=__doc__)
+    parser = study_parser("map", __doc__, {"size": 100, "seconds": 5.0})
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")

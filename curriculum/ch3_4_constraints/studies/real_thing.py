@@ -25,9 +25,10 @@ from typing import NamedTuple
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show
 from curriculum.common import rules
-from curriculum.common.cli import Parser, run_script
+from curriculum.common.cli import run_script
 
 import numpy as np
 
@@ -219,7 +220,7 @@ def a01(seconds=2000.0):
 
 def main(argv=None):
     """Measure and print."""
-    parser = Parser(prog="real_thing", description=__doc__)
+    parser = study_parser("real_thing", __doc__)
     parser.add_argument("--names", action="store_true", help="(a) alone; without it, (b)")
     parser.add_argument("--a01", action="store_true", help="(c) alone")
     args = parser.parse_args(argv)

@@ -18,7 +18,9 @@ import json
 from pathlib import Path
 
 import constraints as c
-from curriculum.common.cli import Parser, run_script
+from curriculum.ch3_4_constraints.studies._command import study_parser
+from curriculum.common.banner import work
+from curriculum.common.cli import run_script, writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -104,24 +106,30 @@ def integrate(system, digits):
         return q, max(abs(x - energy[0]) for x in energy)
 
 
-def compute():
+def compute(names):
     """{name: its case}; prints a line a case."""
-    cases = {}
-    for name in NAMES:
+    cases, tick = {}, work.counted("digits", len(names))
+    for k, name in enumerate(names):
         (coarse, _), (fine, drift) = (integrate(c.build_system(name), d) for d in (COARSE, FINE))
         assert drift < 10.0**-COARSE, f"{name}: energy error {float(drift):.1e} J"
         error = np.max(np.abs(fine - coarse))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
+        work.wipe()
         print(f"{name:15} error {error:.1e} m, energy error {float(drift):.1e} J", flush=True)
+        tick(k + 1)
     return cases
 
 
 def main(argv=None):
     """Write the file, or compare with it; returns 1 if they differ."""
-    parser = Parser(prog="reference", description=__doc__.partition("\n\n")[0])
+    quick, about = {"names": NAMES[:1], "check": True}, __doc__.partition("\n\n")[0]
+    parser = study_parser("reference", about, quick, names=NAMES)
     parser.add_argument("--check", action="store_true", help="compare, exit 1 beyond 1e-14 m")
-    check, cases = parser.parse_args(argv).check, compute()
-    if check:
+    args = parser.parse_args(argv)
+    if not args.check:
+        parser.attempt("--check: without it", writable, str(FILE))
+    cases = compute(args.names)
+    if args.check:
         stored = json.loads(FILE.read_text(encoding="utf-8"))["cases"]
         pairs = [(stored[name]["positions"], cases[name]["positions"]) for name in cases]
         gap = max(np.max(np.abs(np.subtract(*both))) for both in pairs)

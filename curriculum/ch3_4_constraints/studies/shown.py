@@ -8,9 +8,10 @@ is named.
 import math
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import Parser, run_script
+from curriculum.common.cli import run_script
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -308,7 +309,7 @@ def hour():
 
 def main(argv=None):
     """Print the tables."""
-    parser = Parser(prog="shown", description=__doc__)
+    parser = study_parser("shown", __doc__)
     names = {"nargs": "*", "metavar": "NAME", "choices": [*SHOWN, []]}
     parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; all but hour")
     for name in parser.parse_args(argv).names or [name for name in SHOWN if name != "hour"]:

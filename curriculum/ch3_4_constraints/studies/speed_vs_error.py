@@ -11,9 +11,11 @@ import math
 from unittest.mock import patch
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._runs import RULES, double, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import Parser, run_script
+from curriculum.common.banner import work
+from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
 
 FAR, ROUNDING = 0.3, 1e-13  # m: who is so far off is not listed; under that all errors are equal
@@ -38,18 +40,18 @@ def solves(system, rule, mode, dt, steps):
     return sum(asked) / (len(found.tip) - 1)
 
 
-def ladder(task, rule, mode):
-    """The rows of one method: the number of steps doubles until it costs too much or the error
-    stops to fall."""
+def ladder(task, rule, mode, most=MOST):
+    """The rows of one method: the number of steps doubles until it costs `most` solves a simulated
+    second, or the error stops to fall."""
     rows, per, count, system = [], 1, 0.0, task.system
-    while count < MOST and (len(rows) < 4 or rows[-1]["error"] < 0.9 * rows[-4]["error"]):
+    while count < most and (len(rows) < 4 or rows[-1]["error"] < 0.9 * rows[-4]["error"]):
         dt, steps = task.every / per, per * task.samples
         found = run(system, rule, mode, dt, steps, range(per, steps + 1, per))
         if not found.stopped:
             count = solves(system, rule, mode, dt, steps) / dt
             row = {"method": f"{rule} {mode}", "dt": dt, "error": task.error(found.q[..., :2])}
             rows.append(row | {"solves": count})
-        elif 1.0 / dt > MOST:
+        elif 1.0 / dt > most:
             break
         per *= 2
     return rows
@@ -64,9 +66,14 @@ def ahead(rows):
 
 def main(argv=None):
     """Print the frontier."""
-    Parser(prog="speed_vs_error", description=__doc__).parse_args(argv)
+    quick = {"most": MOST // 10, "methods": METHODS[::4]}
+    parser = study_parser("speed_vs_error", __doc__, quick, most=MOST, methods=METHODS)
+    args = parser.parse_args(argv)
     task = double()
-    rows = [row for method in METHODS for row in ladder(task, *method)]
+    rows, tick = [], work.counted("climbing", len(args.methods))
+    for k, method in enumerate(args.methods):
+        rows += ladder(task, *method, args.most)
+        tick(k + 1)
     rows = [row for row in ahead(rows) if row["error"] < FAR]
     rows.sort(key=lambda row: row["error"])
     show("the double pendulum, 5 s: error in m, and linear systems solved a second", rows)

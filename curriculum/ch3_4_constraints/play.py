@@ -1,0 +1,356 @@
+"""The page that lives: a scene in all its modes, in any browser, under sliders and a hand.
+
+    python -m curriculum.ch3_4_constraints.play [NAME ...] [--out DIR]
+
+makes one for each scene, and an index.html that links them. The page has no formula of its own:
+the chapter's lines run once, on symbols, with the step, Baumgarte's w, soft's T and the hand as
+inputs, and what they did becomes JavaScript, which makes the bits that they make here.
+"""
+
+import base64
+import hashlib
+import html
+import json
+import re
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+from curriculum.ch3_4_constraints.run_checks import misfit
+from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
+from curriculum.ch3_4_constraints.systems import SceneError, check_system
+from curriculum.common.cli import Parser, run_script, writable
+from curriculum.common.files import write_together
+from curriculum.common.javascript import PRELUDE, Writer, inexact
+from curriculum.common.pure import Memory
+from curriculum.common.steps import HALVINGS, followed
+from curriculum.common.trace import Program, Routine, Symbol, Tape, Untraceable
+
+import numpy as np
+
+TEMPLATE = Path(__file__).with_name("play.html")
+PAGE = "play.html"
+INDEX = "index.html"
+MOST = 120  # rods: a browser is too slow for more
+DAMPING = 0.1  # s: the hand, a spring, resists a speed as much as this times it in metres
+STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
+STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
+TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s
+SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
+KNOBS = "dt", "whole", "w", "T"  # `whole`: the step that a Hold is for, where dt may be a half
+
+
+class Hand:
+    """Springs that pull particles to a point, one of stiffness 0 to each that is not pulled.
+
+    `point` (D,) m and `stiffness` (N,) N/m, of symbols.
+    """
+
+    def __init__(self, point, stiffness):
+        self.point, self.stiffness = point, stiffness
+
+    def force(self, q, v):
+        """(N, 3) in N, at one state."""
+        f = np.zeros(q.shape, object)
+        for i, k in enumerate(self.stiffness):
+            for axis, x in enumerate(self.point):
+                f[i, axis] = k * (x - q[i, axis] - DAMPING * v[i, axis])
+        return f
+
+    @contextmanager
+    def on(self, chapter):
+        """The chapter, whose external force has the hand's beside it for a while."""
+        own = chapter.external_force
+        chapter.external_force = lambda system, q, v=None: own(system, q, v) + self.force(q, v)
+        try:
+            yield
+        finally:
+            chapter.external_force = own
+
+
+class Tracer:
+    """What the chapter computes of a scene, as functions of JavaScript.
+
+    `chapter`: the module constraints, as its reader has edited it. `axes`: 2 if all stays in the
+    plane z = 0, or 3. `live`: which entries of (q, v) a state is made of.
+    """
+
+    def __init__(self, chapter, system, rule, impedance, axes):
+        self.chapter, self.system, self.rule = chapter, system, rule
+        self.impedance, self.axes = impedance, axes
+        self.writer, self.inexact = Writer(), set()
+        count = len(system["q0"])
+        self.still = np.arange(3) >= np.full((count, 1), axes)
+        self.point = [f"hand_{axis}" for axis in range(axes)]
+        self.pulls = [f"pull_{i}" for i in range(count)]
+        self.knobs = [*KNOBS, *self.point, *self.pulls]
+        self.given = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
+        self.given |= {x: f"knobs.hand[{k}]" for k, x in enumerate(self.point)}
+        self.given |= {x: f"knobs.pull[{k}]" for k, x in enumerate(self.pulls)}
+
+    def inputs(self, names):
+        """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
+        return [Symbol(Tape.current, name) for name in names]
+
+    def force(self, mode):
+        """The chapter's force of a mode, under the hand."""
+        _, whole, w, time_constant = self.inputs(KNOBS)
+        hold = self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
+        return self.chapter.make_force(self.system, hold)
+
+    def hand(self):
+        """A context in which the chapter's external force has the hand's beside it."""
+        return Hand(self.inputs(self.point), self.inputs(self.pulls)).on(self.chapter)
+
+    def traced(self, function, knobs=()):
+        """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""
+        program = Program(function, self.still, self.still, knobs=knobs)
+        self.inexact |= inexact(program)
+        self.live = program.live
+        given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.given
+        return program, given
+
+    def step(self, mode):
+        """The name of the function (state, dt, knobs) -> state, an array."""
+
+        def force(q, v):
+            with self.hand():
+                return self.force(mode)(q, v)
+
+        called = Routine(force, often=True)
+
+        def step(q, v, dt, *_):
+            return followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
+
+        program, given = self.traced(step, self.knobs)
+        for result, mask in zip(program.results, (self.still, self.still), strict=True):
+            if any(s.x != 0.0 for s in result[mask]):
+                raise Leaves
+        program.results = [np.array([program.results[k][at] for k, at in program.live])]
+        return self.writer.program(program, ["state", "dt", "knobs"], given)
+
+    def measure(self):
+        """The name of the function (state) -> [energy in J, the rod errors in m ...]."""
+
+        def measure(q, v):
+            joules = self.chapter.energy(self.system, q, v)
+            return np.array([joules]), self.chapter.rod_errors(self.system, q)
+
+        program, given = self.traced(measure)
+        return self.writer.program(program, ["state"], given)
+
+    def tensions(self):
+        """The name of the function (state, dt, knobs) -> the rods' pulls in N, under the hand."""
+
+        def tensions(q, v, *_):
+            with self.hand():
+                return (self.chapter.tensions(self.system, q, v),)
+
+        program, given = self.traced(tensions, self.knobs)
+        return self.writer.program(program, ["state", "dt", "knobs"], given)
+
+
+class Leaves(Exception):
+    """A motion that was thought to stay in a plane leaves it."""
+
+
+def traced(chapter, system, rule, modes, impedance):
+    """A Tracer, and the names of its functions: {mode: a step}, the measures, the tensions."""
+    flat = not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
+    for axes in (2, 3) if flat else (3,):
+        tracer = Tracer(chapter, system, rule, impedance, axes)
+        try:
+            names = {mode: tracer.step(mode) for mode in modes}
+        except Leaves:
+            continue
+        return tracer, names, tracer.measure(), tracer.tensions()
+    raise Untraceable("it leaves space")
+
+
+def reach(system):
+    """The corners (3,), (3,) of a box that particles on right rods hardly leave.
+
+    A particle is at most as far from an anchor as the shortest way along rods is.
+    """
+    count, anchors = len(system["q0"]), system["anchors"]
+    far = np.full((len(anchors), count), np.inf)
+    for _ in range(count):
+        before = far.copy()
+        for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
+            if j < 0:
+                far[-1 - j, i] = min(far[-1 - j, i], length)
+            else:
+                far[:, i] = np.minimum(far[:, i], far[:, j] + length)
+                far[:, j] = np.minimum(far[:, j], far[:, i] + length)
+        if np.array_equal(far, before):
+            break
+    tied = np.isfinite(far).any(axis=0)
+    low = np.max(anchors[:, None] - far[..., None], axis=0)
+    high = np.min(anchors[:, None] + far[..., None], axis=0)
+    loose = np.sum(system["lengths"])  # a particle that hangs on no anchor may go where it likes
+    low = np.where(tied[:, None], low, system["q0"] - loose)
+    high = np.where(tied[:, None], high, system["q0"] + loose)
+    corners = np.vstack([low, high, anchors])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if not np.any(system["v0"]):  # from rest, little rises far above where it was let go
+        top = np.max(np.vstack([system["q0"], anchors])[:, 1])
+        high[1] = min(high[1], top + 0.5 * (top - low[1]))
+    return low, high
+
+
+def palette(modes):
+    """CSS: the pictures' colours for each theme, and those of the modes, by number."""
+    colors = {name: PALETTE[name] for name in SHADES}
+    for k, light in enumerate(mode_colors(modes).values()):
+        colors[f"mode-{k}"] = light, DARK[light]
+    rules = []
+    for which, theme in enumerate(("light", "dark")):
+        shades = "".join(f"--{name}:{color[which]};" for name, color in colors.items())
+        rules.append(f"@media (prefers-color-scheme: {theme}) {{:root {{{shades}}}}}")
+    return "\n".join(rules)
+
+
+def choices(usual, among):
+    """Values for a slider: those `among` which the usual one is, in order."""
+    return sorted({float(x) for x in (*among, usual)})
+
+
+def stiff_choices(usual, limit, dt):
+    """Values of w, among them the last and the next beyond the cliff at `limit`, if it has one."""
+    among = list(STIFF)
+    if limit:
+        edge = 5.0 * np.floor(limit / dt / 5.0)
+        below = [x for x in among if x < 0.98 * edge]
+        among = [*below, edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
+    return choices(usual, among)
+
+
+def page(chapter, name, system, rule, step_fn, dt, knobs):
+    """The text of the page: a scene of this name, moved by `step_fn`, the integrator called `rule`.
+
+    It begins with steps of `dt` s and, as `knobs`, w in rad/s, the time constant in s, and the
+    impedance. `chapter`: the module constraints, as its reader has edited it. Raises Untraceable,
+    and says why. Same arguments, same bytes.
+    """
+    if len(system["pairs"]) > MOST:
+        raise Untraceable(f"more than {MOST} rods are too slow for a browser")
+    system = check_system(system)
+    memory = Memory(step_fn, chapter.external_force)
+    why = next(iter(memory.asks), None)
+    if why:
+        raise Untraceable(why)
+    w, time_constant, impedance = knobs
+    holds = chapter.hold_table(dt, *knobs)
+    modes = [mode for mode, hold in holds.items() if not misfit(hold, rule)]
+    try:
+        tracer, names, measure, tensions = traced(chapter, system, step_fn, modes, impedance)
+    except Exception as reason:  # a mistake of the reader's shows in the run itself
+        why = str(reason) or type(reason).__name__
+    why = memory.restore() or why
+    if why:
+        raise Untraceable(why)
+    axes, limit = tracer.axes, chapter.STABILITY_LIMIT.get(rule)
+    both = [system["q0"], system["v0"]]
+    low, high = reach(system)
+    weight = np.sum(system["m"]) * np.linalg.norm(chapter.GRAVITY)
+    data = {
+        "name": name,
+        "rule": rule,
+        "modes": modes,
+        "axes": axes,
+        "start": [float(both[k][at]) for k, at in tracer.live],
+        "pairs": [list(map(int, pair)) for pair in system["pairs"]],
+        "lengths": system["lengths"].tolist(),
+        "masses": system["m"].ravel().tolist(),
+        "anchors": system["anchors"].tolist(),
+        "box": [low[:axes].tolist(), high[:axes].tolist()],
+        "mgl": float(weight * np.sum(system["lengths"])) or 1.0,
+        "newtons": float(weight) or 1.0,
+        "far": 100.0 * float(np.sum(system["lengths"])),
+        "knobs": {"dt": dt, "w": w, "T": time_constant},
+        "lists": {
+            "dt": choices(dt, (*STEPS, 0.5 * dt)),
+            "w": stiff_choices(w, limit, dt),
+            "T": choices(time_constant, TIMES),
+        },
+        "limit": limit,
+        "halvings": HALVINGS,
+        "inexact": sorted(tracer.inexact),
+    }
+    table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in names.items())
+    lines = PRELUDE + tracer.writer.source()
+    lines += f"const steps = {{{table}}}, measure = {measure}, tensions = {tensions};"
+    return filled(lines, data, palette(modes))
+
+
+def filled(lines, data, colors):
+    """The template with its blanks filled in, and the policy that lets only its own parts run."""
+    text = TEMPLATE.read_text(encoding="utf-8")
+    shown = json.dumps(data, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")
+    blanks = {
+        "{{name}}": html.escape(data["name"]),
+        "/* colours */": colors,
+        "/* lines */": lines,
+        "/* data */": f"const data = {shown};",
+    }
+    for blank, content in blanks.items():
+        text = text.replace(blank, content)
+    allowed = {
+        tag: " ".join(digest(part) for part in re.findall(f"(?s)<{tag}>(.*?)</{tag}>", text))
+        for tag in ("script", "style")
+    }
+    policy = f"default-src 'none'; script-src {allowed['script']}; style-src {allowed['style']}"
+    return text.replace("{{policy}}", policy)
+
+
+def digest(part):
+    """What a content policy calls a script or style by."""
+    made = hashlib.sha256(part.encode()).digest()
+    return f"'sha256-{base64.b64encode(made).decode()}'"
+
+
+def scene_page(chapter, name):
+    """The page of a scene, as a default run of it has it."""
+    system = chapter.build_system(name)
+    rule = "semi_implicit"
+    return page(chapter, name, system, rule, chapter.INTEGRATORS[rule], 0.005, (20.0, 0.02, 0.95))
+
+
+def main(argv=None):
+    """Write the pages of the scenes that `argv` names, or of all, and an index."""
+    import constraints as chapter
+
+    folder = chapter.HERE / chapter.CHAPTER / "scenes"
+    about = {name: f"Let go level; rods: {rods}." for name, rods in chapter.SYSTEMS.items()}
+    about["chain"] = "Let go level; rods: 10."
+    for path in sorted(folder.glob("*.json")):
+        about[path.stem] = json.loads(path.read_bytes())["about"]
+    parser = Parser(prog="play", description=__doc__)
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*about, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(about)}")
+    folder_type = partial(writable, names=(INDEX,))
+    parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
+    args = parser.parse_args(argv)
+    files = {}
+    for name in args.names or about:
+        try:
+            files[f"{name}.html"] = scene_page(chapter, name)
+        except (Untraceable, SceneError) as why:
+            print(f"{name} left out: {why}")
+    rows = "\n".join(
+        f'<li><a href="{html.escape(name)}">{html.escape(Path(name).stem)}</a>: '
+        f"{html.escape(about[Path(name).stem])}"
+        for name in files
+    )
+    head = [
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Scenes to touch</title>',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<meta name="color-scheme" content="light dark">',
+    ]
+    files[INDEX] = "\n".join(head) + f"\n<h1>Scenes to touch</h1>\n<ul>\n{rows}\n</ul>\n"
+    write_together(args.out, files)
+    print(f"wrote {args.out / INDEX} and {len(files) - 1} pages")
+
+
+if __name__ == "__main__":
+    run_script(main)

@@ -1,0 +1,56 @@
+"""What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
+
+from curriculum.ch3_4_constraints.systems import check_system
+from curriculum.common.cli import meant, shorten
+
+import numpy as np
+
+TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
+
+
+def chosen(name, table):
+    """The Hold of this name in a table of modes; raises ValueError if there is none."""
+    if name not in table:
+        end = meant(name, table, f"; modes are {', '.join(table)}")
+        raise ValueError(f"{shorten(name)!r} is no mode{end}")
+    return table[name]
+
+
+def misfit(hold, rule):
+    """Why a Hold, if it is one, is nothing for the integrator of this name; None if it fits."""
+    if not hold or hold.rule in (None, rule):
+        return None
+    step = "which does not end a step at q + dt (v + dt a)"
+    return f"does not fit {rule}, {step}; give --integrator {hold.rule}"
+
+
+def check_run(system, force, dt, steps, keep, step_fn, rules):
+    """The system as check_system gives it; ValueError if something does not fit a run.
+
+    `rules`: integrators by name. A step_fn that is none of them is the caller's own affair.
+    """
+    hold = getattr(force, "hold", None)
+    if hold and hold.dt not in (None, dt):
+        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")
+    for name in (name for name, rule in rules.items() if rule is step_fn):
+        why = misfit(hold, name)
+        if why is not None:
+            raise ValueError(f"this force {why}")
+    number = isinstance(dt, (int, float, np.integer, np.floating))
+    if not (number and 0.0 < dt < np.inf):
+        raise ValueError(f"dt is {dt!r}; must be a finite number of seconds > 0")
+    # a whole number of numpy's may be too short for one step more
+    if not (type(steps) in (int, np.int64) and steps >= 0):
+        raise ValueError(f"steps is {steps!r}; must be an int >= 0")
+    if iter(keep) is keep:
+        raise ValueError("keep can be gone through but once; must be a list, or a range")
+    kept = np.array([*keep])
+    if kept.size and (kept.dtype.kind not in "iu" or kept.min() < 0 or kept.max() > steps):
+        bad = next(x for x in keep if not (isinstance(x, (int, np.integer)) and 0 <= x <= steps))
+        raise ValueError(f"keep has {bad!r}; must be steps of the run, whole numbers 0 to {steps}")
+    system = check_system(system)
+    own = {"anchors": np.zeros((1, 3))} | getattr(force, "system", system)
+    for key in TIED:
+        if not np.array_equal(own[key], system[key]):
+            raise ValueError(f"this force is for another system: {key} are not those of the run")
+    return system

@@ -1,0 +1,119 @@
+"""Systems, checked so that a mistake in one is answered by a sentence.
+
+A system is a dict of arrays, as COLUMNS has them, and of what else its maker puts in.
+"""
+
+import json
+from argparse import ArgumentTypeError
+from decimal import Decimal, localcontext
+from itertools import accumulate
+from operator import mul
+
+from curriculum.ch3_4_constraints.statics import differences
+from curriculum.common.cli import shorten
+
+import numpy as np
+
+FIT = 1e-6  # relative: how far a length in a file may be from the distance of the rod's ends
+ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
+CROWD = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
+MOST = 1000  # particles, rods or anchors in a file; rods of a chain
+HUGE = 1e12  # beyond (divisors: below 1 / HUGE; masses: times another) rods have no digits left
+
+POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
+DIVISOR = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
+COLUMNS = {  # type, shape and bound of a row; the shape of all; a row's name in a file, what it is
+    "q0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].position", POINT),
+    "v0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].velocity", POINT),
+    "m": (float, (1,), 1 / HUGE, "(N, 1)", "particles[{}].mass", DIVISOR.format("kilograms")),
+    "anchors": (float, (3,), -HUGE, "(K, 3)", "anchors[{}]", POINT),
+    "pairs": (int, (2,), -HUGE, "(C, 2)", "rods[{}].pair", "two whole numbers [i, j]"),
+    "lengths": (float, (), 1 / HUGE, "(C,)", "rods[{}].length", DIVISOR.format("metres")),
+}
+
+
+class SceneError(ArgumentTypeError, ValueError):
+    """A scene that cannot be run: its sentence names field and index, and what is allowed."""
+
+
+def direction(angle):
+    """(cos, sin, 0) of an angle in rad, a few turns at most: libm's depend on the processor."""
+    with localcontext(prec=50):  # for the series of exp(i angle), whose terms turn by i
+        steps = (Decimal(angle) / k for k in range(1, 100))
+        terms = list(accumulate(steps, mul, initial=Decimal(1)))
+        cosine, sine = (sum(terms[k::4]) - sum(terms[k + 2 :: 4]) for k in (0, 1))
+        return np.array([float(cosine), float(sine), 0.0])
+
+
+def check_links(links):
+    """Raise SceneError unless a chain can have so many links."""
+    whole = isinstance(links, (int, np.integer))
+    need(whole and 1 <= links <= MOST, "links", links, f"a whole number of rods, 1 to {MOST}")
+
+
+def need(test, field, found, allowed):
+    """Raise SceneError unless `test`."""
+    if not test:
+        found = json.dumps(found, default=lambda x: getattr(x, "tolist", x.__repr__)())
+        raise SceneError(f"{field} is {shorten(found)}; must be {allowed}")
+
+
+def check_system(system):
+    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
+
+    q0 and v0 (..., N, 3) may be many starts. A length may be a tenth off. Raises SceneError.
+    """
+    need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
+    typed = {key: column(key, system[key]) for key in COLUMNS}
+    return system | checked(typed, ROUGH, "{}[{}]".format, [])
+
+
+def column(key, typed):
+    """The array of one of a system's keys, that was typed as an array or a list."""
+    dtype, row, low, shape, _, allowed = COLUMNS[key]
+    try:
+        array = np.asarray(typed)
+    except ValueError:
+        array = np.array(None)  # rows of several lengths
+    axes = array.ndim - len(row)  # one of rows; starts may have more, of members
+    right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
+    right = right and array.shape[axes:] == row and array.dtype.kind in ("iuf", "iu")[dtype is int]
+    need(right, key, typed, f"a list or an array {shape}, each row {allowed}")
+    need(array.size or axes == 1, f"the shape of {key}", array.shape, "of one member at least")
+    bad = ~((array > low) & (array < HUGE))
+    for at in np.argwhere(bad)[:1, :axes].tolist():  # of the first bad row
+        need(False, f"{key}{at}", array[tuple(at)], allowed)
+    return array.astype(dtype)
+
+
+def checked(system, fit, name, bare):
+    """The arrays of a system, checked against each other. Lengths may be off by a share `fit`, and
+    those of the rods `bare` are measured; name(key, k): what row k is called."""
+
+    def refuse(key, bad, allowed):
+        """Raise SceneError for the first bad row of system[key]; allowed(its index): words."""
+        if np.any(bad):
+            k = int(np.argwhere(bad)[0][-1])  # whatever start it is bad in
+            need(False, name(key, k), np.squeeze(system[key][k]), allowed(k))
+
+    q0, _, m, anchors, pairs, lengths = (system[key] for key in COLUMNS)
+    n, fixed, rods = q0.shape[-2], len(anchors), len(pairs)
+    need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
+    for key, shape in ("v0", q0.shape), ("m", (n, 1)), ("lengths", (rods,)):
+        need(system[key].shape == shape, f"the shape of {key}", system[key].shape, shape)
+    refuse("m", m[:, 0] > HUGE * m.min(), lambda _: f"at most {HUGE:g} times {m.min():g} kg")
+    i, j = pairs.T
+    wrong = (i < 0) | (i >= n) | (j < -fixed) | (j >= n) | (i == j)
+    ends = f" or to an anchor -1..-{fixed}" if fixed else "; there are no anchors"
+    refuse("pairs", wrong, lambda _: f"a particle 0..{n - 1}, tied to another{ends}")
+    ties, seen = (np.minimum(i, j) * (n + fixed) + np.maximum(i, j)).tolist(), {}
+    again = np.array([seen.setdefault(tie, k) < k for k, tie in enumerate(ties)])
+    refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
+    shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
+    need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
+    found = np.linalg.norm(differences(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
+    refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
+    lengths[bare] = found[0, bare]
+    off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
+    refuse("lengths", off, lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
+    return system | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}

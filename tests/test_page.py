@@ -1,0 +1,415 @@
+"""The page that lives: its bits in node, and what its reader sees and does in Chromium."""
+
+import json
+import re
+import shutil
+import subprocess
+from functools import partial
+
+import constraints as c
+from curriculum.ch3_4_constraints import play
+from curriculum.ch3_4_constraints.run_checks import misfit
+from curriculum.common import javascript
+from curriculum.common.trace import Program, Untraceable
+
+import numpy as np
+import pytest
+
+DT, STEPS = 0.005, 4000
+USUAL = DT, (20.0, 0.02, 0.95)
+SCENES = ["double", "jansen_leg", "heavy_tip", "peaucellier", "windows"]
+NODE = """
+const fs = require("fs"), vm = require("vm"), [page, steps, ...modes] = process.argv.slice(2);
+const [, script] = fs.readFileSync(page, "utf8").match(/<script>([^]*?)<\\/script>/);
+vm.runInThisContext(script + "; globalThis.scene = scene;");
+const found = {};
+for (const mode of modes) {
+  const state = scene.start.slice(), rows = [...state];
+  let done = 0, halved = 0, why = null;
+  try {
+    for (; done < Number(steps); done++) {
+      halved += scene.modes[mode](state, scene.knobs);
+      for (const x of state) rows.push(x);
+    }
+  } catch (error) {
+    why = error.message;
+  }
+  fs.writeFileSync(`${page}.${mode}`, Buffer.from(Float64Array.from(rows).buffer));
+  found[mode] = {done, halved, why, whole: state.every((x, k) => x === rows.at(k - state.length))};
+}
+console.log(JSON.stringify(found));
+"""
+
+
+def page(name, rule="semi_implicit"):
+    """The page of a scene, as a run of this rule has it."""
+    system, step_fn = c.build_system(name), c.INTEGRATORS[rule]
+    return play.page(c, name, system, rule, step_fn, *USUAL)
+
+
+def compared(folder, name, rule, steps, only=None):
+    """{mode: (what node says, the Run of Python)}, once all their states are the same bits."""
+    if shutil.which("node") is None:
+        pytest.skip("node is not installed")
+    file, system = folder / "page.html", c.build_system(name)
+    file.write_text(page(name, rule))
+    modes = [mode for mode, hold in c.hold_table().items() if not misfit(hold, rule)]
+    modes = [mode for mode in modes if only in (None, mode)]
+    (folder / "run.cjs").write_text(NODE)
+    command = ["node", folder / "run.cjs", file, steps, *modes]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300)
+    assert done.stderr == ""
+    said = json.loads(done.stdout)
+    for mode in modes:
+        force = c.make_force(system, c.hold_table()[mode])
+        run = c.simulate(c.INTEGRATORS[rule], system, force, DT, steps, range(steps + 1))
+        count = len(run.q)
+        expected = [x[..., :2].reshape(count, -1) for x in (run.q, run.v)]
+        found = np.fromfile(f"{file}.{mode}").reshape(said[mode]["done"] + 1, -1)
+        assert np.array_equal(found[:count], np.concatenate(expected, axis=1)), mode
+        assert said[mode]["whole"], "a step that fails leaves the state as it was"
+        said[mode] = said[mode], run
+    return said
+
+
+def test_every_exact_operation_is_written_as_python_has_it(tmp_path):
+    def everything(x):
+        a, b = x
+        larger, smaller = np.maximum(a, b), np.minimum(a, b)
+        chosen = np.where(a < b, a - (b - 3.0), -(a + b) * 0.1 / (a * (b / 7.0)))
+        return (np.stack([larger, smaller, chosen, np.abs(a - b), np.sqrt(a * a + b), -(-a - b)]),)
+
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed")
+    program, writer = Program(everything, np.zeros(2, bool)), javascript.Writer()
+    name = writer.program(program, ["x"], {x: f"x[{k}]" for k, x in enumerate(program.inputs)})
+    assert not javascript.inexact(program)
+    values = [0.1, -0.7, 3.0, 1e300, np.inf, np.nan]
+    pairs = [[a, b] for a in values for b in values]
+    shown = ",".join(f"[{a!r},{b!r}]" for a, b in pairs).replace("inf", "Infinity")
+    lines = f"{javascript.PRELUDE}{writer.source()}\nconst made = [{shown.replace('nan', 'NaN')}]"
+    lines += (
+        f".flatMap({name});\nprocess.stdout.write(Buffer.from(Float64Array.from(made).buffer));"
+    )
+    done = subprocess.run([node, "-"], input=lines.encode(), capture_output=True, check=True)
+    with np.errstate(all="ignore"):
+        expected = [everything(np.array(pair))[0] for pair in pairs]
+    found = np.frombuffer(done.stdout).reshape(len(pairs), -1)
+    assert np.array_equal(found, np.array(expected), equal_nan=True)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_mode_makes_pythons_bits_for_4000_steps_halves_included(name, tmp_path):
+    for mode, (said, run) in compared(tmp_path, name, "semi_implicit", STEPS).items():
+        assert (said["done"], said["halved"]) == (len(run.tip) - 1, run.halved), mode
+        assert run.stopped is None or run.stopped.endswith(f"{said['done'] + 1}: {said['why']}")
+        if (name, mode) == ("heavy_tip", "project"):
+            assert run.halved > 0 and run.stopped  # or the test would not have seen either
+
+
+@pytest.mark.parametrize("rule", ["euler", "rk4", "midpoint", "gauss"])
+def test_other_rules_make_pythons_bits(rule, tmp_path):
+    found = compared(tmp_path, "double", rule, 400)
+    assert "project" in found and "impulse" not in found
+
+
+def test_what_a_reader_writes_is_in_the_page(monkeypatch, tmp_path):
+    table, weight = c.hold_table, c.external_force
+
+    def more(*given, **named):
+        return table(*given, **named) | {"mine": c.Hold(1.0, 3.0, 5.0, 0.0)}
+
+    monkeypatch.setattr(c, "hold_table", more)
+    monkeypatch.setattr(c, "external_force", lambda s, q, v=None: weight(s, q, v) - 0.3 * v)
+    c.main(["--steps", "20", "--no-rerun", "--out", str(tmp_path)])
+    assert all("mine" in (tmp_path / name).read_text() for name in (play.PAGE, "motion.svg"))
+    found = compared(tmp_path, "pendulum", "semi_implicit", 400)
+    assert "mine" in found
+    energies = found["project"][1].energies
+    assert energies[-1] < energies[0] - 0.1  # drag is felt, there and here
+
+
+def test_halves_keep_the_hold_of_the_whole_step(monkeypatch, tmp_path):
+    table = c.hold_table
+
+    def more(*given, **named):  # and a row that is for a step's length, and whose steps fail
+        rows = table(*given, **named)
+        return rows | {"mended": rows["impulse"]._replace(after=c.project)}
+
+    monkeypatch.setattr(c, "hold_table", more)
+    said, run = compared(tmp_path, "heavy_tip", "semi_implicit", 1000, "mended")["mended"]
+    assert said["halved"] == run.halved > 0
+
+
+def test_a_force_that_branches_leaves_the_page_out_with_a_sentence(monkeypatch, tmp_path, capsys):
+    main = partial(c.main, ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
+    main()
+    assert (tmp_path / play.PAGE).exists()
+    weight = c.external_force
+    wind = lambda s, q, v=None: weight(s, q, v) * (1.0 if q[0, 0] > 0.0 else 2.0)  # noqa: E731
+    monkeypatch.setattr(c, "external_force", wind)
+    capsys.readouterr()
+    main()
+    assert not (tmp_path / play.PAGE).exists()
+    assert re.search(r"\nplay\.html left out: it branches on a value", capsys.readouterr().out)
+
+
+def test_a_force_that_asks_the_clock_is_not_frozen_into_a_page(monkeypatch):
+    import time
+
+    weight = c.external_force
+    gust = lambda s, q, v=None: weight(s, q, v) * time.time()  # noqa: E731
+    monkeypatch.setattr(c, "external_force", gust)
+    with pytest.raises(Untraceable, match="the time"):
+        page("pendulum")
+    with pytest.raises(Untraceable, match="120 rods"):
+        play.page(c, "x", c.build_system("chain", links=121), "rk4", c.rk4_step, *USUAL)
+
+
+def test_a_page_needs_nothing_else_and_is_the_same_each_time():
+    for name, most in (("double", 60_000), ("jansen_leg", 300_000)):
+        text = page(name)
+        assert text == page(name) and len(text.encode()) <= most
+        assert not re.search(r"https?:|\beval\b|new Function|\son\w+=|\bimport\b|src=", text)
+        assert "default-src 'none'" in text and "unsafe" not in text
+
+
+def test_no_page_is_written_where_none_is_asked_for(tmp_path):
+    words = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
+    for flags, there in ([], True), (["--no-page"], False):
+        c.main([*words, *flags])
+        assert (tmp_path / play.PAGE).exists() == there
+
+
+def test_pages_of_scenes_are_written_with_an_index(tmp_path):
+    play.main(["pendulum", "spin", "--out", str(tmp_path)])
+    index = (tmp_path / play.INDEX).read_text()
+    assert re.findall('href="(.*?)"', index) == ["pendulum.html", "spin.html"]
+    assert all((tmp_path / name).exists() for name in ("pendulum.html", "spin.html"))
+
+
+# ---- in a browser
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser without a window."""
+    programs = filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome")))
+    program = next(programs, None)
+    if program is None:
+        pytest.skip("chromium is not installed")
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as playwright:
+        flags = ["--no-sandbox", "--disable-gpu"]
+        browser = playwright.chromium.launch(executable_path=program, args=flags)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(chromium, tmp_path):
+    """visit(scene, size, ...): an open page; at the end it has told of no error."""
+    complaints, contexts = [], []
+
+    def visit(name, size=(1100, 820), clock=True, **settings):
+        file = tmp_path / f"{name}.html"
+        file.write_text(page(name))
+        viewport = {"width": size[0], "height": size[1]}
+        contexts.append(chromium.new_context(viewport=viewport, **settings))
+        tab = contexts[-1].new_page()
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("request", lambda asked: complaints.append(asked.url) if tab.url else None)
+        if clock:  # one that only the test turns, so that a busy machine changes nothing
+            tab.clock.install(time=0)
+        tab.goto(file.as_uri())
+        if clock:
+            tab.clock.pause_at(60_000)
+            tab.click("#again")
+        return tab
+
+    yield visit
+    for context in contexts:
+        context.close()
+    assert [x for x in complaints if not x.startswith("file:")] == []
+
+
+def pick(tab, key, value):
+    """Move a slider to a value."""
+    tab.evaluate(
+        """([key, value]) => {
+            const {input} = sliders[key];
+            input.value = data.lists[key].indexOf(value);
+            input.dispatchEvent(new Event("input"));
+        }""",
+        [key, value],
+    )
+
+
+def spot(tab, mode, particle):
+    """Where a particle of a mode's tile is on the screen."""
+    return tab.evaluate(
+        """([mode, particle]) => {
+            const copy = copies.find((copy) => copy.mode === mode);
+            const box = copy.canvas.getBoundingClientRect();
+            const [x, y] = seen(place(copy.state, particle));
+            const scale = box.width / (2 * view.wide);
+            return [box.left + box.width / 2 + scale * x, box.top + box.height / 2 - scale * y];
+        }""",
+        [mode, particle],
+    )
+
+
+@pytest.mark.parametrize("name", ["double", "jansen_leg"])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("size", [(1100, 820), (390, 844)])
+def test_a_page_fits_its_screen_and_runs_without_an_error(name, theme, size, visit):
+    tab = visit(name, size, color_scheme=theme)
+    for button in tab.query_selector_all("button"):
+        if button.is_visible():
+            button.click()
+            tab.clock.run_for(100)
+    wide, tall = tab.evaluate("[document.body.scrollWidth, document.body.scrollHeight]")
+    assert wide <= size[0] and tall <= size[1] + 40
+
+
+def test_the_clock_is_the_walls(visit):
+    tab = visit("double")
+    for dt in (0.0025, 0.005, 0.01, 0.02):
+        pick(tab, "dt", dt)
+        begun = tab.evaluate("performance.now()")
+        tab.clock.run_for(2000)
+        passed = (tab.evaluate("performance.now()") - begun) / 1000.0
+        assert passed >= 1.9 and tab.evaluate("time") == pytest.approx(passed, rel=0.05)
+        assert tab.evaluate("Math.abs(time - taken * knobs.dt)") == 0.0
+
+
+def test_a_drag_moves_a_particle_in_every_tile(visit):
+    tab = visit("double")
+    tab.clock.run_for(500)
+    x, y = spot(tab, "impulse", 1)
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(*(target := spot(tab, "impulse", -1)), steps=5)  # to the anchor
+    tab.clock.run_for(3000)
+    for mode in tab.evaluate("data.modes"):
+        far = tab.evaluate(
+            """(mode) => {
+                const copy = copies.find((copy) => copy.mode === mode);
+                return Math.hypot(...place(copy.state, 1).map((x, k) => x - knobs.hand[k]));
+            }""",
+            mode,
+        )
+        assert far < 0.3, mode  # of rods of 1 m: held by the hand's spring
+    assert target == spot(tab, "impulse", -1)
+    tab.mouse.up()
+    assert tab.evaluate("[hand.particle, ...knobs.pull]") == [None, 0, 0]
+
+
+def test_arrow_keys_pull_and_escape_lets_go(visit):
+    tab = visit("double")
+    tab.clock.run_for(100)
+    tab.focus("canvas.view")
+    tab.keyboard.press("ArrowUp")
+    assert tab.evaluate("hand.particle") == 1 and tab.evaluate("knobs.pull[1]") > 0
+    tab.keyboard.press("Escape")
+    assert tab.evaluate("hand.particle") is None
+
+
+def test_the_cliff_of_w_is_where_theory_says(visit):
+    tab = visit("double")
+    for w, holds in (165.0, True), (170.0, False):
+        tab.click("#again")
+        pick(tab, "w", w)
+        tab.clock.run_for(10_000)
+        lost = tab.evaluate("copies.find((copy) => copy.mode === 'baumgarte').lost")
+        assert (lost is None) == holds
+    why, seconds = re.fullmatch(r"(.*) at (.*) s", lost).groups()
+    assert why == "flew apart" and float(seconds) == pytest.approx(1.5, abs=0.3)
+    assert "flew apart" in tab.inner_text("#tiles") and "0.85 of 0.828" in tab.inner_text("#knobs")
+
+
+def test_a_new_step_is_a_new_run_beside_the_pale_one_before(visit):
+    tab = visit("double")
+    tab.clock.run_for(1000)
+    pick(tab, "w", 40.0)  # goes on, with a tick in the plot
+    assert tab.evaluate("[time > 0.9, marks.length, before]") == [True, 1, None]
+    pick(tab, "dt", 0.0025)
+    assert tab.evaluate("[time, marks.length, before.length]") == [0, 0, 5]
+    tab.click("text=As it was")
+    assert tab.evaluate("knobs.dt === data.knobs.dt && knobs.w === data.knobs.w")
+
+
+def test_a_swipe_beside_the_particles_scrolls(visit):
+    tab = visit("double", (390, 600), clock=False, has_touch=True)
+    tab.click("#run")
+    devtools = tab.context.new_cdp_session(tab)
+
+    def touch(kind, x, y):
+        points = [] if kind == "touchEnd" else [{"x": x, "y": y}]
+        devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def swipe(x, y):
+        touch("touchStart", x, y)
+        for up in (30, 60, 120):
+            touch("touchMove", x, y - up)
+        held = tab.evaluate("hand.particle")
+        touch("touchEnd", x, y)
+        tab.wait_for_timeout(300)
+        return held, tab.evaluate("scrollY")
+
+    held, scrolled = swipe(*spot(tab, "none", 1))
+    assert (held, scrolled) == (1, 0)  # a particle goes with the finger
+    box = tab.query_selector("canvas.view").bounding_box()
+    held, scrolled = swipe(box["x"] + 10, box["y"] + box["height"] - 5)
+    assert held is None and scrolled > 50
+
+
+@pytest.mark.parametrize("name", ["double", "jansen_leg"])
+def test_60_frames_a_second(name, visit):
+    tab = visit(name, clock=False)
+    quickest = tab.evaluate(
+        """() => new Promise((resolve) => {  // ms of 12 frames, the least within 10 s
+            const seen = [], end = performance.now() + 10000;
+            let least = Infinity;
+            const look = (now) => {
+                seen.push(now);
+                if (seen.length > 12) least = Math.min(least, now - seen[seen.length - 13]);
+                if (least < 205 || now > end) resolve(least);
+                else requestAnimationFrame(look);
+            };
+            requestAnimationFrame(look);
+        })"""
+    )
+    assert quickest < 205  # 200 at 60 a second
+
+
+def test_reduced_motion_starts_paused(visit):
+    tab = visit("pendulum", reduced_motion="reduce")
+    tab.clock.run_for(500)
+    assert tab.evaluate("time") == 0
+    tab.click("#one")
+    assert tab.evaluate("taken") == 1
+
+
+def test_a_force_with_sin_says_that_bits_may_differ(visit, monkeypatch):
+    weight = c.external_force
+    swell = lambda s, q, v=None: weight(s, q, v) + np.sin(q)  # noqa: E731
+    monkeypatch.setattr(c, "external_force", swell)
+    tab = visit("pendulum")
+    tab.clock.run_for(500)
+    assert "uses sin" in tab.inner_text("#notes")
+
+
+def test_a_scene_that_is_not_flat_turns(visit, tmp_path):
+    system = c.build_system("double") | {"v0": np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])}
+    text = play.page(c, "turned", system, "semi_implicit", c.semi_implicit_step, *USUAL)
+    (tmp_path / "turned.html").write_text(text)
+    tab = visit("pendulum")
+    tab.goto((tmp_path / "turned.html").as_uri())
+    tab.clock.run_for(500)
+    before = spot(tab, "none", 1)
+    turn = tab.locator("input[aria-label^=turn]")
+    turn.fill("90")
+    assert before != spot(tab, "none", 1)
+    depth = tab.evaluate("place(copies[0].state, 1)[2]")
+    assert depth != 0.0
