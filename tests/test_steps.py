@@ -14,6 +14,7 @@ from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SCENES, run
 from curriculum.common import compiled, native
+from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain
@@ -370,3 +371,11 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
         _, moved = c.project(system, system["q0"], system["q0"], moved, 1.0)
         q, v = together(rule, crowd_of(system, np.stack([system["v0"], moved])), mode, dt, steps)
         assert np.array_equal(q[:, 0], alone.q) and np.array_equal(v[:, 0], alone.v)
+
+
+@pytest.mark.parametrize("stages", [3, 4, 8, 16])
+@pytest.mark.parametrize("name", ["double", "windows", "jansen_leg"])
+def test_stages_side_by_side_have_the_bits_of_stages_in_turn(name, stages):
+    """Where a register is full, where lanes are left over, and where it takes more than one."""
+    found = in_every_way(make_gauss(stages, 1e-9), c.build_system(name), "none", 0.02, 3)
+    assert found.way.startswith("compiled") and not found.stopped

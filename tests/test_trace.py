@@ -9,7 +9,15 @@ from curriculum.common.arrays import ordered
 from curriculum.common.crowds import Crowd, mapped
 from curriculum.common.python import Columns, OneByOne, source_of
 from curriculum.common.steps import Single
-from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, repeat
+from curriculum.common.trace import (
+    Program,
+    Routine,
+    Stop,
+    Symbol,
+    Untraceable,
+    repeat,
+    side_by_side,
+)
 
 import numpy as np
 import pytest
@@ -46,6 +54,32 @@ def tangle(seed, x):
 INNER = Routine(lambda a, b: a / (1.0 + b * b) - 0.3 * b)
 OUTER = Routine(lambda a, b: INNER(b, -a) + heron(a * a + 0.5) * INNER(a, b))
 KEPT = np.array([[0.0, 1.0, 0.0], [2.0, 0.0, 3.0]])
+
+
+def rows(x):
+    """Rows of rows; some are zero in the same places, and each has a loop of its own length."""
+    many = np.stack([x[0], x[1], KEPT[0] * x[1], KEPT[0] * x[0], -x[1], 0.0 * x[0], x[0] * x[1]])
+
+    def of(a, k):
+        inner = side_by_side(lambda b: b / k - x[1], np.stack([a * a, a + 1.0]))
+        return heron((a * a + k)[None])[0] - INNER(a, x[0]), inner * a
+
+    ends, pairs = side_by_side(of, many, np.arange(1.0, 8.0) - 0.5)
+    return ends[1:3] + ends[4] * ends[5:] - pairs[0] * pairs[3] + pairs[-1]
+
+
+def rounds(x):
+    """Rows of a loop that swap places, and one that stands by itself."""
+    order = [2, 0, 1]
+
+    def body(y):
+        after = side_by_side(lambda a, b: 0.2 * INNER(a, b) + 0.01 * (y[1, 0] * b), y[:3], y[order])
+        after = np.concatenate([after[order], -0.5 * y[3:]])
+        return after, np.sum((after - y) * (after - y)) / 1e-12
+
+    return loop(body, np.concatenate([x.T, x.T[:1]]))[1:].T
+
+
 EXAMPLES = {  # x (2, 3) -> (2, 3)
     "polynomial": lambda x: 1.0 - 2.0 * x + x * x * x / 3.0 - -x + (x - x),
     "matrix": lambda x: (x @ x.T @ np.array([[0.0, 1.0], [2.0, 3.0]]) @ x - x.sum(axis=0)) / 7.0,
@@ -71,11 +105,15 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
         lambda y: (0.6 * y + 0.2 * x[0], 3.0 + np.sum(abs(y - x[0, 0]))), 2.0 * x, nearly=99.0
     ),
     "routines": lambda x: OUTER(KEPT * x, -x) + OUTER(x, x[::-1]) - OUTER(-x, x + 1.0),
+    "rows": rows,
+    "rows in a loop": rounds,
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
 LOOSE = dict.fromkeys(("functions", "powers"), 1e-12)  # the last bit is numpy's own
-INLINED = [(name, trace.INLINE) for name in EXAMPLES] + [("routines", 0), ("loops of routines", 0)]
+INLINED = [(name, trace.INLINE) for name in EXAMPLES] + [
+    (name, 0) for name in ("routines", "rows", "loops of routines")
+]
 CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (11, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
 CROWD[3] *= 1e-3  # it takes its loops more turns than the others
 
@@ -139,6 +177,10 @@ ROUTINE = Routine(heron)
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong
     "a divisor of zero": (lambda x: x - 1.0 + 0.0 / (x * x), 2.0),
     "a loop that does not settle in a routine": (lambda x: ROUTINE(x) + 1e100 * x, 1e10),
+    "loops of rows that do not settle": (
+        lambda x: side_by_side(lambda a, k: heron(k * a[None])[0] + 1e100 * a, x, np.array([1, 2])),
+        1e10,
+    ),
     "an exponential": (np.exp, 1.7),
     "a root of less than nothing": (lambda x: np.sqrt(x) - 2.0, 17.0),
     "a power": (lambda x: x**9.0, 20.0),

@@ -2,9 +2,9 @@
 
 import math
 from decimal import Decimal, localcontext
-from functools import lru_cache, partial
+from functools import lru_cache
 
-from curriculum.common.trace import entrywise, repeat
+from curriculum.common.trace import repeat, side_by_side
 
 import numpy as np
 
@@ -54,45 +54,66 @@ def collocation(stages):
         return tuple(np.array(part, dtype=float) for part in parts)
 
 
+def total(x):
+    """The sum over the first axis of x: the second half is added to the first, again and again.
+
+    An odd one, the last, waits for the next round. So its order is the same everywhere, and a
+    processor adds side by side.
+    """
+    while len(x) > 1:
+        half = len(x) // 2
+        x = np.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
+    return x[0]
+
+
 def combined(weights, a):
-    """Sums of a (s, N, 3) by the rows of weights (r, s), in order: (r, N, 3)."""
-    return np.stack([sum(w * x for w, x in zip(row, a, strict=True)) for row in weights])
+    """The sum of the arrays a (s, N, 3) by weights (s,): (N, 3)."""
+    return total(weights[:, None, None] * a)
 
 
 def squares(x):
     """The sum of the squares of an array."""
-    return np.sum(np.square(x))
+    return total(np.square(x).ravel())
 
 
 def make_gauss(stages, tol=1e-16):
     """The rule of Gauss-Legendre collocation: order 2 * `stages`, symplectic, time-reversible.
 
     The accelerations of the stages solve a(t_s) = force(q(t_s), v(t_s)) / m. That is iterated as it
-    stands (Hairer, Lubich, Wanner, VIII.6) until the end of the step moves by no more than `tol`,
-    relatively, or as little as rounding allows. Raises Stop after MOST rounds, or where the
+    stands (Hairer, Lubich, Wanner, VIII.6) until a round moves the end of the step by no more than
+    `tol`, relatively, or as little as rounding allows. Raises Stop after MOST rounds, or where the
     polynomial through the stages has no digits: then a run tries the step in halves.
     """
 
     def gauss_step(q, v, m, force, dt):
         c, b, once, twice, last_terms = collocation(stages)
-        ways = partial(combined, np.concatenate([once, twice]))
-        ends = partial(combined, np.stack([b, b * (1.0 - c), *last_terms]))
-        coast = q + dt * c[:, None, None] * v
+
+        def iterate(a):  # and the square of how far that moves the end of the step
+            def stage(c, once, twice, before):
+                x = q + dt * c * v + dt * dt * combined(twice, a)
+                after = force(x, v + dt * combined(once, a)) / m
+                return after, squares(after - before)
+
+            following, moved = side_by_side(stage, c, once, twice, a)
+            return following, dt4 * total(moved)
+
         start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
+        first, moved = iterate(np.zeros((stages, *q.shape)))  # the particles coast
+        scale = tol**2 * (start + moved) + 1e-300
 
-        def iterate(a):
-            speeds, places = np.split(entrywise(ways, a), 2)
-            places, speeds = coast + dt * dt * places, v + dt * speeds
-            following = np.stack([force(x, y) / m for x, y in zip(places, speeds, strict=True)])
-            moved, size = dt4 * squares(following - a), dt4 * squares(a)
-            return following, moved / (tol**2 * (start + size) + 1e-300)
+        def another(state):  # accelerations, and behind them the move that led to them
+            following, moved = iterate(state[:-1].reshape(first.shape))
+            return np.append(following, moved / scale), state[-1]
 
-        constant = np.stack([force(q, v) / m] * stages)
-        a = repeat(iterate, constant, MOST, "the Gauss stages do not settle", 1e-18 / tol**2)
-        speed, place, *terms = entrywise(ends, a)
-        if stages > 5:
+        why, nearly = "the Gauss stages do not settle", 1e-18 / tol**2
+        state = repeat(another, np.append(first, moved / scale), MOST, why, nearly)
+        a = state[:-1].reshape(first.shape)
+        ends, checked = np.stack([b, b * (1.0 - c), *last_terms]), stages > 5
+        ends = ends if checked else ends[:2]
+        speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)
+        if checked:
             least = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike
-            wild = sum(map(squares, terms)) / (ROUGH**2 * squares(a) / stages + least + 1e-300)
+            wild = squares(np.stack(terms)) / (ROUGH**2 * squares(a) / stages + least + 1e-300)
             end = np.stack([speed, place])
             why = "the Gauss stages do not resolve the motion"
             speed, place = repeat(lambda x: (x, wild), end, 1, why)

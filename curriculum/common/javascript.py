@@ -8,7 +8,7 @@ import json
 import re
 from collections import Counter
 
-from curriculum.common.trace import Call
+from curriculum.common.trace import Call, Lanes
 
 # What a page has to define before the functions that are written here.
 PRELUDE = """class Stop extends Error {}
@@ -30,16 +30,8 @@ DECLARED = re.compile(r"\b(?:const|let) (\w+)")
 
 def inexact(program):
     """The functions that a program uses and that need not have Python's bits, a set of names."""
-    found, todo, known = set(), [program.tape], set()
-    while todo:
-        tape = todo.pop()
-        if id(tape) in known:
-            continue
-        known.add(id(tape))
-        found.update(node[0] for node in tape.nodes.values())
-        parts = tape.parts.values()
-        todo += [part.program.tape if isinstance(part, Call) else part.tape for part in parts]
-    return found - EXACT
+    used = {node[0] for tape in program.tapes() for node in tape.nodes.values()}
+    return used - EXACT
 
 
 def literal(x):
@@ -132,13 +124,16 @@ class Writer:
     def routine(self, program):
         """The name of the function for a program that others call, and the knobs that it needs."""
         if id(program) not in self.routines:
-            statements, (results,) = self.statements(program.tape, program.made)
-            used = words([*(text for _, text in statements), *results])
-            knobs = [x for x in self.given if x in used]
-            whole = self.split(statements, results)
-            name = self.function([*program.inputs, *knobs], whole, results)
-            self.routines[id(program)] = program, name, knobs
+            self.routines[id(program)] = program, *self.inner(program)
         return self.routines[id(program)][1:]
+
+    def inner(self, program, taken=()):
+        """The name of a function for a program inside another, and what it needs from around it."""
+        statements, (results,) = self.statements(program.tape, program.made)
+        used = words([*(text for _, text in statements), *results])
+        around = [*taken, *(x for x in self.given if x in used and x not in taken)]
+        whole = self.split(statements, results)
+        return self.function([*program.inputs, *around], whole, results), around
 
     def statements(self, tape, *groups):
         """Statements that compute groups of symbols, and for each group its expressions."""
@@ -175,12 +170,23 @@ class Writer:
             yield statements, list(map(expressions.signed, group))
 
     def part(self, part, expressions):
-        """The statement of a Call or a Loop."""
+        """The statement of a Call, of Lanes or of a Loop."""
+        if isinstance(part, Lanes):
+            return sum(part.names, []), self.lanes(part, expressions)
         if isinstance(part, Call):
             name, knobs = self.routine(part.program)
             given = ", ".join([*map(expressions.signed, part.arguments), *knobs])
             return part.names, called(part.names, f"{name}({given})")
         return part.names, self.loop(part, expressions)
+
+    def lanes(self, lanes, expressions):
+        """Rows in turn, by one function."""
+        name, around = self.inner(lanes.program, lanes.taken)
+        lines = []
+        for row, names in zip(lanes.rows, lanes.names, strict=True):
+            given = ", ".join([*map(expressions.signed, row), *around])
+            lines.append(called(names, f"{name}({given})"))
+        return "\n".join(lines)
 
     def loop(self, loop, expressions):
         """A loop, which throws a Stop if it comes to no end."""

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from curriculum.common.trace import Routine, entrywise
+from curriculum.common.trace import Routine, side_by_side
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def make_midpoint(order):
     of a part (W. Gragg, SIAM J. Numer. Anal. 2 (1965) 384); each round of Aitken's and Neville's
     scheme takes away a term of it.
     """
-    parts = range(2, order + 1, 2)
+    parts = np.arange(2.0, order + 1.0, 2.0)
 
     def extrapolated(row):
         for k in range(1, len(parts)):
@@ -22,21 +22,21 @@ def make_midpoint(order):
                 b + (b - a) / ((n + 2 * k) ** 2 / n**2 - 1.0)
                 for n, (a, b) in zip(parts, pairwise(row), strict=False)
             ]
-        return row
+        return row[0]
 
     def midpoint_step(q, v, m, force, dt):
         def rate(x):
             return np.stack([x[1], force(*x) / m])
 
-        leap = Routine(lambda before, x, h: before + h * rate(x), often=True)
+        leap = Routine(lambda before, x, dt: before + dt * rate(x), often=True)
         start = np.stack([q, v])
-        first = rate(start)
-        ways = [(start, start + (dt / n) * first) for n in parts]
-        for k in range(1, order):  # by turns: a processor works at one while another waits
-            ways = [
-                (x, leap(before, x, 2.0 * dt / n)) if k < n else (before, x)
-                for n, (before, x) in zip(parts, ways, strict=True)
-            ]
-        return tuple(entrywise(extrapolated, np.stack([x for _, x in ways]))[0])
+        before = np.stack([start] * len(parts))
+        x = start + (dt / parts)[:, None, None, None] * rate(start)
+        for k in range(1, order):
+            going = slice(k // 2, None)  # ways of more than k parts
+            after = side_by_side(leap, before[going], x[going], 2.0 * dt / parts[going])
+            before[going], x[going] = x[going], after
+        ends = x.reshape(len(parts), -1).T
+        return tuple(side_by_side(extrapolated, ends).reshape(start.shape))
 
     return midpoint_step

@@ -9,12 +9,15 @@ import contextlib
 import ctypes
 import os
 import struct
+from collections import namedtuple
+from copy import copy
 from functools import cache
 from importlib.util import find_spec
+from itertools import count
 
 from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.cli import shorten
-from curriculum.common.trace import INLINE, Call
+from curriculum.common.trace import INLINE, Call, Lanes, Symbol
 
 import numpy as np
 
@@ -26,6 +29,9 @@ CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FAILED = []  # why llvmlite cannot be used, once that has been found out
 FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
+
+# a number in a vector, of which the first `many` count
+Lane = namedtuple("Lane", "type vector number many")
 
 
 class Unavailable(Exception):
@@ -58,21 +64,41 @@ def asking_llvm():
 
 
 class Writer:
-    """Lines of one function in LLVM's language, and the `routines` {id of a program: lines}.
+    """Lines of one function in LLVM's language, and the `routines` {name: lines} that it calls.
 
-    What a loop changes is in memory, reserved at the `top`: LLVM finds registers for it.
+    `alone`: of one member; else its lanes are members. What a loop changes is in memory, reserved
+    at the `top`: LLVM finds registers for it.
     """
 
-    def __init__(self, lanes, routines):
-        self.lanes, self.routines, self.top, self.lines, self.count = lanes, routines, [], [], 0
+    def __init__(self, lanes, routines, alone):
+        self.routines, self.alone = routines, alone
+        self.top, self.lines, self.count = [], [], count()
+        self.set_lanes(lanes)
+
+    def set_lanes(self, lanes):
+        self.lanes = lanes
         self.type = "double" if lanes == 1 else f"<{lanes} x double>"
         self.truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
+        self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
+
+    def widened(self, many):
+        """A writer of the same lines whose values have `many` lanes, or a power of two."""
+        wide = copy(self)
+        wide.set_lanes(max(4, 1 << (many - 1).bit_length()))
+        return wide
 
     def new(self, text):
         """The name of what `text` computes."""
-        self.count += 1
-        self.lines.append(f"  %u{self.count} = {text}")
-        return f"%u{self.count}"
+        name = f"%u{next(self.count)}"
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def reduced(self, how, value):
+        """One truth of all lanes: "and" or "or"."""
+        if self.lanes == 1:
+            return value
+        function = f"@llvm.vector.reduce.{how}.v{self.lanes}i1"
+        return self.new(f"call i1 {function}({self.truth} {value})")
 
     def begin(self, block, branch=None):
         """A new block; the one before ends with a branch, or goes straight on."""
@@ -102,9 +128,42 @@ class Writer:
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
     def value(self, env, s):
+        """The value of a Symbol, a name or a number; `env` {name: value, or a Lane}."""
         x, minus = (s, False) if isinstance(s, (str, float)) else (s.x, s.minus)
-        value = env[x] if isinstance(x, str) else self.constant(x)
+        if isinstance(x, float):
+            return self.constant(-x if minus else x)
+        value = env[x]
+        if isinstance(value, Lane):
+            value = self.new(f"extractelement {value.type} {value.vector}, i32 {value.number}")
         return self.new(f"fneg {self.type} {value}") if minus else value
+
+    def gathered(self, wide, env, symbols):
+        """A vector, for the writer `wide`, of symbols; copies of the last fill it up."""
+        filled = [min(k, len(symbols) - 1) for k in range(wide.lanes)]
+        lanes = [None if s.minus else env.get(s.x) for s in symbols]
+        if all(isinstance(x, Lane) for x in lanes) and len({x.vector for x in lanes}) == 1:
+            kind, vector, _, many = lanes[0]
+            numbers = [x.number for x in lanes]
+            if numbers == [*range(many)]:
+                return vector
+            return self.shuffled(kind, vector, [numbers[k] for k in filled])
+        values = [self.value(env, s) for s in symbols]
+        given = [values[k] if values[k].startswith("0x") else "poison" for k in filled]
+        made = f"<{', '.join(f'double {x}' for x in given)}>"
+        for k, x in enumerate(values):
+            if given[k] == "poison":
+                made = self.new(f"insertelement {wide.type} {made}, double {x}, i32 {k}")
+        return made if given[-1] != "poison" else self.shuffled(wide.type, made, filled)
+
+    def shuffled(self, kind, vector, numbers):
+        """A vector of some lanes, by number, of another of type `kind`."""
+        mask = ", ".join(f"i32 {k}" for k in numbers)
+        mask = f"<{len(numbers)} x i32> <{mask}>"
+        return self.new(f"shufflevector {kind} {vector}, {kind} poison, {mask}")
+
+    def spread(self, vector, many):
+        """Its first `many` numbers."""
+        return [Lane(self.type, vector, k, many) for k in range(many)]
 
     def operation(self, sign, values):
         """What one operation makes of values."""
@@ -115,8 +174,8 @@ class Writer:
         if sign in COMPARED:
             return self.compared(sign, *values)
         function = "fabs" if sign == "abs" else sign
-        kind = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
-        return self.new(f"call {self.type} @llvm.{function}.{kind}({self.type} {values[0]})")
+        called = f"@llvm.{function}.{self.suffix}"
+        return self.new(f"call {self.type} {called}({self.type} {values[0]})")
 
     def compared(self, sign, a, b, c=None):
         """What depends on a comparison: 1 or 0, one of two numbers, or NaN if one of them is."""
@@ -134,7 +193,8 @@ class Writer:
         return self.new(f"select {self.truth} {truth}, {first}, {second}")
 
     def finite(self, value):
-        return self.new(f"call i1 @llvm.is.fpclass.f64(double {value}, i32 {FINITE})")
+        called = f"@llvm.is.fpclass.{self.suffix}"
+        return self.new(f"call {self.truth} {called}({self.type} {value}, i32 {FINITE})")
 
     def library(self, function, values):
         """A function of the C library, lane by lane."""
@@ -153,31 +213,72 @@ class Writer:
             sign, *operands = tape.nodes[name]
             if sign == "part":
                 part = tape.parts[name]
-                (self.call if isinstance(part, Call) else self.loop)(part, env)
+                write = {Call: self.call, Lanes: self.side_by_side}.get(type(part), self.loop)
+                write(part, env)
             elif sign != "of":
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 
     def call(self, call, env):
         """A routine, which leaves its results in memory."""
         program, place = call.program, self.memory(self.type, len(call.names))
-        if id(program) not in self.routines:
-            self.routines[id(program)] = []  # known to those that it calls
-            self.routines[id(program)] = routine(program, self.lanes, self.routines)
+        name = f"@r{id(program)}_{self.lanes}"
+        if name not in self.routines:
+            self.routines[name] = []  # known to those that it calls
+            self.routines[name] = routine(name, program, self.lanes, self.routines, self.alone)
         given = [f"{self.type} {self.value(env, s)}" for s in call.arguments]
-        self.lines.append(f"  call void @r{id(program)}({', '.join([*given, f'ptr {place}'])})")
+        self.lines.append(f"  call void {name}({', '.join([*given, f'ptr {place}'])})")
         env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
+
+    def side_by_side(self, lanes, env):
+        """Rows as lanes of vectors; or in turn, where the lanes are members."""
+        program = lanes.program
+        needed = program.tape.needed(program.made)
+        if self.lanes > 1:
+            for row, names in zip(lanes.rows, lanes.names, strict=True):
+                given = [self.value(env, s) for s in row]
+                inner = env | dict(zip(program.inputs, given, strict=True))
+                self.operations(program.tape, needed, inner)
+                env |= {x: self.value(inner, s) for x, s in zip(names, program.made, strict=True)}
+            return
+        for piece in pieces(len(lanes.rows)):
+            wide = self.widened(len(lanes.rows[piece]))
+            inner = {x: self.gathered(wide, env, [Symbol(None, x)]) for x in lanes.taken}
+            columns = zip(*lanes.rows[piece], strict=True)
+            for name, column in zip(program.inputs, columns, strict=True):
+                inner[name] = self.gathered(wide, env, column)
+            wide.operations(program.tape, needed, inner)
+            for s, names in zip(program.made, zip(*lanes.names[piece], strict=True), strict=True):
+                numbers = wide.spread(wide.value(inner, s), len(names))
+                env |= zip(names, numbers, strict=True)
 
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
-        self.count += 1
-        k, t, truth, tape = self.count, self.type, self.truth, loop.tape
-        places = [self.variable(self.value(env, s)) for s in loop.start]
+        k, t, truth, tape = next(self.count), self.type, self.truth, loop.tape
+        groups = vectors(loop) if self.lanes == 1 else [[k] for k in range(len(loop.names))]
+        writers = [self if len(group) == 1 else self.widened(len(group)) for group in groups]
+
+        def joined(env, symbols):
+            """A value for each group of symbols."""
+            for w, group in zip(writers, groups, strict=True):
+                some = [symbols[k] for k in group]
+                yield self.value(env, some[0]) if w is self else self.gathered(w, env, some)
+
+        def named(values):
+            """The numbers of the groups' values, by name."""
+            found = {}
+            for w, group, value in zip(writers, groups, values, strict=True):
+                numbers = [value] if w is self else w.spread(value, len(group))
+                found |= zip([loop.names[k] for k in group], numbers, strict=True)
+            return found
+
+        start = joined(env, loop.start)
+        places = [w.variable(value) for w, value in zip(writers, start, strict=True)]
         turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
         last = self.variable(self.constant(np.inf))
         self.begin(f"head{k}")
         turns, before = self.load(turn, "i64"), self.load(done, truth)
-        values = [self.load(place) for place in places]
-        inner = env | dict(zip(loop.names, values, strict=True))
+        values = [w.load(place) for w, place in zip(writers, places, strict=True)]
+        inner = env | named(values)
         more = self.new(f"icmp slt i64 {turns}, {loop.most}")
         self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
         self.operations(tape, loop.test, inner)
@@ -189,37 +290,68 @@ class Writer:
             good = self.new(f"or {truth} {good}, {also}")
         self.store(size, last)
         self.store(good, done, truth)
-        every = f"@llvm.vector.reduce.and.v{self.lanes}i1"
-        ready = good if self.lanes == 1 else self.new(f"call i1 {every}({truth} {good})")
+        ready = self.reduced("and", good)
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
         self.operations(tape, loop.rest, inner)
-        following = [self.value(inner, s) for s in loop.following]
-        for place, old, new in zip(places, values, following, strict=True):
-            self.store(self.new(f"select {truth} {good}, {t} {old}, {t} {new}"), place)
+        following = list(joined(inner, loop.following))
+        for w, place, old, new in zip(writers, places, values, following, strict=True):
+            w.store(w.new(f"select {truth} {good}, {w.type} {old}, {w.type} {new}"), place)
         self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
         self.begin(f"end{k}", f"label %head{k}")
-        good, nan = self.load(done, truth), self.constant(np.nan)
-        for name, place in zip(loop.names, places, strict=True):
-            env[name] = self.new(f"select {truth} {good}, {t} {self.load(place)}, {t} {nan}")
-        if self.lanes == 1:  # a size that is not finite has another cause
-            never = self.new(f"select i1 {good}, i1 false, i1 {self.finite(self.load(last))}")
-            self.store(self.new(f"or i1 {self.load(UNSETTLED, 'i1')}, {never}"), UNSETTLED, "i1")
+        good, ends = self.load(done, truth), []
+        for w, place in zip(writers, places, strict=True):
+            end, nan = w.load(place), w.constant(np.nan)
+            ends.append(w.new(f"select {truth} {good}, {w.type} {end}, {w.type} {nan}"))
+        env |= named(ends)
+        if self.alone:  # a size that is not finite has another cause
+            finite = self.finite(self.load(last))
+            lost = self.new(f"select {truth} {good}, {truth} zeroinitializer, {truth} {finite}")
+            never = self.new(f"or i1 {self.load(UNSETTLED, 'i1')}, {self.reduced('or', lost)}")
+            self.store(never, UNSETTLED, "i1")
 
     def function(self, head, result):
-        """All lines of the function."""
-        return [f"define {head} {{", "top:", *self.top, *self.lines, f"  ret {result}", "}"]
+        """All lines of the function; vectors on its stack do not cross lines of the cache."""
+        return [
+            f"define {head} alignstack(64) {{",
+            "top:",
+            *self.top,
+            *self.lines,
+            f"  ret {result}",
+            "}",
+        ]
 
 
-def routine(program, lanes, routines):
+def pieces(many):
+    """So many rows in pieces for one vector each: at most LANES, about equally many."""
+    size = -(-many // -(-many // LANES))
+    return [slice(k, k + size) for k in range(0, many, size)]
+
+
+def vectors(loop):
+    """What a loop changes, by number, in groups: what Lanes make for all rows stays one vector."""
+    left = dict.fromkeys(range(len(loop.names)))
+    at = {s.x: k for k, s in enumerate(loop.following) if not s.minus}
+    groups = []
+    for part in loop.tape.parts.values():
+        for piece in pieces(len(part.names)) if isinstance(part, Lanes) else ():
+            columns = zip(*part.names[piece], strict=True)
+            groups += [[at[x] for x in column] for column in columns if at.keys() >= set(column)]
+    for group in groups:
+        for k in group:
+            del left[k]
+    return groups + [[k] for k in left]
+
+
+def routine(name, program, lanes, routines, alone):
     """A Routine's program as a function of values, which writes its results to memory."""
-    w = Writer(lanes, routines)
+    w = Writer(lanes, routines, alone)
     env = {x: f"%in{k}" for k, x in enumerate(program.inputs)}
     given = ", ".join([*(f"{w.type} {x}" for x in env.values()), "ptr %out"])
     w.operations(program.tape, program.tape.needed(program.made), env)
     for k, s in enumerate(program.made):
         w.store(w.value(env, s), w.entry("%out", k))
     inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    return w.function(f"internal void @r{id(program)}({given}) {inline}", "void")
+    return w.function(f"internal void {name}({given}) {inline}", "void")
 
 
 def assembly(program, lanes):
@@ -231,7 +363,7 @@ def assembly(program, lanes):
     not counted;
     `unsettled` becomes 1 if a loop that came to no end is to blame, and else 0.
     """
-    w, tape, many = Writer(lanes, {}), program.tape, len(program.inputs)
+    w, tape, many = Writer(lanes, {}, lanes == 1), program.tape, len(program.inputs)
     given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
     state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
@@ -322,10 +454,11 @@ class Native:
         measured of them. A single member ends with a step whose end is not finite, which is not
         counted; `unsettled`: whether a loop that came to no end is to blame.
         """
-        same = np.array([x for x in knobs for _ in range(self.lanes)])
-        apart, done, unsettled = state.strides[0] // 8, count, np.zeros(1, np.int64)
-        begin, rows, given, told = (address(x) for x in (state, out, same, unsettled))
+        many = self.lanes * len(knobs)
+        given = (ctypes.c_double * many)(*[x for x in knobs for _ in range(self.lanes)])
+        apart, done, unsettled = state.strides[0] // 8, count, ctypes.c_int64()
+        begin, rows, told = address(state), address(out), ctypes.byref(unsettled)
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
             place = rows and rows + first
             done = self.function(begin + first, count, place, apart, given, told)
-        return done, bool(unsettled[0])
+        return done, bool(unsettled.value)

@@ -6,7 +6,7 @@ from collections import Counter
 from functools import lru_cache
 
 from curriculum.common.arrays import FUNCTIONS
-from curriculum.common.trace import Call, Stop
+from curriculum.common.trace import INLINE, Call, Lanes, Stop
 
 import numpy as np
 
@@ -24,17 +24,18 @@ PIECE = 1 << 13  # members at a time: a dozen columns of them stay near the proc
 WIDTH = 80  # what is used once stands where it is used, up to this many characters
 
 
-def write(tape, routines, *groups):
+def write(tape, routines, *groups, given=None):
     """For each group of symbols, lines that compute what no group before has, and expressions.
 
-    `routines`: a list of programs, to which those that are called are added.
+    `routines`: a list of programs, to which those that are called are added. `given` {name:
+    expression}: what stands for some names.
     """
     everything = tape.needed(sum(groups, []))
     used = Counter(s.x for group in groups for s in group)
     used.update(x for name in everything for x in tape.nodes[name][1:])
     for name in set(tape.parts).intersection(everything):
         used.update(tape.nodes[name][1:])  # twice: not to be inlined
-    texts, done = {}, set()
+    texts, done = {name: (x, 3) for name, x in (given or {}).items()}, set()
 
     def text(x, binds=0):
         expression, bound = texts.get(x, (str(x), 4))
@@ -67,7 +68,10 @@ def write(tape, routines, *groups):
 
 
 def part_lines(part, signed, routines):
-    """A Call or a Loop; `signed`(symbol) is an expression for what is computed before it."""
+    """A Call, Lanes or a Loop; `signed`(symbol) is an expression for what is computed before it."""
+    if isinstance(part, Lanes):
+        yield from lanes_lines(part, signed, routines)
+        return
     names = ", ".join(part.names)
     if isinstance(part, Call):
         if part.program not in routines:
@@ -87,6 +91,27 @@ def part_lines(part, signed, routines):
     yield from (f"    {line}" for line in [*test, *done, *rest])
     yield f"    {names}, = {', '.join(following)},"
     yield from ("else:", f"    raise Stop({part.complaint!r})")
+
+
+def lanes_lines(lanes, signed, routines):
+    """Rows in turn: written out if they are short, else a loop adds what they make to a list."""
+    program, rows = lanes.program, [list(map(signed, row)) for row in lanes.rows]
+    short = len(rows) * len(program.tape.nodes) <= INLINE
+    if short and all(isinstance(part, Call) for part in program.tape.parts.values()):
+        for row, names in zip(rows, lanes.names, strict=True):
+            given = dict(zip(program.inputs, row, strict=True))
+            ((lines, made),) = write(program.tape, routines, program.made, given=given)
+            yield from lines
+            yield f"{', '.join(names)}, = {', '.join(made)},"
+        return
+    ((lines, made),) = write(program.tape, routines, program.made)
+    everything = f"all_{lanes.names[0][0]}"
+    yield f"{everything} = []"
+    tuples = ", ".join(f"({', '.join(row)},)" for row in rows)
+    yield f"for {', '.join(program.inputs)}, in {tuples}:"
+    yield from (f"    {line}" for line in lines)
+    yield f"    {everything} += {', '.join(made)},"
+    yield f"{', '.join(sum(lanes.names, []))}, = {everything}"
 
 
 def source_of(program):

@@ -36,8 +36,8 @@ class Stop(ArithmeticError):
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
-    Two signs are no arithmetic: a "part" is a Loop or a Call, found in `parts`; and ("of", part)
-    is one of the numbers that it makes. Its operands are all that it needs from this tape.
+    Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
+    part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
     `outer`: the tape on which a loop stands, whose names its body may use.
     """
 
@@ -67,7 +67,7 @@ class Tape:
         return tape is other
 
     def add_part(self, part, operands, names):
-        """Note a Loop or a Call, which makes numbers of these names."""
+        """Note a Loop, a Call or Lanes, which makes numbers of these names."""
         name = f"part{next(self.numbers)}"
         self.parts[name] = part
         self.nodes[name] = "part", *operands
@@ -75,6 +75,12 @@ class Tape:
 
     def new_names(self, many):
         return [f"x{next(self.numbers)}" for _ in range(many)]
+
+    def taken(self, symbols, inputs):
+        """The names from around this tape that it uses, or that the symbols are; not its inputs."""
+        used = [x for node in self.nodes.values() for x in node[1:]] + [s.x for s in symbols]
+        mine = {*self.nodes, *inputs}
+        return [x for x in dict.fromkeys(used) if isinstance(x, str) and x not in mine]
 
     def needed(self, symbols):
         """The names of the operations that the symbols come from, in order."""
@@ -269,7 +275,7 @@ class Program:
 
     def __init__(self, function, *still, knobs=(), tape=None):
         self.tape, self.knobs = tape or Tape(), list(knobs)
-        self.tape.knobs = self.knobs
+        self.tape.knobs = self.knobs or self.tape.knobs
         masks = list(enumerate(still))
         self.live = [(k, tuple(at)) for k, mask in masks for at in np.argwhere(~mask).tolist()]
         if tape:  # of a routine, whose names must not be anybody else's
@@ -326,6 +332,18 @@ class Program:
                 lasting.append(Symbol(self.tape, name))
         return lasting
 
+    def shaped(self, symbols):
+        """Arrays like the results, of other Symbols."""
+        symbols = iter(symbols)
+        flat = [lifted([next(symbols) for _ in array.flat]) for array in self.results]
+        return [x.reshape(array.shape) for x, array in zip(flat, self.results, strict=True)]
+
+    def renamed(self, names, tape):
+        """The results where what the program makes is called `names`, on a tape around it."""
+        names = iter(names)
+        here = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in self.out]
+        return self.shaped(here)
+
     def replay(self, arguments):
         """The results for other inputs, noted on the tape that is current."""
         known = dict(zip(self.inputs, arguments, strict=True))
@@ -367,26 +385,70 @@ class Routine:
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or Tape.current.outer):
-            out = program.replay(arguments)
-        else:
-            out = Call(program, arguments).out
-        return lifted(out).reshape(program.results[0].shape)
+            return program.shaped(program.replay(arguments))[0]
+        return Call(program, arguments).results[0]
 
 
-def entrywise(function, a):
-    """function(a), which does the same to every entry of the axes after the first, and only there.
+def side_by_side(function, *arrays):
+    """function(row, ...) for the rows of the arrays, stacked: one array, or a tuple of arrays.
 
-    On symbols it is traced once for an entry, and called for each.
+    On symbols it is traced once for all rows that are zero in the same places: see Lanes.
     """
-    if a.dtype != object:
-        return function(a)
-    routine = Routine(function, often=True)
-    made = [routine(a[(slice(None), *place)]) for place in np.ndindex(a.shape[1:])]
-    return ordered(np.stack(made, axis=-1).reshape(-1, *a.shape[1:]))
+    rows = list(zip(*arrays, strict=True))
+    if Tape.current is None:
+        made = [function(*row) for row in rows]
+    else:
+        made = traced_rows(function, [list(map(lifted, row)) for row in rows])
+    if isinstance(made[0], tuple):
+        return tuple(ordered(np.stack(part)) for part in zip(*made, strict=True))
+    return ordered(np.stack(made))
+
+
+def traced_rows(function, rows):
+    """What function(*row) returns for each of the rows, lists of arrays of Symbols."""
+    alike, made = {}, [None] * len(rows)
+    for k, row in enumerate(rows):
+        zero = tuple(s.x == 0.0 for array in row for s in array.flat)
+        alike.setdefault(zero, []).append(k)
+    for zero, places in alike.items():
+        if all(zero) or len(places) == 1:
+            results = [function(*rows[places[0]])] * len(places)
+        else:
+            results = Lanes(function, [rows[k] for k in places]).results
+        for k, result in zip(places, results, strict=True):
+            made[k] = result
+    return made
+
+
+class Lanes:
+    """A function that does the same to several rows: they can be lanes of one vector register.
+
+    `program`: what it does to a row, on a tape of its own that may use names from around it, those
+    `taken`. `rows` of Symbols are its inputs; `names`: how what it makes is called here, row by
+    row. `results`: what the function returns for each row.
+    """
+
+    def __init__(self, function, rows):
+        outer = Tape.current
+        masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in rows[0]]
+
+        def as_tuple(*row):
+            found = function(*row)
+            self.several = isinstance(found, tuple)
+            return found if self.several else (found,)
+
+        self.program = Program(as_tuple, *masks, tape=Tape(outer))
+        self.rows = [[s for x in row for s in x.flat if s.x != 0.0] for row in rows]
+        self.names = [outer.new_names(len(self.program.made)) for _ in rows]
+        self.taken = self.program.tape.taken(self.program.made, self.program.inputs)
+        operands = [s.x for row in self.rows for s in row]
+        outer.add_part(self, operands + self.taken, sum(self.names, []))
+        found = [tuple(self.program.renamed(names, outer)) for names in self.names]
+        self.results = found if self.several else [x for (x,) in found]
 
 
 class Call:
-    """A Routine's program called with `arguments`, Symbols; `out`: the Symbols that it returns.
+    """A Routine's program called with `arguments`, Symbols; `results`: arrays that it returns.
 
     `names`: how what it makes is called here.
     """
@@ -395,8 +457,7 @@ class Call:
         self.program, self.arguments, tape = program, arguments, Tape.current
         self.names = tape.new_names(len(program.made))
         tape.add_part(self, [s.x for s in arguments], self.names)
-        names = iter(self.names)
-        self.out = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in program.out]
+        self.results = program.renamed(self.names, tape)
 
 
 def repeat(body, x, most, complaint, nearly=1.0):
@@ -444,10 +505,7 @@ class Loop:
         self.test = self.tape.needed([self.size])
         begun = set(self.test)
         self.rest = [y for y in self.tape.needed(self.following) if y not in begun]
-        inside = [y for node in self.tape.nodes.values() for y in node[1:]]
-        inside += [s.x for s in (self.size, *self.following)]
-        mine = {*self.tape.nodes, *self.names}
-        self.taken = [y for y in dict.fromkeys(inside) if isinstance(y, str) and y not in mine]
+        self.taken = self.tape.taken([self.size, *self.following], self.names)
         outer.add_part(self, [*(s.x for s in self.start), *self.taken], self.names)
         self.result = self.put(x, places, outer)
 
