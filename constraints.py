@@ -1,10 +1,12 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
-Gravity pulls the bob down, and the rod will not let it go down. Which force does the rod apply?
-Nobody wrote it down: it is the solution of a linear system, found anew at every step. This file
+Gravity pulls the bob down, and the rod will not let it go down. What force does the rod exert?
+No formula gives it: it is the solution of a linear system, found again at every step. This file
 derives that system, hides its solution inside `force(q, v)`, hands it to the integrators of
-chapter 3.3, which never learn of it, and measures what becomes of the rods. The lines you read are
-the lines that run: once on symbols, and then compiled (--show-step). Change one, and see.
+chapter 3.3, which never learn of it, and measures what becomes of the rods.
+
+Run: python constraints.py --help. The lines you read are the lines that run; why they are fast is
+told in the chapter, and --show-step prints what a step becomes. Change a line, and see.
 """
 
 # --- region: setup ---
@@ -14,69 +16,68 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from curriculum.ch3_4_constraints import (
-    publish,
-    run_checks,
-    scene_files,
-    solving,
-    statics,
-    systems,
-    tables,
-)
+from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
-from curriculum.ch3_4_constraints.solving import solve
+from curriculum.ch3_4_constraints.solving import solve, unanswered
+from curriculum.ch3_4_constraints.systems import check_links, direction
 from curriculum.common import banner, ruler, rules
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, installed, number, run_script
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
-from curriculum.common.elimination import has_loop
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, followed
 from curriculum.common.trace import repeat
 
+# Of these a reader needs three: `solve` for a linear system, `ordered` for arrays whose sums go in
+# order, `repeat` for a while loop. The others print, check, draw, and make the lines fast.
 import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
-SMOKE_STEPS = 800  # they tell the modes apart
+SMOKE_STEPS = 800  # of a --smoke run: enough to tell the modes apart
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
 # A system is particles and rods, and nothing derived from them: a dict of
 #     q0, v0   (N, 3)  where the particles start, in m, and how fast, in m/s
 #     m        (N, 1)  their masses, in kg
-#     pairs            (i, j) a rod: it ties particle i to particle j or, where j is negative,
-#                      to an anchor, which stands still: -1 is the first, -2 the second
+#     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, where j
+#                      is negative, to an anchor, which stands still: -1 is the first, -2 the next
 #     lengths  (C,)    of the rods, in m
 #     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
-# Every function below is of one state, q and v (N, 3).
+# Every function below is of one state: q and v (N, 3).
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # those made here, and how many rods
 
 
 def build_system(name, rng=0, links=10):
     """The system called `name`: one of SYSTEMS, "chain" with `links` rods, a scene or its file.
 
-    Those without a file, of unit rods and masses, start at rest, stretched sideways, tilted by the
-    only random number of this program, from `rng`, a Generator or a seed. Raises SceneError.
+    Chains made here have rods of 1 m and bobs of 1 kg, and start at rest, nearly level: `rng`, a
+    Generator or a seed, draws their tilt. That is all that is random here. Raises SceneError.
     """
     if name not in SYSTEMS and name != "chain":
         return scene_files.load_scene(name, HERE / CHAPTER, [*SYSTEMS, "chain"], GRAVITY)
     count = SYSTEMS.get(name, links)
-    systems.check_links(count)
+    check_links(count)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
-    q0 = PIVOT + np.arange(1.0, count + 1.0)[:, None] * systems.direction(-tilt)
-    pairs = [(k, k - 1) for k in range(count)]  # rod 0 hangs on anchor -1, rod k on particle k - 1
-    rods = {"pairs": pairs, "lengths": np.ones(count), "anchors": PIVOT[None]}
-    return {"q0": q0, "v0": np.zeros_like(q0), "m": np.ones((count, 1)), **rods}
+    along = direction(-tilt)  # (cos, sin, 0), the same bits on every processor
+    return {
+        "q0": PIVOT + np.arange(1.0, count + 1.0)[:, None] * along,
+        "v0": np.zeros((count, 3)),
+        "m": np.ones((count, 1)),
+        "pairs": [(k, k - 1) for k in range(count)],  # rod 0 hangs on anchor -1
+        "lengths": np.ones(count),
+        "anchors": PIVOT[None],
+    }
 
 
 def external_force(system, q, v=None):
-    """The force in newtons, (N, 3), without the rods', at one state q, v. Add drag, a motor."""
+    """All forces on the particles but the rods', (N, 3) in N. Add drag, a motor."""
     return system["m"] * GRAVITY
 
 
@@ -126,19 +127,19 @@ def constraint_terms(system, q, v):
 def multipliers(system, q, v, hold, f):
     """J (C, 3N), Lagrange's multipliers lambda (C,) in N/m, and the A and b of A lambda = b.
 
-    f (N, 3) in N: all other forces. `hold`: a Hold, the name of one, or Baumgarte's w in rad/s.
+    f (N, 3) in N: all other forces. `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s.
     """
-    hold = as_hold(hold)
+    hold = run_checks.chosen(hold, hold_table)
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     a = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness:
+    if hold.softness:  # a rod that gives: MuJoCo's g is |d| (|d| - L), which is L (|d| - L), nearly
         size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|
-        g = size * (size - system["lengths"])  # as MuJoCo has it
+        g = size * (size - system["lengths"])
         a = a * (1.0 + hold.softness * np.eye(len(g)))
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
-    lam = solve(system, a, b, v)  # np.linalg.solve(a, b), but sooner; and in loops, too
+    lam = solve(system, a, b, v)  # np.linalg.solve(a, b), but sooner; and where rods close a loop
     return jac, lam, a, b
 
 
@@ -148,30 +149,6 @@ def constraint_force(system, q, v, hold="none", f=None):
         f = ordered(external_force(system, q, v), q.shape)
     jac, lam, _, _ = multipliers(system, q, v, hold, f)
     return (jac.T @ lam).reshape(q.shape)
-
-
-class Force(NamedTuple):
-    """Where rods meet integrators: force(q, v) -> (N, 3) in N, the rods' included."""
-
-    system: dict
-    hold: tuple
-
-    def __call__(self, q, v):
-        q, v = ordered(q), ordered(v)
-        f = ordered(external_force(self.system, q, v), q.shape)
-        return f + constraint_force(self.system, q, v, self.hold, f)
-
-    @property
-    def after(self):
-        """What mends a finished step, (q_start, q, v, dt) -> (q, v); or None."""
-        if self.hold.after is None:
-            return None
-        return partial(self.hold.after, self.system)
-
-
-def make_force(system, hold):
-    """A Force; `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s."""
-    return Force(system, as_hold(hold))
 
 
 class Hold(NamedTuple):
@@ -208,15 +185,6 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     }
 
 
-def as_hold(hold):
-    """A Hold is itself, a name is a row of the table, a number is Baumgarte's w in rad/s."""
-    if isinstance(hold, Hold):
-        return hold
-    if isinstance(hold, str):
-        return run_checks.chosen(hold, hold_table())
-    return hold_table(baumgarte=hold)["baumgarte"]
-
-
 def project(system, q_start, q, v, dt):
     """A step from q_start that ended at q, v (N, 3), a little off, put back: g = 0, J v = 0.
 
@@ -242,22 +210,27 @@ def project(system, q_start, q, v, dt):
     return end, v - (jac.T @ mu / m).reshape(q.shape)
 
 
-def tensions(system, q, v, hold="none"):
-    """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
-    f = ordered(external_force(system, q, v), q.shape)
-    _, lam, _, _ = multipliers(system, q, v, hold, f)
-    return -lam * (rod_errors(system, q) + system["lengths"])
-
-
-def unheld(system, q, v, hold="none"):
-    """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
-    f = ordered(external_force(system, q, v), q.shape)
-    jac, lam, a, b = multipliers(system, q, v, hold, f)
-    return solving.unanswered(system, jac, a, b - a @ lam, v)
-
-
 # --- endregion ---
 # --- region: integrators ---
+class Force(NamedTuple):
+    """Where rods meet integrators: force(q, v) -> (N, 3) in N, the rods' included."""
+
+    system: dict
+    hold: tuple
+    after: Callable | None  # (q_start, q, v, dt) -> (q, v): it mends a finished step
+
+    def __call__(self, q, v):
+        q, v = ordered(q), ordered(v)
+        f = ordered(external_force(self.system, q, v), q.shape)
+        return f + constraint_force(self.system, q, v, self.hold, f)
+
+
+def make_force(system, hold):
+    """A Force; `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s."""
+    hold = run_checks.chosen(hold, hold_table)
+    return Force(system, hold, partial(hold.after, system) if hold.after else None)
+
+
 # The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods. That force()
 # solves a linear system they need not know; how fast their own error becomes drift, they decide.
 def euler_step(q, v, m, force, dt):
@@ -289,8 +262,8 @@ def rk4_step(q, v, m, force, dt):
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # of order 8 and 16
 
-# Up to this z = dt w Baumgarte's spring is stable: a step multiplies e^(-wt) by at most 1 in size,
-# Euler's by 1 - z, RK4's by 1 - z + z^2/2 - z^3/6 + z^4/24. Semi-implicit: 4 - 4z - z^2 >= 0.
+# Baumgarte's spring is stable up to this z = dt w. In a step its error shrinks by 1 - z (Euler) or
+# 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4): within -1..1, that is. Semi-implicit: 4 - 4z - z^2 >= 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
@@ -341,8 +314,22 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 
 # --- endregion ---
 # --- region: report ---
+def tensions(system, q, v, hold="none"):
+    """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
+    f = ordered(external_force(system, q, v), q.shape)
+    _, lam, _, _ = multipliers(system, q, v, hold, f)
+    return -lam * (rod_errors(system, q) + system["lengths"])
+
+
+def unheld(system, q, v, hold="none"):
+    """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
+    f = ordered(external_force(system, q, v), q.shape)
+    jac, lam, a, b = multipliers(system, q, v, hold, f)
+    return unanswered(system, jac, a, b - a @ lam, v)
+
+
 def parse(argv):
-    """The command line; the system that it names; and whether it asks for a default run."""
+    """The parser, the command line, and the system that it names."""
     parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes = ["all", *hold_table()]
     orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
@@ -366,94 +353,77 @@ def parse(argv):
         parser.exit()
     if args.tol and args.plain:
         parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
+    if args.links is not None and args.system != "chain":
+        parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
     parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
-    if why := run_checks.misfit(hold_table().get(mode := args.stabilization), args.integrator):
+    mode = args.stabilization
+    why = run_checks.misfit(hold_table().get(mode), args.integrator)
+    if why is not None:
         parser.error(f"argument --stabilization: {mode} {why}")
     if args.rerun:
         parser.attempt("--rerun", installed, "rerun")
-    if args.links is not None and args.system != "chain":
-        parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
     links = 10 if args.links is None else args.links
     system = parser.attempt("--system", build_system, args.system, args.seed, links)
-    usual = args == parser.parse_args(["--out", args.out])
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
-    return args, system, usual, partial(parser.attempt, "--tol")
+    return parser, args, system
 
 
 def report(found):
     """Print the table, a sentence for each mark in it, and the verdict."""
-    args, rows, runs, dt = found.args, found.rows, found.runs, found.dt
-    ways = "; ".join(dict.fromkeys(run.way for run in runs.values()))
+    args, dt = found.args, found.dt
+    ways = "; ".join(dict.fromkeys(run.way for run in found.runs.values()))
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
-    how = f"{args.integrator}, steps of {dt:.4g} s, {ways}"
-    tables.say(f"{args.system}: seed {args.seed}; {how}")
-    print()
-    tables.comparison(rows, runs, f"{found.truth.step * dt:.3g} s", found.truth, args.tol)
-    if "baumgarte" in runs and dt * args.baumgarte > limit:
+    tables.say(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}")
+    tables.comparison(found)
+    if "baumgarte" in found.rows and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     if args.system in SYSTEMS and args.baumgarte and found.steps >= SMOKE_STEPS:
-        tables.verdict(rows)
+        tables.verdict(found.rows)
 
 
 def main(argv=None):
     """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
-    args, system, usual, attempt = parse(argv)
+    parser, args, system = parse(argv)
     offered = rules.offered(args.integrator, INTEGRATORS, args.tol)
     modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
     steps = SMOKE_STEPS if args.smoke else args.steps
     knobs = args.baumgarte, args.time_constant, args.impedance
+    usual = Plain if args.plain else Compiled
 
-    def run(mode, rule, dt, steps, keep=(), way=Plain if args.plain else Compiled, nudge=False):
+    def run(mode, rule, dt, steps, keep=(), way=usual, nudge=False):
         force = make_force(system, hold_table(dt, *knobs)[mode])
         start = ruler.nudged(system) if nudge else system
         return simulate(rule, start, force, dt, steps, keep, way)
-
-    def watched(mode):
-        """A run of which is asked at every step what no tensions make."""
-        asked = partial(unheld, system, hold=hold_table(dt, *knobs)[mode])
-        watch = asked if has_loop(system["pairs"]) else None  # without a loop it is rounding
-        way = partial(Plain if args.plain else Compiled, watch=watch)
-        return run(mode, rule, dt, steps, keep, way)
 
     if args.show_step:
         name, rule = next(iter(offered.items()))
         print(f"# {modes[0]}, {name}\n{run(modes[0], rule, args.dt, 1).source}")
         return
-    print(banner.banner("ch3.4", "constraints", args.device, usual))
-    for mode in list(modes):
-        if why := run_checks.misfit(hold_table()[mode], args.integrator):
-            modes.remove(mode)
-            print(f"{mode} left out: it {why}")
+    default = args == parser.parse_args(["--out", str(args.out)])
+    print(banner.banner("ch3.4", "constraints", args.device, default))
+    modes = run_checks.fitting(modes, hold_table(), args.integrator)
+    banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
-    after = ["the picture"] * args.picture + ["the page"] * args.page
-    after += ["the recording"] * args.rerun
-    banner.work.plan("the truth", *modes, "the true motion", *after)
-    banner.work.begin("the truth")
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
-    settled = attempt(ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
+    settled = parser.attempt(
+        "--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought
+    )
     args.integrator, dt, steps, truth = settled
-    rule = offered[args.integrator]
-    seen = args.rerun or args.picture
-    shown = frames(steps, dt, len(system["q0"])) if seen else np.array([], dtype=int)
-    keep = [truth.step, *shown]
-    runs = {mode: watched(mode) for mode in banner.work.each(modes)}
+    rule, holds = offered[args.integrator], hold_table(dt, *knobs)
+    shown = frames(steps, dt, len(system["q0"]), args.picture or args.rerun)
+    runs, pulls = {}, {}
+    for mode in banner.work.each(modes):
+        watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
+        runs[mode] = run(mode, rule, dt, steps, [truth.step, *shown], partial(usual, watch=watch))
+        pulls[mode] = mapped(partial(tensions, system, hold=holds[mode]))
     scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
-    rows, pulls = {}, {}
-    for mode in modes:
-        rows[mode] = runs[mode].summary(scale, truth)
-        pulls[mode] = mapped(partial(tensions, system, hold=hold_table(dt, *knobs)[mode]))
-    banner.work.begin("the true motion")
-    known = shown if truth.sought else shown[:0]  # the true motion is sought at these
-    close = 1e-3 * np.max(system["lengths"])
-    motion = ruler.true_motion(partial(run, "project"), dt, known, close)
+    rows = {mode: runs[mode].summary(scale, truth) for mode in modes}
+    motion = ruler.true_motion(partial(run, "project"), system, dt, shown, truth)
     found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
-    banner.work.wipe()
     report(found)
     page = partial(publish.play.page, sys.modules[__name__], step_fn=rule)  # of these very lines
-    text = publish.publish(found, page)
-    banner.work.wipe()
-    print(text)
+    print(publish.publish(found, page))
 
 
 command = partial(run_script, main)  # as a program: by its entry point, or as below

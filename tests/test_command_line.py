@@ -67,7 +67,7 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {publish.METRICS, publish.PICTURE, publish.PAGE}
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
-    assert not c.parse(["--out", str(tmp_path)])[0].rerun
+    assert not c.parse(["--out", str(tmp_path)])[1].rerun
     line = complaint(capsys, "--rerun")  # told before the run, not after it
     assert line.endswith("argument --rerun: rerun is not installed: pip install -e '.'\n")
 
@@ -312,9 +312,9 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
 
 # --- the banner, and what takes long ---
 @pytest.mark.parametrize(("flags", "told"), [("", True), ("--seed=1", False), ("--smoke", False)])
-def test_only_a_default_run_begins_with_how_long_one_took(flags, told, tmp_path):
-    _, _, usual, _ = c.parse([*flags.split(), "--out", str(tmp_path)])
-    line = banner.banner("ch3.4", "constraints", "cpu", usual)
+def test_only_a_default_run_begins_with_how_long_one_took(flags, told, tmp_path, capsys):
+    c.main([*flags.split(), "--out", str(tmp_path)])
+    line, *_ = capsys.readouterr().out.splitlines()
     assert bool(re.search(r"a default run took [\d.]+ s, \d{4}-", line)) == told
     assert line.startswith("ch3.4 constraints | device cpu") and len(line) <= 80
 

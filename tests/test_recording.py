@@ -145,15 +145,15 @@ def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
     truth, _ = ruler.true_position(partial(project, "double"), default.shown[133] * 0.005)
     assert ruler.distance(default.motion[133], truth) < 1e-5
     triple = partial(project, "triple")
-    shown, close = frames(4000, 0.005, 3), 1e-3
-    motion = ruler.true_motion(triple, 0.005, shown, close)
+    shown, system, truth = frames(4000, 0.005, 3), c.build_system("triple"), ruler.Truth(0)
+    motion = ruler.true_motion(triple, system, 0.005, shown, truth)
     assert 5.0 < 0.005 * shown[len(motion)] < 20.0  # s
     other = triple("gauss:12:1e-14", 0.0075, 2667, range(0, 2667, 2))
     apart = [ruler.distance(*pair) for pair in zip(motion, other.q, strict=False)]
-    assert max(apart[: 4 * len(apart) // 5]) < close and max(apart) < 100.0 * close
+    assert max(apart[: 4 * len(apart) // 5]) < ruler.CLOSE and max(apart) < 0.1
     monkeypatch.setattr(ruler, "HORIZON", 3.0)  # it is sought step by step, further and further
-    assert np.array_equal(ruler.true_motion(triple, 0.005, shown, close), motion)
-    assert not len(ruler.true_motion(triple, 0.005, shown[:1], close))
+    assert np.array_equal(ruler.true_motion(triple, system, 0.005, shown, truth), motion)
+    assert not len(ruler.true_motion(triple, system, 0.005, shown[:1], truth))
 
 
 def test_a_rod_glows_where_it_pulls_and_where_it_pushes(recorded):

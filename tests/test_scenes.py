@@ -109,7 +109,7 @@ def test_a_scene_is_named_by_text_or_a_path_and_a_chain_has_links(tmp_path):
         with pytest.raises(SceneError, match=f"links is {links}; must be a whole number of rods"):
             c.build_system("chain", links=links)
     flags = ["--system", "chain", "--links", str(MOST), "--out", str(tmp_path)]
-    assert len(c.parse(flags)[1]["m"]) == MOST  # as many as a file may have
+    assert len(c.parse(flags)[2]["m"]) == MOST  # as many as a file may have
 
 
 @pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])

@@ -56,12 +56,14 @@ class Comparison(NamedTuple):
         return run.kept[there], run.q[there], run.v[there]
 
 
-def frames(steps, dt, particles):
-    """The steps (F,) of a run that are shown, multiples of the first that is not 0.
+def frames(steps, dt, particles, wanted=True):
+    """The steps (F,) of a run that are shown, multiples of the first that is not 0; if `wanted`.
 
     They are FRAME_RATE a simulated second, or every one. If that is too many, the first third and
     the last keep that rate, and those in between are few.
     """
+    if not wanted:
+        return np.array([], dtype=int)
     every = max(1, min(round(1.0 / (FRAME_RATE * dt)), steps // FEW))
     count = steps // every + 1
     third = max(2, min(FRAMES, POSITIONS // particles) // 3)

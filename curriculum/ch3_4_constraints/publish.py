@@ -39,6 +39,12 @@ def scene_list(counts, folder):
     return "\n".join(f"{name:<16} {text}" for name, text in named.items())
 
 
+def parts(args):
+    """What a run still has to do once its steps are done, in words, as the flags ask."""
+    asked = {"the picture": args.picture, "the page": args.page, "the recording": args.rerun}
+    return [name for name, wanted in asked.items() if wanted]
+
+
 def publish(found, page):
     """Write metrics.json and, if asked for, picture, page and recording; say so in words.
 
@@ -69,6 +75,7 @@ def publish(found, page):
         work.begin("the recording")
         files[RECORDING] = record(found)
     write_together(args.out, files)
+    work.wipe()
     text = wrote(args.out, [name for name in files if files[name]]) + left_out
     return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
 

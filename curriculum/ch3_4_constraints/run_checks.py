@@ -1,19 +1,29 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
 from curriculum.ch3_4_constraints.systems import check_system
+from curriculum.ch3_4_constraints.tables import say
 from curriculum.common.cli import meant, shorten
+from curriculum.common.elimination import has_loop
 
 import numpy as np
 
 TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
 
 
-def chosen(name, table):
-    """The Hold of this name in a table of modes; raises ValueError if there is none."""
-    if name not in table:
-        end = meant(name, table, f"; modes are {', '.join(table)}")
-        raise ValueError(f"{shorten(name)!r} is no mode{end}")
-    return table[name]
+def chosen(hold, table):
+    """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s.
+
+    table(baumgarte=w) -> {name: Hold}. Raises ValueError if there is none of that name.
+    """
+    if isinstance(hold, tuple):
+        return hold
+    if not isinstance(hold, str):
+        return table(baumgarte=hold)["baumgarte"]
+    named = table()
+    if hold not in named:
+        end = meant(hold, named, f"; modes are {', '.join(named)}")
+        raise ValueError(f"{shorten(hold)!r} is no mode{end}")
+    return named[hold]
 
 
 def misfit(hold, rule):
@@ -22,6 +32,26 @@ def misfit(hold, rule):
         return None
     step = "which does not end a step at q + dt (v + dt a)"
     return f"does not fit {rule}, {step}; give --integrator {hold.rule}"
+
+
+def fitting(modes, holds, rule):
+    """Those of the modes that fit the integrator of this name; of each other one it prints why."""
+    kept = []
+    for mode in modes:
+        why = misfit(holds[mode], rule)
+        if why is None:
+            kept.append(mode)
+        else:
+            say(f"{mode} left out: it {why}")
+    return kept
+
+
+def watched(system, function):
+    """What a run is to watch: the function, where rods close a loop.
+
+    Elsewhere tensions answer whatever is asked, but for rounding.
+    """
+    return function if has_loop(system["pairs"]) else None
 
 
 def check_run(system, force, dt, steps, keep, step_fn, rules):

@@ -33,13 +33,12 @@ def per_cent(share):
     return f"{float(f'{100.0 * share:.2g}'):g} %"
 
 
-def comparison(rows, runs, at, truth, tol):
-    """Print a table of `rows` and Runs by mode, and a sentence for each mark in it.
-
-    `at`: when the Truth was taken, in words; `tol` m: the error that was asked for, or None.
-    """
+def comparison(found):
+    """Print the table of a Comparison, and a sentence for each mark in it."""
+    rows, runs, truth, tol = found.rows, found.runs, found.truth, found.args.tol
+    at = f"{truth.step * found.dt:.3g} s"
     wide = max(10, *(len(mode) + 1 for mode in rows))  # a row of the reader's own may be longer
-    print(f"{'':{wide}}     rods off by      energy off  from the truth    a step")
+    print(f"\n{'':{wide}}     rods off by      energy off  from the truth    a step")
     print(f"{'mode':{wide}}    worst     at end    of m g L  {f'at {at}':>14}        us")
     for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
         worst, end = (length(x) for x in (np.max(run.violations), run.violations[-1]))

@@ -43,6 +43,7 @@ class Work:
     def begin(self, name, runs=False):
         """Now begins a part; `runs`: it is a single run, so that the steps of that are its own."""
         self.name, self.runs, self.told = name, runs, -math.inf
+        self.names = self.names or (name,)
         self.tell()
 
     def each(self, names):
@@ -50,6 +51,7 @@ class Work:
         for name in names:
             self.begin(name, runs=True)
             yield name
+        self.wipe()
 
     def tell(self, what=""):
         """Show which part is under way and, in words, what is known of it."""

@@ -5,6 +5,7 @@ from argparse import ArgumentTypeError
 from itertools import takewhile
 from typing import NamedTuple
 
+from curriculum.common.banner import work
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
@@ -17,6 +18,7 @@ SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
 ROUNDING = 2.0**-52  # relative
 RODS = 40  # with more, finding the truth would take longer than the run
+CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
 FINE = 0.02  # s: the longest step of the true motion that is shown
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
@@ -83,14 +85,17 @@ def true_position(run, seconds):
     return None, math.inf
 
 
-def true_motion(run, dt, shown, close):
+def true_motion(run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    It is known while two steps of midpoint agree to `close` m. `shown`: multiples of the first
-    that is not 0. run(rule, dt, steps, keep, way) -> Run.
+    It is known while two steps of midpoint agree to CLOSE of the longest rod; and it is not sought
+    where the Truth is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps,
+    keep, way) -> Run.
     """
-    if len(shown) < 2:
+    if len(shown) < 2 or not truth.sought:
         return np.array([])
+    work.begin("the true motion")
+    close = CLOSE * np.max(system["lengths"])
     rule, way, every, frames = make_midpoint(8), once_for_all(), shown[1], len(shown)
     parts = math.ceil(every * dt / FINE)
     parts = parts, parts + 1  # of the time between two frames
@@ -196,6 +201,7 @@ def settle(runs, rules, dt, steps, tol, sought):
     With `tol`, step_for finds rule and step. The truth is `sought` by the first of `runs`: (rule,
     dt, steps, keep, way, nudge) -> Run. ArgumentTypeError if `tol` is under what can be known.
     """
+    work.begin("the truth")
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     q, known = true_position(runs[0], at) if sought else (None, math.inf)
     if tol and not known < tol:
