@@ -400,7 +400,7 @@ def main(argv=None):
         name, rule = next(iter(offered.items()))
         print(f"# {modes[0]}, {name}\n{run(modes[0], rule, args.dt, 1).source}")
         return
-    default = args == parser.parse_args(["--out", str(args.out)])
+    default = vars(parser.parse_args([])) == vars(args) | {"out": OUT}  # wherever it writes
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
