@@ -69,7 +69,7 @@ class Compiled:
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.alone = Single(Traced(*self.given, q, v))
+            self.alone = Single(Traced(*self.given, q, v, turns=self.steps))
             self.way = "compiled to Python"
         except Untraceable as why:
             self.give_up(why)

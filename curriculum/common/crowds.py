@@ -122,7 +122,7 @@ class mapped:  # noqa: N801 - it is called as a function is
     def traced(self, q, v):
         """The function on symbols, and what runs that; or two Nones."""
         try:
-            traced = Traced(stay, None, None, q, v, self.measure)
+            traced = Traced(stay, None, None, q, v, self.measure, turns=len(q))
         except Untraceable:
             return None, None
         program = traced.program

@@ -12,6 +12,8 @@ from curriculum.common.trace import repeat
 
 import numpy as np
 
+FEW = 8  # unknowns
+
 
 def once(function):
     """function(pairs), which is found once for equal pairs, be they lists or tuples."""
@@ -96,6 +98,9 @@ def eliminated(a, order):
     for k, rest in order:
         for i in rest:
             a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of x[k]
+            if len(rest) > FEW:  # for so many numpy is quicker than a loop, and does the same
+                a[i, rest] = a[i, rest] - a[i, k] * a[k, rest]
+                continue
             for j in rest:
                 a[i, j] = a[i, j] - a[i, k] * a[k, j]
 

@@ -87,12 +87,13 @@ class Traced:
     """A step as a Program of what does not stay zero, at `live` places in (q, v).
 
     q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
-    function (q, v) -> tuple of arrays, says of a step's end. Raises Untraceable, and then what
-    step_fn and force keep is as it was.
+    function (q, v) -> tuple of arrays, says of a step's end. `turns`: how many steps are to come.
+    Raises Untraceable, and then what step_fn and force keep is as it was.
     """
 
-    def __init__(self, step_fn, m, force, q, v, measure=None):
+    def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
         with Tape.lock:
+            Tape.turns = turns
             memory = Memory(step_fn, force, measure)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:

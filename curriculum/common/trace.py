@@ -11,6 +11,7 @@ is about. Writers turn the tape into Python (python.py), machine code (native.py
 
 import math
 import sys
+from contextlib import contextmanager
 from itertools import count
 from threading import RLock
 
@@ -22,6 +23,10 @@ UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**":
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
 UFUNCS |= {"<": np.less, "<=": np.less_equal} | {name: getattr(np, name) for name in FUNCTIONS}
 EXACT = set(UFUNCS) - set(FUNCTIONS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
+ROUNDS = 5  # of a loop, when work is guessed
+# operations: where there are more, they are compiled if they are done so many times; that many of
+# the lines as they stand take as long as it takes to compile one
+LARGE, WORTH = 60_000, 40
 INLINE = 160  # operations of a routine that is written out where it is called
 
 
@@ -43,6 +48,8 @@ class Tape:
 
     current = None  # the tape that is written on now
     lock = RLock()  # by one thread at a time
+    turns = math.inf  # how often what is traced will run
+    noted, done, factor = 0, 0, 1  # operations; those of loops and rows again and again; and now
 
     def __init__(self, outer=None, numbers=None):
         self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
@@ -54,10 +61,30 @@ class Tape:
         """function(*args), whose operations come onto this tape."""
         with Tape.lock:
             before, Tape.current = Tape.current, self
+            if before is None:
+                Tape.noted, Tape.done, Tape.factor = 0, 0, 1
             try:
                 return function(*args)
             finally:
                 Tape.current, self.open = before, False
+
+    def count(self):
+        """An operation more. Raises Untraceable where compiling them would cost more than it saves:
+        about WORTH of them as they stand."""
+        Tape.noted += 1
+        Tape.done += Tape.factor
+        if Tape.noted > LARGE and Tape.done * Tape.turns < WORTH * Tape.noted:
+            raise Untraceable("it is too long to be compiled for so few steps")
+
+    @staticmethod
+    @contextmanager
+    def repeated(times):
+        """What is traced meanwhile is done so many times."""
+        before, Tape.factor = Tape.factor, Tape.factor * times
+        try:
+            yield
+        finally:
+            Tape.factor = before
 
     def sees(self, other):
         """Whether `other` is this tape or one around it."""
@@ -167,6 +194,7 @@ class Symbol:
                 return constant(sign, key[1:], minus)
             name = tape.names[key] = f"t{next(tape.numbers)}"
             tape.nodes[name] = key
+            tape.count()
         return Symbol(tape, name, minus)
 
     def inner(self, others):
@@ -437,7 +465,8 @@ class Lanes:
             self.several = isinstance(found, tuple)
             return found if self.several else (found,)
 
-        self.program = Program(as_tuple, *masks, tape=Tape(outer))
+        with Tape.repeated(len(rows)):
+            self.program = Program(as_tuple, *masks, tape=Tape(outer))
         self.rows = [[s for x in row for s in x.flat if s.x != 0.0] for row in rows]
         self.names = [outer.new_names(len(self.program.made)) for _ in rows]
         self.taken = self.program.tape.taken(self.program.made, self.program.inputs)
@@ -495,7 +524,8 @@ class Loop:
         while True:
             self.tape, self.names = Tape(outer), outer.new_names(len(places))
             named = self.put(x, places, self.tape)
-            following, size = self.tape.trace(lambda x=named: [lifted(y) for y in body(x)])
+            with Tape.repeated(ROUNDS):
+                following, size = self.tape.trace(lambda x=named: [lifted(y) for y in body(x)])
             grown = [place for place in np.ndindex(x.shape) if following[place].x != 0.0]
             if set(grown) <= set(places):
                 break
