@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints import publish, tables
-from curriculum.ch3_4_constraints.studies._runs import drift, run
+from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
 from curriculum.common import compiled, steps
 from curriculum.common.ruler import nudged, true_position
 
@@ -151,6 +151,18 @@ def test_metrics_are_the_run_rounded_and_the_table_fits_a_terminal():
     # a line above tells how the steps were done: the longer, the busier the machine has been
     table = [*marked(lines, "     "), *marked(lines, ("mode ", *c.hold_table()))]
     assert len(table) == 7 and "at 1 s" in table[1] and max(map(len, table)) <= 80
+
+
+def test_energy_that_jumps_in_a_step_is_told_of():
+    """A tonne on light links, whose way back from a whip adds to the energy."""
+    found, lines = results("--system heavy_tip --integrator rk4 --stabilization project", 2000)
+    (row,) = found["results"].values()
+    joules = run(c.build_system("heavy_tip"), "rk4", "project", steps=2000).energies
+    jump = np.abs(np.diff(joules)).max() / energy_scale(c.build_system("heavy_tip"))
+    assert row["energy_step_max"] == pytest.approx(jump) and jump > 0.1
+    assert len(marked(lines, "* project: energy jumps by ")) == len(marked(lines, "project* ")) == 1
+    quiet, lines = results()
+    assert not any("jumps" in line for line in lines)
 
 
 def test_a_length_has_two_digits_and_a_unit():

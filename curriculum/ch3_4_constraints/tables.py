@@ -8,6 +8,7 @@ from curriculum.common.banner import work
 import numpy as np
 
 WIDTH = 80  # columns of what is printed
+JUMP = 0.1  # of m g L: by so much energy may change in a step without a word
 UNHELD = 1e-3  # m/s^2: so much may stay unanswered without a word
 UNITS = (1.0, 1.0, "m"), (1e-3, 0.01, "cm"), (1e-6, 1e-6, "um"), (1e-9, 1e-9, "nm")
 
@@ -45,14 +46,18 @@ def comparison(found):
         energy, error = per_cent(row["energy_rel_max"]), row["error"]
         if len(run.tip) == 1:  # not a single step
             worst = end = energy = "-"
-        name = mode + "*" * bool(run.note or row["unheld"] > UNHELD)
+        odd = row["unheld"] > UNHELD or (row["energy_step_max"] > JUMP and not run.stopped)
+        name = mode + "*" * bool(run.note or odd)
         error = "-" if error is None else no_finer(error, truth.known)
         print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
         if run.note:
             say(f"* {mode} {run.note}")
-        if (left := rows[mode]["unheld"]) > UNHELD:
+        left, jump = rows[mode]["unheld"], rows[mode]["energy_step_max"]
+        if left > UNHELD:
             say(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")
+        if jump > JUMP and not run.stopped:
+            say(f"* {mode}: energy jumps by {per_cent(jump)} of m g L in one step: too long a step")
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         unknown = "not known to 1 nm" if truth.sought else "not looked for"

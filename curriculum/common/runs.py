@@ -59,7 +59,8 @@ class Run:
         return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
 
     def summary(self, scale, truth):
-        """What a run came to, rounded: m; its worst energy error as a share of scale.
+        """What a run came to, rounded: m; its worst energy error, and the most that the energy
+        changes in a step, as shares of scale.
 
         `scale` in J. `error`: how far a particle is from the Truth, if that is known. `unheld`:
         the most that was asked of the rods and left unanswered, if that was watched.
@@ -67,10 +68,12 @@ class Run:
         there = self.q[self.kept == truth.step]  # (1, N, 3), or none if the run did not get there
         known = truth.q is not None and len(there)
         worst = np.max(np.abs(self.energies - self.energies[0])) / scale
+        jump = np.max(np.abs(np.diff(self.energies)), initial=0.0) / scale
         return {
             "max_violation": round(float(np.max(self.violations)), 12),
             "final_violation": round(float(self.violations[-1]), 12),
             "energy_rel_max": round(float(worst), 12),
+            "energy_step_max": round(float(jump), 12),
             "tip_final": [round(x, 6) for x in self.tip[-1].tolist()],
             "error": round(distance(there[0], truth.q), 12) if known else None,
             "halved": self.halved,
