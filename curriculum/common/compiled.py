@@ -16,6 +16,7 @@ FIRST = 16  # steps of the first block, which tells what a step costs
 # characters of code in all steps of the first block, and of a later one; loops count once
 SHORT, LONG = 1_000_000, 10_000_000
 LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
+BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -32,7 +33,7 @@ class Compiled:
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, check=True):
         self.given, self.check = (step_fn, m, force), check
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure, steps, watch), None, ""
-        self.watch = watch
+        self.watch, self.best = watch, False
         self.ask = mapped(lambda q, v: (*measure(q, v), watch(q, v)) if watch else measure(q, v))
         self.start(dt, steps)
 
@@ -101,7 +102,7 @@ class Compiled:
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
         self.steps -= count
-        if not (why or self.alone.machine):  # with the Stop that is why, the next block begins
+        if not why:  # with the Stop that is why, the next block begins
             self.improve(spent / count)
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
@@ -138,16 +139,19 @@ class Compiled:
         return not np.all(np.abs(end - expected) <= CLOSE * size)
 
     def improve(self, pace):
-        """Machine code, where the steps that are left are worth it."""
+        """Machine code, where the steps that are left are worth it: first what is soon made."""
+        if self.best or not native.available():
+            return
         cost = COMPILING * len(self.source) + LOADING * ("llvmlite.binding" not in sys.modules)
-        left = self.steps * pace
-        if native.available() and left > 1.5 * cost:
+        left, begun = self.steps * pace, self.alone.machine is not None
+        if left > (BEST if begun else 1.5) * cost:
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
-                self.to_machine(left > 200.0 * cost)
+                self.to_machine(best=begun)
         if native.failure() and not self.alone.machine:
             self.way = f"compiled to Python; {native.failure()}"
 
     def to_machine(self, best=True):
         """Machine code from here on; the best takes a few times as long to make."""
         self.alone.to_machine(best)
+        self.best = best
         self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
