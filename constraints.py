@@ -81,6 +81,11 @@ def external_force(system, q, v=None):
     return system["m"] * GRAVITY
 
 
+def applied_force(system, q, v):
+    """external_force's (N, 3), whatever it was written with: v or not, lists, one row for all."""
+    return ordered(run_checks.called(external_force, system, q, v), q.shape)
+
+
 # --- endregion ---
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i. The rod is right when
@@ -124,11 +129,14 @@ def constraint_terms(system, q, v):
 # e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
 # on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
-def multipliers(system, q, v, hold, f):
+def multipliers(system, q, v, hold, f=None):
     """J (C, 3N), Lagrange's multipliers lambda (C,) in N/m, and the A and b of A lambda = b.
 
-    f (N, 3) in N: all other forces. `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s.
+    f (N, 3) in N: all other forces, by default external_force's. `hold`: a Hold, a mode's name, or
+    Baumgarte's w in rad/s.
     """
+    if f is None:
+        f = applied_force(system, q, v)
     hold = run_checks.chosen(hold, hold_table)
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
@@ -145,8 +153,6 @@ def multipliers(system, q, v, hold, f):
 
 def constraint_force(system, q, v, hold="none", f=None):
     """The force of the rods (N, 3) in N, J^T lambda, beside the force f, or external_force's."""
-    if f is None:
-        f = ordered(external_force(system, q, v), q.shape)
     jac, lam, _, _ = multipliers(system, q, v, hold, f)
     return (jac.T @ lam).reshape(q.shape)
 
@@ -221,7 +227,7 @@ class Force(NamedTuple):
 
     def __call__(self, q, v):
         q, v = ordered(q), ordered(v)
-        f = ordered(external_force(self.system, q, v), q.shape)
+        f = applied_force(self.system, q, v)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
 
@@ -316,15 +322,13 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 # --- region: report ---
 def tensions(system, q, v, hold="none"):
     """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
-    f = ordered(external_force(system, q, v), q.shape)
-    _, lam, _, _ = multipliers(system, q, v, hold, f)
+    _, lam, _, _ = multipliers(system, q, v, hold)
     return -lam * (rod_errors(system, q) + system["lengths"])
 
 
 def unheld(system, q, v, hold="none"):
     """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
-    f = ordered(external_force(system, q, v), q.shape)
-    jac, lam, a, b = multipliers(system, q, v, hold, f)
+    jac, lam, a, b = multipliers(system, q, v, hold)
     return unanswered(system, jac, a, b - a @ lam, v)
 
 

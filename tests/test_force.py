@@ -61,6 +61,24 @@ def test_rods_accelerate_as_the_hold_asks(asked, monkeypatch):
         assert_close(gddot + gives, -hold.damping * gdot - hold.stiffness * g, 1e-11)
 
 
+def test_a_force_may_be_written_as_the_course_has_it(monkeypatch):
+    """Without v, as a list, or as one row for all; a shape that does not fit is told."""
+    system = c.build_system("double")
+    expected = c.constraint_force(system, system["q0"], system["v0"])
+    for force in (
+        lambda system, q: system["m"] * c.GRAVITY,
+        lambda system, q, v: [0.0, -9.81, 0.0],
+        lambda *state: c.GRAVITY.tolist(),
+    ):
+        monkeypatch.setattr(c, "external_force", force)
+        found = c.constraint_force(system, system["q0"], system["v0"])
+        assert np.array_equal(found, expected)
+        assert run(system, steps=5).way.startswith("compiled")
+    monkeypatch.setattr(c, "external_force", lambda system, q: np.zeros((2, 2)))
+    with pytest.raises(ValueError, match=r"shape \(2, 2\), must be \(2, 3\)"):
+        c.constraint_force(system, system["q0"], system["v0"])
+
+
 def test_jacobian_is_the_derivative_of_g():
     system, eps = moving(tree(5, 2)), 1e-6
     q, v = system["q0"], system["v0"]

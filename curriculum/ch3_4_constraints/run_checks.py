@@ -1,5 +1,7 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
+from inspect import CO_VARARGS
+
 from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common.cli import meant, shorten
@@ -24,6 +26,13 @@ def chosen(hold, table):
         end = meant(hold, named, f"; modes are {', '.join(named)}")
         raise ValueError(f"{shorten(hold)!r} is no mode{end}")
     return named[hold]
+
+
+def called(force, system, q, v):
+    """force(system, q, v), or force(system, q) if it takes no more."""
+    code = getattr(force, "__code__", None)
+    short = code is not None and code.co_argcount == 2 and not code.co_flags & CO_VARARGS
+    return force(system, q) if short else force(system, q, v)
 
 
 def misfit(hold, rule):
