@@ -426,8 +426,7 @@ def main(argv=None):
     motion = ruler.true_motion(partial(run, "project"), system, dt, shown, truth)
     found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
     report(found)
-    page = partial(publish.play.page, sys.modules[__name__], step_fn=rule)  # of these very lines
-    print(publish.publish(found, page))
+    print(publish.publish(found, sys.modules[__name__], rule))  # a page of these very lines, too
 
 
 command = partial(run_script, main)  # as a program: by its entry point, or as below

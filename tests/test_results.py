@@ -4,7 +4,6 @@ import json
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stdout
-from dataclasses import replace
 from functools import cache
 from io import StringIO
 from itertools import count
@@ -16,6 +15,7 @@ from curriculum.ch3_4_constraints import publish, tables
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
 from curriculum.common import compiled, steps
 from curriculum.common.ruler import nudged, true_position
+from curriculum.common.runs import Run
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_a_run_that_could_not_be_right_is_refused():
 def test_a_run_that_blows_up_stops_and_keeps_what_was_true(monkeypatch):
     found = run(DOUBLE, hold=40.0, dt=0.05, keep=range(4001))
     assert found.stopped == found.note == f"diverged at step {len(found.tip)}"
-    assert replace(found, halved=2).note == f"took 2 steps in halves, and {found.stopped}"
+    assert Run(**vars(found) | {"halved": 2}).note == f"took 2 steps in halves, and {found.stopped}"
     assert list(found.kept) == list(range(len(found.tip)))
     assert len(found.tip) < 50
     assert all(np.isfinite(x).all() for x in (*found, found.q, found.v))

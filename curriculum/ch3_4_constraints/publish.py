@@ -3,13 +3,11 @@
 import contextlib
 import os
 import shlex
-import shutil
 import sys
 import textwrap
 from functools import partial
 from pathlib import Path
 
-from curriculum.ch3_4_constraints import play
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
 from curriculum.ch3_4_constraints.scene_files import read_document, shipped
@@ -19,14 +17,16 @@ from curriculum.common.files import as_json, write_together
 from curriculum.common.trace import Untraceable
 
 WIDTH = 80  # columns of what is printed
-METRICS, PICTURE, RECORDING = "metrics.json", "motion.svg", "constraints.rrd"
-PAGE = play.PAGE
+METRICS, PICTURE, PAGE = "metrics.json", "motion.svg", "play.html"
+RECORDING = "constraints.rrd"
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
 results_folder = partial(writable, names=(METRICS, PICTURE, PAGE, RECORDING))  # an argparse type
 
 
 def scene_list(counts, folder):
     """The systems, a line each: {name: how many rods} of those without a file, and a chapter's."""
+    import shutil  # here: no run needs it
+
     named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
     named["chain"] = "let go level, rods: --links"
     for name, path in shipped(folder).items():
@@ -45,11 +45,11 @@ def parts(args):
     return [name for name, wanted in asked.items() if wanted]
 
 
-def publish(found, page):
+def publish(found, chapter, step_fn):
     """Write metrics.json and, if asked for, picture, page and recording; say so in words.
 
     The metrics are the rows of a Comparison, what was used, and those flags that decide them.
-    `page` makes the page's text, as play.page, whose first and `step_fn` arguments it has already.
+    `chapter`: the module whose lines the page is made of; `step_fn`: the integrator.
     Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
     args = found.args
@@ -65,10 +65,12 @@ def publish(found, page):
         files[PICTURE] = motion(found)
     if args.page:
         work.begin("the page")
+        from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
+
         knobs = args.baumgarte, args.time_constant, args.impedance
-        scene = {"name": found.scene, "system": found.system, "rule": args.integrator}
+        rule = args.integrator
         try:
-            files[PAGE] = page(**scene, dt=found.dt, knobs=knobs)
+            files[PAGE] = page(chapter, found.scene, found.system, rule, step_fn, found.dt, knobs)
         except Untraceable as why:
             left_out = f"\n{PAGE} left out: {why}"
     if args.rerun:

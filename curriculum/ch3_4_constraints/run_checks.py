@@ -1,7 +1,5 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
-from inspect import CO_VARARGS
-
 from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common.cli import meant, shorten
@@ -9,6 +7,7 @@ from curriculum.common.elimination import has_loop
 
 import numpy as np
 
+VARARGS = 0x04  # of a function's code, where it takes *arguments
 TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
 
 
@@ -31,7 +30,7 @@ def chosen(hold, table):
 def called(force, system, q, v):
     """force(system, q, v), or force(system, q) if it takes no more."""
     code = getattr(force, "__code__", None)
-    short = code is not None and code.co_argcount == 2 and not code.co_flags & CO_VARARGS
+    short = code is not None and code.co_argcount == 2 and not code.co_flags & VARARGS
     return force(system, q) if short else force(system, q, v)
 
 

@@ -1,7 +1,7 @@
 """What a run leaves behind: a log while it goes, and a Run when it has ended."""
 
 import math
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 from curriculum.common.banner import progress
 from curriculum.common.steps import Block
@@ -10,8 +10,7 @@ from curriculum.common.trace import Stop
 import numpy as np
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+class Run(SimpleNamespace):
     """A measured run; it unpacks as the chapter has it: tip, violations, energies = simulate(...).
 
     These are series from the start on. It has the states that were to be kept, too, and the last.
@@ -160,8 +159,18 @@ class Log:
         """All that was noted, as a Run."""
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
         once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
-        series = (x[: self.done + 1] for x in (self.tip, self.violations, self.energies))
-        step = self.step
-        seconds = step.seconds * self.done / max(1, step.taken)
-        told = self.stopped, step.halved, step.watched, seconds, step.way, step.source
-        return Run(*series, steps[once], q[once], v[once], *told)
+        noted, step = slice(self.done + 1), self.step
+        return Run(
+            tip=self.tip[noted],
+            violations=self.violations[noted],
+            energies=self.energies[noted],
+            kept=steps[once],
+            q=q[once],
+            v=v[once],
+            stopped=self.stopped,
+            halved=step.halved,
+            watched=step.watched,
+            seconds=step.seconds * self.done / max(1, step.taken),
+            way=step.way,
+            source=step.source,
+        )
