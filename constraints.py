@@ -28,7 +28,7 @@ from curriculum.common.crowds import mapped
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import Log
-from curriculum.common.steps import Plain, followed
+from curriculum.common.steps import Plain, called, followed
 from curriculum.common.trace import repeat
 
 # Of these a reader needs three: `solve` for a linear system, `ordered` for arrays whose sums go in
@@ -83,7 +83,7 @@ def external_force(system, q, v=None):
 
 def applied_force(system, q, v):
     """external_force's (N, 3), whatever it was written with: v or not, lists, one row for all."""
-    return ordered(run_checks.called(external_force, system, q, v), q.shape)
+    return ordered(called(external_force, system, q, v), q.shape)
 
 
 # --- endregion ---

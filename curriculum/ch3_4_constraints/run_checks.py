@@ -7,7 +7,6 @@ from curriculum.common.elimination import has_loop
 
 import numpy as np
 
-VARARGS = 0x04  # of a function's code, where it takes *arguments
 TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
 
 
@@ -25,13 +24,6 @@ def chosen(hold, table):
         end = meant(hold, named, f"; modes are {', '.join(named)}")
         raise ValueError(f"{shorten(hold)!r} is no mode{end}")
     return named[hold]
-
-
-def called(force, system, q, v):
-    """force(system, q, v), or force(system, q) if it takes no more."""
-    code = getattr(force, "__code__", None)
-    short = code is not None and code.co_argcount == 2 and not code.co_flags & VARARGS
-    return force(system, q) if short else force(system, q, v)
 
 
 def misfit(hold, rule):

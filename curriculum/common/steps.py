@@ -18,7 +18,16 @@ from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
+VARARGS = 0x04  # a flag of a function's code: it takes *arguments
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
+
+
+def called(function, *arguments):
+    """function(*arguments), or of the first of them if it takes no more."""
+    code = getattr(function, "__code__", None)
+    if code is None or code.co_flags & VARARGS or hasattr(function, "__self__"):
+        return function(*arguments)
+    return function(*arguments[: code.co_argcount])
 
 
 def followed(rule, after):
