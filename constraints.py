@@ -91,8 +91,8 @@ def external_force(system, q, v=None):
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
 # v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
 # -d in those of j. (Jdot has d' where J has d.) A rod pulls along d, equally and oppositely at its
-# ends: lambda d and -lambda d; for all rods together J^T lambda. So there is one unknown number
-# lambda per rod, in N/m, below zero where the rod pulls. Newton, with M the masses, is
+# ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
+# number per rod, lambda, in N/m, below zero where the rod pulls. Newton, with M the masses, says
 #     M a = f + J^T lambda
 # Put that into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
@@ -124,21 +124,21 @@ def constraint_terms(system, q, v):
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
 # error in g, and nothing takes it back. So ask for more, that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
-# e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
-# on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
+# e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. That adds two
+# terms on the right. Most remedies are of this kind, and differ by four numbers (A = J M^-1 J^T):
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
 def multipliers(system, q, v, hold, f):
     """J (C, 3N); Lagrange's multipliers lambda (C,) in N/m; A (C, C) and b (C,), A lambda = b.
 
     `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s. f (N, 3) in N: all other forces.
     """
-    hold = run_checks.chosen(hold, hold_table)
+    hold = run_checks.chosen(hold, hold_table)  # now it is a Hold
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
     if hold.softness:  # a rod that gives, as MuJoCo's
         size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|
-        g = size * (size - system["lengths"])  # as it measures; ours is L (|d| - L), nearly
+        g = size * (size - system["lengths"])  # MuJoCo's g; ours is L (|d| - L), nearly
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
@@ -147,7 +147,7 @@ def multipliers(system, q, v, hold, f):
 
 
 def constraint_force(system, q, v, hold="none", f=None):
-    """J^T lambda (N, 3) in N: the rods' force, beside all others, f, or external_force's."""
+    """The rods' force J^T lambda (N, 3) in N; f: all other forces, or else external_force's."""
     if f is None:
         f = ordered(external_force(system, q, v), q.shape)
     jac, lam, _, _ = multipliers(system, q, v, hold, f)
@@ -207,7 +207,7 @@ def project(system, q_start, q, v, dt):
         off = g / close
         return q - (jac_start.T @ mu / m).reshape(q.shape), off @ off
 
-    # a while loop, written so that it can be compiled: 20 rounds at most, until off @ off <= 1
+    # a while loop that can be compiled: q = newton(q) until off @ off <= 1, at most 20 times
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
