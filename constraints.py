@@ -16,6 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+# You need three of these: `solve` for a linear system, `repeat` for a while loop, and `ordered` for
+# arrays that add from first to last. The others print, check, draw, and make the lines fast.
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
@@ -31,14 +33,13 @@ from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, called, followed
 from curriculum.common.trace import repeat
 
-# Of these a reader needs three: `solve` for a linear system, `ordered` for arrays whose sums go in
-# order, `repeat` for a while loop. The others print, check, draw, and make the lines fast.
 import numpy as np
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
 HERE = Path(__file__).resolve().parent
-CHAPTER, OUT = "curriculum/ch3_4_constraints", "outputs/ch3.4-constraints"
+CHAPTER = "curriculum/ch3_4_constraints"
+OUT = "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # of a --smoke run: enough to tell the modes apart
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
@@ -50,8 +51,8 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #                      is negative, to an anchor, which stands still: -1 is the first, -2 the next
 #     lengths  (C,)    of the rods, in m
 #     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
-# Every function below is of one state: q and v (N, 3).
-SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # those made here, and how many rods
+# Every function below takes one state: q and v, (N, 3) each.
+SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # made here: how many rods each has
 
 
 def build_system(name, rng=0, links=10):
@@ -95,64 +96,65 @@ def applied_force(system, q, v):
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
 # v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
 # -d in those of j. (Jdot has d' where J has d.) A rod pulls along d, equally and oppositely at its
-# ends: lambda d and -lambda d; for all rods together J^T lambda. So there is one unknown number
-# lambda per rod, in N/m, below zero where the rod pulls. Newton, with M the masses, is
+# ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
+# number per rod, lambda, in N/m, below zero where the rod pulls. Newton, with M the masses, says
 #     M a = f + J^T lambda
 # Put that into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
 def constraint_terms(system, q, v):
     """J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
-    q, v = ordered(q), ordered(v)  # arrays whose sums go in order: the same bits everywhere
-    rods, n = len(system["pairs"]), len(q)
+    q = ordered(q)  # @ and sums add from first to last: the same bits on every processor
+    v = ordered(v)
+    rods = len(system["pairs"])
     anchors = system.get("anchors", PIVOT[None])
-    jac = np.zeros_like(q, shape=(rods, n, 3))
+    jac = np.zeros_like(q, shape=(rods, *q.shape))  # a row (N, 3) for each rod; flat at the end
     g, gdot, jdotv = np.zeros_like(q, shape=(3, rods))
     for k, (i, j) in enumerate(system["pairs"]):
         if j < 0:
             d = q[i] - anchors[-1 - j]
-            rate = v[i]
+            rate = v[i]  # d'
         else:
             d = q[i] - q[j]
             rate = v[i] - v[j]
             jac[k, j] = -d
         jac[k, i] = d
-        g[k] = 0.5 * (d @ d - system["lengths"][k] * system["lengths"][k])
+        length = system["lengths"][k]
+        g[k] = 0.5 * (d @ d - length * length)
         gdot[k] = d @ rate  # = (J v)_k
         jdotv[k] = rate @ rate  # = (Jdot v)_k
-    return jac.reshape(rods, 3 * n), g, gdot, jdotv
+    return jac.reshape(rods, q.size), g, gdot, jdotv
 
 
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
 # error in g, and nothing takes it back. So ask for more, that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
-# e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. Two terms more
-# on the right-hand side. Most remedies are of this kind, four numbers, with A = J M^-1 J^T:
+# e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. That adds two
+# terms on the right. Most remedies are of this kind, and differ by four numbers (A = J M^-1 J^T):
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
 def multipliers(system, q, v, hold, f=None):
-    """J (C, 3N), Lagrange's multipliers lambda (C,) in N/m, and the A and b of A lambda = b.
+    """J (C, 3N); Lagrange's multipliers lambda (C,) in N/m; A (C, C) and b (C,), A lambda = b.
 
-    f (N, 3) in N: all other forces, by default external_force's. `hold`: a Hold, a mode's name, or
-    Baumgarte's w in rad/s.
+    `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s. f (N, 3) in N: all other forces.
     """
     if f is None:
         f = applied_force(system, q, v)
-    hold = run_checks.chosen(hold, hold_table)
+    hold = run_checks.chosen(hold, hold_table)  # now it is a Hold
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
-    a = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness:  # a rod that gives: MuJoCo's g is |d| (|d| - L), which is L (|d| - L), nearly
+    A = (jac / m) @ jac.T  # J M^-1 J^T
+    if hold.softness:  # a rod that gives, as MuJoCo's
         size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|
-        g = size * (size - system["lengths"])
-        a = a * (1.0 + hold.softness * np.eye(len(g)))
+        g = size * (size - system["lengths"])  # MuJoCo's g; ours is L (|d| - L), nearly
+        A = A * (1.0 + hold.softness * np.eye(len(g)))  # A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
-    lam = solve(system, a, b, v)  # np.linalg.solve(a, b), but sooner; and where rods close a loop
-    return jac, lam, a, b
+    lam = solve(system, A, b, v)  # np.linalg.solve(A, b), but faster; v is for loops of rods
+    return jac, lam, A, b
 
 
 def constraint_force(system, q, v, hold="none", f=None):
-    """The force of the rods (N, 3) in N, J^T lambda, beside the force f, or external_force's."""
+    """The rods' force J^T lambda (N, 3) in N; f: all other forces, or else external_force's."""
     jac, lam, _, _ = multipliers(system, q, v, hold, f)
     return (jac.T @ lam).reshape(q.shape)
 
@@ -171,7 +173,8 @@ class Hold(NamedTuple):
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    w, p = baumgarte, impedance
+    w = baumgarte
+    p = impedance
     t = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps at least
     return {
         # gddot = 0. Fails by drift: what has gone wrong stays, and every step adds to it.
@@ -194,21 +197,22 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 def project(system, q_start, q, v, dt):
     """A step from q_start that ended at q, v (N, 3), a little off, put back: g = 0, J v = 0.
 
-    Rods correct as they pull, q = q - M^-1 J(q_start)^T mu; v gains that move / dt: SHAKE (J.-P.
-    Ryckaert et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along rods: RATTLE (H.
-    Andersen, ibid. 52 (1983) 24). Else energy blows up. Raises Stop: the step is tried in halves.
+    The rods push it there, q - M^-1 J(q_start)^T mu, and v gains that move / dt: SHAKE (J.-P.
+    Ryckaert et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods: RATTLE
+    (H. Andersen, ibid. 52 (1983) 24). With another J, or v untold, the energy explodes. Raises Stop
+    if no way is found: simulate then tries the step in halves.
     """
     m = np.repeat(system["m"], 3)
-    along, _, _, _ = constraint_terms(system, q_start, v)
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)
     close = statics.near(system["lengths"], q_start)  # m^2: a g that counts as zero
 
-    def newton(q):
+    def newton(q):  # where to go from q, and how far q is off: 1 is close
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, (jac / m) @ along.T, g, rough=True)  # the next round refines
+        mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # the next round is better
         off = g / close
-        return q - (along.T @ mu / m).reshape(q.shape), off @ off
+        return q - (jac_start.T @ mu / m).reshape(q.shape), off @ off
 
-    # a while loop that can be compiled: q = newton(q) until off @ off is at most 1
+    # a while loop that can be compiled: q = newton(q) until off @ off <= 1, at most 20 times
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
@@ -219,14 +223,15 @@ def project(system, q_start, q, v, dt):
 # --- endregion ---
 # --- region: integrators ---
 class Force(NamedTuple):
-    """Where rods meet integrators: force(q, v) -> (N, 3) in N, the rods' included."""
+    """force(q, v) -> (N, 3) in N, the rods' included: all that an integrator sees of them."""
 
     system: dict
-    hold: tuple
+    hold: Hold
     after: Callable | None  # (q_start, q, v, dt) -> (q, v): it mends a finished step
 
     def __call__(self, q, v):
-        q, v = ordered(q), ordered(v)
+        q = ordered(q)
+        v = ordered(v)
         f = applied_force(self.system, q, v)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
@@ -268,8 +273,8 @@ def rk4_step(q, v, m, force, dt):
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # of order 8 and 16
 
-# Baumgarte's spring is stable up to this z = dt w. In a step its error shrinks by 1 - z (Euler) or
-# 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4): within -1..1, that is. Semi-implicit: 4 - 4z - z^2 >= 0.
+# Baumgarte's spring is stable up to this z = dt w. A step multiplies its error by 1 - z (Euler) or
+# 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4), which must be within -1..1. Semi-implicit: 4 - 4z - z^2 > 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
@@ -294,14 +299,14 @@ def constraint_violation(system, q):
 
 
 def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
-    """`steps` steps of `dt` s by step_fn(q, v, m, force, dt), measured at every one: a runs.Run.
+    """A Run of `steps` steps of `dt` s by step_fn(q, v, m, force, dt), every one of them measured.
 
-    That unpacks into tip (steps + 1, 3) in m, violations in m and energies in J, (steps + 1,) each.
+    It unpacks into tip (steps + 1, 3) in m, violations in m and energies in J, (steps + 1,) each.
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
-    system = {"anchors": PIVOT[None], **system}
+    system = {"anchors": PIVOT[None], **system}  # a system that names anchors has its own
     system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS)
-    step_fn = followed(step_fn, getattr(force, "after", None))
+    step_fn = followed(step_fn, getattr(force, "after", None))  # the rule, then what mends its step
 
     def measure(q, v):
         return constraint_violation(system, q), energy(system, q, v)
@@ -328,8 +333,8 @@ def tensions(system, q, v, hold="none"):
 
 def unheld(system, q, v, hold="none"):
     """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
-    jac, lam, a, b = multipliers(system, q, v, hold)
-    return unanswered(system, jac, a, b - a @ lam, v)
+    jac, lam, A, b = multipliers(system, q, v, hold)
+    return unanswered(system, jac, A, b - A @ lam, v)
 
 
 def parse(argv):

@@ -36,9 +36,9 @@ def rod_force(system, q, v, f, w):
     for k, (i, j) in enumerate(system["pairs"]):
         d = jac[k, 3 * i : 3 * i + 3]
         jdotv[k] = turning(d, v[i] - (v[j] if j >= 0 else 0.0))
-    a = mobility(jac, inverse_m)
+    A = mobility(jac, inverse_m)
     b = wanted(g, gdot, w) - (jac @ (inverse_m * f.ravel()) + jdotv)
-    return (jac.T @ np.linalg.solve(a, b)).reshape(q.shape)
+    return (jac.T @ np.linalg.solve(A, b)).reshape(q.shape)
 
 
 def main():
