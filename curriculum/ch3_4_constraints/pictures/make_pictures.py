@@ -104,7 +104,7 @@ def drift():
         worst = np.maximum(np.max(found.reshape(-1, every), axis=1), 1e-12)  # its tolerance
         curves[mode] = MODES[mode], list(zip(times, worst, strict=True))
     x = "time, s", (0.0, 20.0), {float(t): f"{t}" for t in range(0, 21, 5)}
-    return svg.chart("Who keeps the rods?", x, ("worst rod error", (1e-13, 3.0), lengths), curves)
+    return svg.chart("What keeps the rods?", x, ("worst rod error", (1e-13, 3.0), lengths), curves)
 
 
 def cost():

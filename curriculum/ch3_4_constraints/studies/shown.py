@@ -219,9 +219,9 @@ def by_hand():
         yield mode, rule, what, 1e3 * metres, farthest(system, rule, mode)
 
 
-@table("impulse under = {} | after 0, 1, ... 7 steps = {} | worst of 1995 to 2000 = {:.3f}")
+@table("impulse under = {} | steps 0 to 7 = {} | later = {:.3f}")
 def nudge():
-    """a bob hangs at rest, its rod 1 mm too long: rod error without its sign, mm"""
+    """a bob hangs at rest, its rod 1 mm too long: size of the rod error, mm; later: steps 1995 on"""
     system = bobs((0.0, -1.001), lengths=[1.0])
     for rule in ("semi_implicit", "euler"):
         hold = c.hold_table(DT)["impulse"]._replace(rule=None)  # be it made for another rule
@@ -245,17 +245,17 @@ def neither(system, q_start, q, v, dt):
 
 
 @table(
-    "the rods are = {} | v is told = {} | rods, m = {:.0e} | 1 s = {} | 5 s = {} | 10 s = {}"
-    " | 20 s = {} | at worst = {:.2g}"
+    "along the rods = {} | v told = {} | off, m = {:.0e} | 1 s = {} | 5 s = {} | 10 s = {}"
+    " | 20 s = {} | worst = {:.2g}"
 )
 def way_back():
     """the double pendulum, semi_implicit: energy error as a share of m g L after"""
     system, hold = c.build_system("double"), c.hold_table()["project"]
     for rods, told, after in (
-        ("those before the step", "yes", c.project),
-        ("those after it", "yes", shortest),
-        ("those before the step", "no", untold),
-        ("those after it", "no", neither),
+        ("before the step", "yes", c.project),
+        ("after the step", "yes", shortest),
+        ("before the step", "no", untold),
+        ("after the step", "no", neither),
     ):
         found = run(system, hold=hold._replace(after=after))
         off = np.abs(found.energies - found.energies[0]) / energy_scale(system)
