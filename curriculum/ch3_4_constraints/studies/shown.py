@@ -221,7 +221,7 @@ def by_hand():
 
 @table("impulse under = {} | steps 0 to 7 = {} | later = {:.3f}")
 def nudge():
-    """a bob hangs at rest, its rod 1 mm too long: size of the rod error, mm; later: steps 1995 on"""
+    """a bob hangs at rest, its rod 1 mm too long: the error, mm; later: at most, steps 1995 on"""
     system = bobs((0.0, -1.001), lengths=[1.0])
     for rule in ("semi_implicit", "euler"):
         hold = c.hold_table(DT)["impulse"]._replace(rule=None)  # be it made for another rule
