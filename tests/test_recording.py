@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
-from functools import partial
 from types import FunctionType, SimpleNamespace
 from unittest import mock
 from xml.etree import ElementTree
@@ -14,13 +13,13 @@ import constraints as c
 from curriculum.ch3_4_constraints import geometry, picture, publish, recording, svg
 from curriculum.ch3_4_constraints.comparison import FRAME_RATE, FRAMES, Comparison, frames
 from curriculum.ch3_4_constraints.pictures.make_pictures import FOLDER, PICTURES
-from curriculum.ch3_4_constraints.studies._runs import energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import energy_scale
 from curriculum.ch3_4_constraints.tables import length
 from curriculum.common import ruler
-from curriculum.common.compiled import Compiled
 
 import numpy as np
 import pytest
+from conftest import held
 from rerun.chunk import RrdReader
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -138,13 +137,9 @@ def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
     default = recorded["default"]
     assert len(default.motion) == len(default.shown)  # 20 s
 
-    def project(name, rule, dt, steps, keep=(), way=Compiled, nudge=False):
-        system = ruler.nudged(c.build_system(name)) if nudge else c.build_system(name)
-        return run(system, rule, "project", dt, steps, keep, way)
-
-    truth, _ = ruler.true_position(partial(project, "double"), default.shown[133] * 0.005)
+    truth, _ = ruler.true_position(held("double", "project"), default.shown[133] * 0.005)
     assert ruler.distance(default.motion[133], truth) < 1e-5
-    triple = partial(project, "triple")
+    triple = held("triple", "project")
     shown, close = frames(4000, 0.005, 3), 1e-3
     motion = ruler.true_motion(triple, 0.005, shown, close)
     assert 5.0 < 0.005 * shown[len(motion)] < 20.0  # s

@@ -22,6 +22,7 @@ from curriculum.common.trace import Stop, repeat
 
 import numpy as np
 import pytest
+from conftest import feel
 
 
 class Python(compiled.Compiled):
@@ -72,11 +73,6 @@ def together(rule, crowd, hold, dt, steps):
         many.advance(1)
         path.append(many.states())
     return tuple(map(np.array, zip(*path, strict=True)))
-
-
-def feel(monkeypatch, force):
-    """Have the rods feel gravity and force(q, v)."""
-    monkeypatch.setattr(c, "external_force", lambda s, q, v: s["m"] * c.GRAVITY + force(q, v))
 
 
 def halving(q):

@@ -16,7 +16,8 @@ from curriculum.common import native
 
 import numpy as np
 import pytest
-from test_steps import branching, feel, motor
+from conftest import feel
+from test_steps import branching, motor
 
 
 @pytest.mark.parametrize("steps", [1000, 10])
