@@ -185,10 +185,10 @@ def taylor_ladder(system, tols):
 def rollout_ladder(system, counts):
     """Rungs of MuJoCo, in joint angles."""
     one, angles = first_and_angles(system)
-    relative = np.diff(angles, axis=-1, prepend=0.0)
+    hinges = peers.hinge_angles(angles)
 
     def go(model, steps):
-        seconds, found = peers.hinges_crowd(model, relative, steps, LONG / steps)
+        seconds, found = peers.hinges_crowd(model, hinges, steps, LONG / steps)
         return seconds, peers.placed(one, np.cumsum(found, axis=-1))
 
     build = partial(peers.hinges_model, _runs.Task(one, 1, LONG, None))
