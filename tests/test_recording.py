@@ -320,17 +320,6 @@ def test_no_scene_makes_a_large_recording_or_picture():
         assert len(picture.motion(found).encode()) <= picture.BYTES
 
 
-def test_a_row_of_the_readers_own_has_a_tile_and_a_colour():
-    q = np.linspace(1.0, 1.2, 101)[:, None, None] * c.build_system("double")["q0"]
-    modes = [*c.hold_table(), "mine", "and <his>/too"]
-    found = compared(modes, c.build_system("double"), q, np.arange(101), q)
-    drawn = ElementTree.fromstring(picture.motion(found))
-    assert {*modes} < {words.text for words in drawn.iter(f"{SVG}text")}
-    assert recording.record(found)
-    colours = svg.mode_colors(modes)
-    assert len({*colours.values()}) == len(modes)
-
-
 def seen_by(eyes, hexes):
     """L*, a* and b* (CIE 1976) of colours, but for a constant, and how bright they are (0 to 1)."""
     coded = np.array([[*bytes.fromhex(x[1:])] for x in hexes]) / 255.0

@@ -220,11 +220,9 @@ def test_members_of_a_crowd_are_as_if_alone_and_a_rule_may_work_in_place(mode, f
         assert np.array_equal(q[:, k], alone.q)
 
 
-def test_a_force_that_branches_runs_plainly_and_a_crowd_of_it_is_refused(monkeypatch):
+def test_a_force_that_branches_runs_plainly(monkeypatch):
     feel(monkeypatch, branching)
     assert "branches on a value" in in_every_way("rk4", DOUBLE, "none", 0.005, 5).way
-    with pytest.raises(SystemExit, match="many members go together only"):
-        together("rk4", crowd_of(DOUBLE, np.zeros((3, 2, 3))), "none", 0.005, 1)
 
 
 def too_long(v, dt):

@@ -40,7 +40,9 @@ def test_many_members_want_a_force_that_can_be_compiled(monkeypatch):
     asked = []
     for force, why in ((branching, "branches on"), (lambda q, v: asked.append(1) or -v, "changes")):
         feel(monkeypatch, force)
-        with pytest.raises(SystemExit, match=f"compiled: it {why}"):
+        with pytest.raises(
+            SystemExit, match=f"many members .* compiled: it {why}"
+        ):
             chaos.follow(chaos.ensemble("double", range(2)), "rk4", "none", 1)
     assert not asked  # what a trace left there is gone
 
@@ -208,11 +210,3 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     python += [("1e-05", "ours, Python", "3.125", 3 / 3.125)]
     assert found == [*near, python[0], *far, python[1]]
     assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]
-
-
-def test_the_race_has_the_rules_among_which_a_tolerance_chooses():
-    found = real_thing.ladders(double(end=True), 1e-9)
-    words = {rungs[0].setting.split()[0] for rungs in found["ours, Python"]}
-    assert {"midpoint:8", "gauss:8:1e-11", "gauss:16:1e-11", "gauss:4:1e-11"} <= words
-    for family in ("midpoint", "gauss"):
-        assert set(real_thing.rules.offered(family, c.INTEGRATORS, 1e-9)) <= words
