@@ -6,10 +6,14 @@ timed in turns, and of each engine the quickest is shown.
 
 import time
 from functools import cache, partial
+from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import pairwise
 from typing import NamedTuple
 
+import constraints as c
 from curriculum.ch3_4_constraints.tables import in_turns
+from curriculum.common import rules
 
 import numpy as np
 
@@ -27,6 +31,33 @@ class Rung(NamedTuple):
     setting: str
     build: object  # () -> what is made once: a compiled step, a model; rungs may share it
     go: object
+
+
+def steps_ladder(task, low, high, build, go, *words):
+    """Rungs of ever more steps a sample, each about a tenth more: go(made, task, per)."""
+    pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
+    rungs = []
+    for per in np.unique(pers).tolist():
+        setting = " ".join([*words, f"dt {task.every / per:.3g}"])
+        rungs.append(Rung(setting, build, partial(go, task=task, per=per)))
+    return rungs
+
+
+def taylor_ladder(finest, build, go, *words):
+    """Rungs of heyoka, four a power of ten: build(tol), go(made)."""
+    tols = 10.0 ** -np.arange(1.0, finest, 0.25)
+    return [Rung(" ".join([f"tol {tol:.1e}", *words]), partial(build, tol), go) for tol in tols]
+
+
+def offered(error):
+    """The names of our rules among which --tol chooses for an error."""
+    families = (rules.offered(family, c.INTEGRATORS, error) for family in rules.FAMILIES)
+    return [name for family in families for name in family]
+
+
+def engines():
+    """{name: version} of the other engines that are installed."""
+    return {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
 
 
 def timed(task, rung):

@@ -13,7 +13,6 @@ import math
 import time
 from collections import namedtuple
 from functools import partial
-from importlib.metadata import version
 from importlib.util import find_spec
 from unittest.mock import patch
 
@@ -23,7 +22,7 @@ from curriculum.ch3_4_constraints.studies import _race, _runs
 from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common import native, rules
+from curriculum.common import native
 from curriculum.common.banner import work
 from curriculum.common.cli import number, run_script
 from curriculum.common.crowds import mapped
@@ -153,25 +152,25 @@ def parting(pairs, span):
 
 
 # --- (d) beside peers ---
-def our_ladder(system, rule):
-    """Rungs of the crowd under a rule, of ever more steps; on one core, whatever there are."""
+def our_ladder(task, rule):
+    """Rungs of the crowd of a Task under a rule; on one core, whatever there are."""
+    system = task.system
 
-    def go(many, steps):
-        many.dt = LONG / steps
+    def go(many, task, per):
+        many.dt = task.every / per
 
         def again():
             many.put(system["q0"], system["v0"])
 
         with patch.object(native, "CORES", 1):
-            seconds = peers.least(again, lambda: many.advance(steps))
+            seconds = peers.least(again, lambda: many.advance(per))
         return seconds, many.states()[0][..., :2]
 
     build = partial(_runs.crowd, system, rule, "none", LONG)  # what is compiled takes any step
-    counts = np.unique(np.geomspace(8, 400, 32).round().astype(int)).tolist()
-    return [Rung(f"{rule} {steps}", build, partial(go, steps=steps)) for steps in counts]
+    return _race.steps_ladder(task, 8, 400, build, go, rule)
 
 
-def taylor_ladder(system, tols):
+def taylor_ladder(system, finest=15.0):
     """Rungs of heyoka, from the angles of all members' rods."""
     one, angles = first_and_angles(system)
 
@@ -179,10 +178,10 @@ def taylor_ladder(system, tols):
         seconds, found = peers.heyoka_crowd(flow, angles, LONG)
         return seconds, peers.placed(one, found)
 
-    return [Rung(f"tol {tol:.1e}", partial(peers.heyoka_batch, one, tol), go) for tol in tols]
+    return _race.taylor_ladder(finest, partial(peers.heyoka_batch, one), go)
 
 
-def rollout_ladder(system, counts):
+def rollout_ladder(system, counts=ROLLED):
     """Rungs of MuJoCo, in joint angles."""
     one, angles = first_and_angles(system)
     hinges = peers.hinge_angles(angles)
@@ -209,21 +208,21 @@ def beside():
     truth = true.states()[0][..., :2]
     theirs = {}
     if find_spec("heyoka"):
-        theirs[TAYLOR] = [taylor_ladder(system, 10.0 ** -np.arange(1.0, 15.0, 0.25))]
+        theirs[TAYLOR] = [taylor_ladder(system)]
     if find_spec("mujoco"):
-        theirs[HINGES] = [rollout_ladder(system, ROLLED)]
+        theirs[HINGES] = [rollout_ladder(system)]
 
     def off(q):
         return np.max(np.linalg.norm(q - truth, axis=-1))
 
+    task, mine = _runs.Task(system, 1, LONG, off), OURS if _runs.NATIVE else PYTHON
+
     def racers(error):
-        offered = [x for name in rules.FAMILIES for x in rules.offered(name, c.INTEGRATORS, error)]
-        who = OURS if _runs.NATIVE else PYTHON
-        return theirs | {who: [our_ladder(system, rule) for rule in offered]}
+        return theirs | {mine: [our_ladder(task, rule) for rule in _race.offered(error)]}
 
     targets = dict.fromkeys(ERRORS, [(OURS, who, STEPS, 1.0) for who in theirs])
     title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m"
-    return title, *_race.race(_runs.Task(system, 1, LONG, off), racers, targets)
+    return title, *_race.race(task, racers, targets)
 
 
 def main(argv=None):
@@ -235,8 +234,7 @@ def main(argv=None):
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
     if args.peers:
-        engines = {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
-        _runs.host(seeds=CROWD, repeats=_race.REPEATS, **engines)
+        _runs.host(seeds=CROWD, repeats=_race.REPEATS, **_race.engines())
         show(*beside())
         return
     seeds = args.seeds

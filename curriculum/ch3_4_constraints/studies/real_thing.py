@@ -21,7 +21,7 @@ from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies import _race, _runs
 from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._race import (
     ALL,
@@ -33,11 +33,10 @@ from curriculum.ch3_4_constraints.studies._race import (
     SOON,
     STEPS,
     TAYLOR,
-    Rung,
     race,
+    steps_ladder,
 )
 from curriculum.ch3_4_constraints.tables import say, show
-from curriculum.common import rules
 from curriculum.common.cli import run_script
 
 import numpy as np
@@ -81,17 +80,6 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-def steps_ladder(task, low, high, build, go, *words):
-    """Rungs of ever more steps a sample, each about a tenth more: go(made, task, per)."""
-    pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
-    return [
-        Rung(
-            " ".join([*words, f"dt {task.every / per:.3g}"]), build, partial(go, task=task, per=per)
-        )
-        for per in np.unique(pers).tolist()
-    ]
-
-
 def our_ladder(task, low, high, rule, mode, **how):
     """Rungs of ours; `how` as compiled_step takes it. dt is no part of what is compiled."""
     build = partial(peers.compiled_step, task.system, rule, mode, 1.0, **how)
@@ -104,12 +92,10 @@ def hinge_ladder(task, low, high):
 
 
 def taylor_ladder(task, **how):
-    """Rungs of heyoka, four a power of ten; `how` as heyoka takes it."""
-    go, words = partial(peers.heyoka, task=task), [f"{key} {value}" for key, value in how.items()]
-    return [
-        Rung(" ".join([f"tol {tol:.1e}", *words]), partial(peers.heyoka_flow, task, tol, **how), go)
-        for tol in 10.0 ** -np.arange(1.0, 16.0, 0.25)
-    ]
+    """Rungs of heyoka; `how` as heyoka takes it."""
+    words = [f"{key} {value}" for key, value in how.items()]
+    build, go = partial(peers.heyoka_flow, task, **how), partial(peers.heyoka, task=task)
+    return _race.taylor_ladder(16.0, build, go, *words)
 
 
 def ladders(task, error):
@@ -124,11 +110,10 @@ def ladders(task, error):
     kinds = {PYTHON: {"machine": False}}
     if _runs.NATIVE:
         kinds |= {SOON: {"machine": True, "best": False}, OURS: {"machine": True}}
-    offered = [
-        rule for family in rules.FAMILIES for rule in rules.offered(family, c.INTEGRATORS, error)
-    ]
     for who, how in kinds.items():
-        found[who] = [our_ladder(task, 8, 400, rule, "none", **how) for rule in offered]
+        found[who] = [
+            our_ladder(task, 8, 400, rule, "none", **how) for rule in _race.offered(error)
+        ]
     return found
 
 
@@ -176,8 +161,7 @@ def main(argv=None):
         rows = names(peers.random_chain(np.random.default_rng(0), 3))
         show(f"(a) soft and MuJoCo {version('mujoco')}, tendons of a random chain", rows)
         return
-    engines = {name: version(name) for name in ("mujoco", TAYLOR) if find_spec(name)}
-    _runs.host(repeats=REPEATS, **engines)
+    _runs.host(repeats=REPEATS, **_race.engines())
     if args.a01:
         task = a01()
 
@@ -189,7 +173,7 @@ def main(argv=None):
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})
         show("(c) A01, the simple pendulum, 2000 s, time to high precision", *found)
         return
-    if TAYLOR not in engines:
+    if not find_spec(TAYLOR):
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = _runs.double(end=True)
     found = race(task, partial(ladders, task), TARGETS)
