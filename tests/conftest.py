@@ -8,6 +8,9 @@ import tomllib
 from pathlib import Path
 
 import constraints
+from curriculum.ch3_4_constraints.studies._runs import run
+from curriculum.common.compiled import Compiled
+from curriculum.common.ruler import nudged
 
 import pytest
 
@@ -36,6 +39,25 @@ def script(lines, *words, **settings):
     """Such a process whose main, as run_script runs it, is these lines."""
     body = lines.replace("\n", "\n    ")
     return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
+
+
+def held(system, mode):
+    """The run of a system or a scene, held by a mode, that the ruler asks for."""
+    system = constraints.build_system(system) if isinstance(system, str) else system
+
+    def asked(rule, dt, steps, keep=(), way=Compiled, nudge=False):
+        return run(nudged(system) if nudge else system, rule, mode, dt, steps, keep, way)
+
+    return asked
+
+
+def feel(monkeypatch, force):
+    """Have the rods feel gravity and force(q, v)."""
+
+    def both(system, q, v=None):
+        return system["m"] * constraints.GRAVITY + force(q, v)
+
+    monkeypatch.setattr(constraints, "external_force", both)
 
 
 @pytest.fixture(scope="session")

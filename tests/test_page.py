@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 import subprocess
-from functools import partial
+import time
 
 import constraints as c
 from curriculum.ch3_4_constraints import play
@@ -14,8 +14,9 @@ from curriculum.common.trace import Program, Untraceable
 
 import numpy as np
 import pytest
+from conftest import feel
 
-DT, STEPS = 0.005, 4000
+DT = 0.005
 USUAL = DT, (20.0, 0.02, 0.95)
 SCENES = ["double", "jansen_leg", "heavy_tip", "peaucellier", "windows"]
 NODE = """
@@ -47,19 +48,24 @@ def page(name, rule="semi_implicit"):
     return play.page(c, name, system, rule, step_fn, *USUAL)
 
 
-def compared(folder, name, rule, steps, only=None):
-    """{mode: (what node says, the Run of Python)}, once all their states are the same bits."""
+def node(*words, lines=b""):
+    """What node prints, in bytes."""
     if shutil.which("node") is None:
         pytest.skip("node is not installed")
+    command = ["node", *map(str, words)]
+    done = subprocess.run(command, input=lines, capture_output=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, b"")
+    return done.stdout
+
+
+def compared(folder, name, rule, steps, only=None):
+    """{mode: (what node says, the Run of Python)}, once all their states are the same bits."""
     file, system = folder / "page.html", c.build_system(name)
     file.write_text(page(name, rule))
     modes = [mode for mode, hold in c.hold_table().items() if not misfit(hold, rule)]
     modes = [mode for mode in modes if only in (None, mode)]
     (folder / "run.cjs").write_text(NODE)
-    command = ["node", folder / "run.cjs", file, steps, *modes]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300)
-    assert done.stderr == ""
-    said = json.loads(done.stdout)
+    said = json.loads(node(folder / "run.cjs", file, steps, *modes))
     for mode in modes:
         force = c.make_force(system, c.hold_table()[mode])
         run = c.simulate(c.INTEGRATORS[rule], system, force, DT, steps, range(steps + 1))
@@ -79,9 +85,6 @@ def test_every_exact_operation_is_written_as_python_has_it(tmp_path):
         chosen = np.where(a < b, a - (b - 3.0), -(a + b) * 0.1 / (a * (b / 7.0)))
         return (np.stack([larger, smaller, chosen, np.abs(a - b), np.sqrt(a * a + b), -(-a - b)]),)
 
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("node is not installed")
     program, writer = Program(everything, np.zeros(2, bool)), javascript.Writer()
     name = writer.program(program, ["x"], {x: f"x[{k}]" for k, x in enumerate(program.inputs)})
     assert not javascript.inexact(program)
@@ -89,41 +92,43 @@ def test_every_exact_operation_is_written_as_python_has_it(tmp_path):
     pairs = [[a, b] for a in values for b in values]
     shown = ",".join(f"[{a!r},{b!r}]" for a, b in pairs).replace("inf", "Infinity")
     lines = f"{javascript.PRELUDE}{writer.source()}\nconst made = [{shown.replace('nan', 'NaN')}]"
-    lines += (
-        f".flatMap({name});\nprocess.stdout.write(Buffer.from(Float64Array.from(made).buffer));"
-    )
-    done = subprocess.run([node, "-"], input=lines.encode(), capture_output=True, check=True)
+    lines += f".flatMap({name});\n"
+    lines += "process.stdout.write(Buffer.from(Float64Array.from(made).buffer));"
     with np.errstate(all="ignore"):
         expected = [everything(np.array(pair))[0] for pair in pairs]
-    found = np.frombuffer(done.stdout).reshape(len(pairs), -1)
+    found = np.frombuffer(node("-", lines=lines.encode())).reshape(len(pairs), -1)
     assert np.array_equal(found, np.array(expected), equal_nan=True)
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_every_mode_makes_pythons_bits_for_4000_steps_halves_included(name, tmp_path):
-    for mode, (said, run) in compared(tmp_path, name, "semi_implicit", STEPS).items():
+RUNS = [(name, "semi_implicit", 4000) for name in SCENES]
+RUNS += [("double", rule, 400) for rule in ("euler", "rk4", "midpoint", "gauss")]
+
+
+@pytest.mark.parametrize(("name", "rule", "steps"), RUNS)
+def test_every_mode_makes_pythons_bits_halves_included(name, rule, steps, tmp_path):
+    found = compared(tmp_path, name, rule, steps)
+    assert "project" in found and ("impulse" in found) == (rule == "semi_implicit")
+    for mode, (said, run) in found.items():
         assert (said["done"], said["halved"]) == (len(run.tip) - 1, run.halved), mode
         assert run.stopped is None or run.stopped.endswith(f"{said['done'] + 1}: {said['why']}")
         if (name, mode) == ("heavy_tip", "project"):
             assert run.halved > 0 and run.stopped  # or the test would not have seen either
 
 
-@pytest.mark.parametrize("rule", ["euler", "rk4", "midpoint", "gauss"])
-def test_other_rules_make_pythons_bits(rule, tmp_path):
-    found = compared(tmp_path, "double", rule, 400)
-    assert "project" in found and "impulse" not in found
+def add_row(monkeypatch, name, hold):
+    """Have the table of modes one more, which is hold(the rows there are)."""
+    table = c.hold_table
+
+    def more(*given, **named):
+        rows = table(*given, **named)
+        return rows | {name: hold(rows)}
+
+    monkeypatch.setattr(c, "hold_table", more)
 
 
 def test_what_a_reader_writes_is_in_the_page(monkeypatch, tmp_path):
-    table, weight = c.hold_table, c.external_force
-
-    def more(*given, **named):
-        return table(*given, **named) | {"mine": c.Hold(1.0, 3.0, 5.0, 0.0)}
-
-    monkeypatch.setattr(c, "hold_table", more)
-    monkeypatch.setattr(c, "external_force", lambda s, q, v=None: weight(s, q, v) - 0.3 * v)
-    c.main(["--steps", "20", "--no-rerun", "--out", str(tmp_path)])
-    assert all("mine" in (tmp_path / name).read_text() for name in (play.PAGE, "motion.svg"))
+    add_row(monkeypatch, "mine", lambda rows: c.Hold(1.0, 3.0, 5.0, 0.0))
+    feel(monkeypatch, lambda q, v: -0.3 * v)
     found = compared(tmp_path, "pendulum", "semi_implicit", 400)
     assert "mine" in found
     energies = found["project"][1].energies
@@ -131,36 +136,28 @@ def test_what_a_reader_writes_is_in_the_page(monkeypatch, tmp_path):
 
 
 def test_halves_keep_the_hold_of_the_whole_step(monkeypatch, tmp_path):
-    table = c.hold_table
-
-    def more(*given, **named):  # and a row that is for a step's length, and whose steps fail
-        rows = table(*given, **named)
-        return rows | {"mended": rows["impulse"]._replace(after=c.project)}
-
-    monkeypatch.setattr(c, "hold_table", more)
+    """Of a row that is for a step's length, and whose steps fail."""
+    add_row(monkeypatch, "mended", lambda rows: rows["impulse"]._replace(after=c.project))
     said, run = compared(tmp_path, "heavy_tip", "semi_implicit", 1000, "mended")["mended"]
     assert said["halved"] == run.halved > 0
 
 
-def test_a_force_that_branches_leaves_the_page_out_with_a_sentence(monkeypatch, tmp_path, capsys):
-    main = partial(c.main, ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
-    main()
-    assert (tmp_path / play.PAGE).exists()
-    weight = c.external_force
-    wind = lambda s, q, v=None: weight(s, q, v) * (1.0 if q[0, 0] > 0.0 else 2.0)  # noqa: E731
-    monkeypatch.setattr(c, "external_force", wind)
-    capsys.readouterr()
-    main()
-    assert not (tmp_path / play.PAGE).exists()
+def test_a_page_that_is_not_asked_for_or_cannot_be_made_is_not_there(monkeypatch, tmp_path, capsys):
+    """The last is told of with a reason."""
+
+    def written(*flags):
+        words = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
+        c.main([*words, *flags])
+        return (tmp_path / play.PAGE).exists()
+
+    assert [written(), written("--no-page"), written()] == [True, False, True]
+    feel(monkeypatch, lambda q, v: q if q[0, 0] > 0.0 else -q)
+    assert not written()
     assert re.search(r"\nplay\.html left out: it branches on a value", capsys.readouterr().out)
 
 
 def test_a_force_that_asks_the_clock_is_not_frozen_into_a_page(monkeypatch):
-    import time
-
-    weight = c.external_force
-    gust = lambda s, q, v=None: weight(s, q, v) * time.time()  # noqa: E731
-    monkeypatch.setattr(c, "external_force", gust)
+    feel(monkeypatch, lambda q, v: time.time() * v)
     with pytest.raises(Untraceable, match="the time"):
         page("pendulum")
     with pytest.raises(Untraceable, match="120 rods"):
@@ -173,13 +170,6 @@ def test_a_page_needs_nothing_else_and_is_the_same_each_time():
         assert text == page(name) and len(text.encode()) <= most
         assert not re.search(r"https?:|\beval\b|new Function|\son\w+=|\bimport\b|src=", text)
         assert "default-src 'none'" in text and "unsafe" not in text
-
-
-def test_no_page_is_written_where_none_is_asked_for(tmp_path):
-    words = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
-    for flags, there in ([], True), (["--no-page"], False):
-        c.main([*words, *flags])
-        assert (tmp_path / play.PAGE).exists() == there
 
 
 def test_pages_of_scenes_are_written_with_an_index(tmp_path):
@@ -392,9 +382,7 @@ def test_reduced_motion_starts_paused(visit):
 
 
 def test_a_force_with_sin_says_that_bits_may_differ(visit, monkeypatch):
-    weight = c.external_force
-    swell = lambda s, q, v=None: weight(s, q, v) + np.sin(q)  # noqa: E731
-    monkeypatch.setattr(c, "external_force", swell)
+    feel(monkeypatch, lambda q, v: np.sin(q))
     tab = visit("pendulum")
     tab.clock.run_for(500)
     assert "uses sin" in tab.inner_text("#notes")

@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
-from functools import partial
 from types import FunctionType, SimpleNamespace
 from unittest import mock
 from xml.etree import ElementTree
@@ -14,16 +13,17 @@ import constraints as c
 from curriculum.ch3_4_constraints import geometry, picture, publish, recording, svg
 from curriculum.ch3_4_constraints.comparison import FRAME_RATE, FRAMES, Comparison, frames
 from curriculum.ch3_4_constraints.pictures.make_pictures import FOLDER, PICTURES
-from curriculum.ch3_4_constraints.studies._runs import energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import energy_scale
 from curriculum.ch3_4_constraints.tables import length
 from curriculum.common import ruler
-from curriculum.common.compiled import Compiled
 
 import numpy as np
 import pytest
+from conftest import held
 from rerun.chunk import RrdReader
 
 SVG = "{http://www.w3.org/2000/svg}"
+GROUND = f"#{bytes(recording.BACKGROUND).hex()}"
 BLIND = [  # G. Machado, M. Oliveira, L. Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291
     np.eye(3),
     [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],  # protanopia
@@ -81,11 +81,8 @@ def recorded(tmp_path_factory):
 
 def test_a_curve_shows_what_its_title_says(recorded):
     leg, short = recorded["leg"], recorded["default"]
-    titles = [
-        "pull of the first rod, N",
-        "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)",
-    ]
-    titles.append("energy error, share of m g L")
+    rods = "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
+    titles = ["pull of the first rod, N", rods, "energy error, share of m g L"]
     folders = "/pull", "/rods", "/energy"
     assert titles == [leg.views[folder]["display_name"][0] for folder in folders]
     for mode in leg.runs:
@@ -138,13 +135,9 @@ def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
     default = recorded["default"]
     assert len(default.motion) == len(default.shown)  # 20 s
 
-    def project(name, rule, dt, steps, keep=(), way=Compiled, nudge=False):
-        system = ruler.nudged(c.build_system(name)) if nudge else c.build_system(name)
-        return run(system, rule, "project", dt, steps, keep, way)
-
-    truth, _ = ruler.true_position(partial(project, "double"), default.shown[133] * 0.005)
+    truth, _ = ruler.true_position(held("double", "project"), default.shown[133] * 0.005)
     assert ruler.distance(default.motion[133], truth) < 1e-5
-    triple = partial(project, "triple")
+    triple = held("triple", "project")
     shown, system, truth = frames(4000, 0.005, 3), c.build_system("triple"), ruler.Truth(0)
     motion = ruler.true_motion(triple, system, 0.005, shown, truth)
     assert 5.0 < 0.005 * shown[len(motion)] < 20.0  # s
@@ -223,13 +216,9 @@ def test_what_a_rod_has_too_much_is_red_and_what_it_lacks_is_dashed_and_blue(tmp
     assert np.allclose(np.array(wrong[2])[..., 1], dashes)
     for name in ("excess", "missing"):
         assert colors(drawn[name]).tolist() == [recording.rgb(svg.LIGHT[name]).tolist()]
-    picture_of = ElementTree.fromstring(picture.motion(found))
-    strokes = [path.get("stroke") for path in picture_of.findall(f"{SVG}svg/{SVG}path")]
-    assert strokes[1:] == [svg.EXCESS, svg.MISSING]
-    (blue,) = [
-        x for x in picture_of.findall(f"{SVG}svg/{SVG}path") if x.get("stroke") == svg.MISSING
-    ]
-    assert blue.get("stroke-dasharray") and geometry.worst_errors(rods, q)[1] == 0.5
+    paths = ElementTree.fromstring(picture.motion(found)).findall(f"{SVG}svg/{SVG}path")
+    assert [path.get("stroke") for path in paths[1:]] == [svg.EXCESS, svg.MISSING]
+    assert paths[-1].get("stroke-dasharray") and geometry.worst_errors(rods, q)[1] == 0.5
 
 
 def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(recorded):
@@ -325,17 +314,6 @@ def test_no_scene_makes_a_large_recording_or_picture():
         assert len(picture.motion(found).encode()) <= picture.BYTES
 
 
-def test_a_row_of_the_readers_own_has_a_tile_and_a_colour():
-    q = np.linspace(1.0, 1.2, 101)[:, None, None] * c.build_system("double")["q0"]
-    modes = [*c.hold_table(), "mine", "and <his>/too"]
-    found = compared(modes, c.build_system("double"), q, np.arange(101), q)
-    drawn = ElementTree.fromstring(picture.motion(found))
-    assert {*modes} < {words.text for words in drawn.iter(f"{SVG}text")}
-    assert recording.record(found)
-    colours = svg.mode_colors(modes)
-    assert len({*colours.values()}) == len(modes)
-
-
 def seen_by(eyes, hexes):
     """L*, a* and b* (CIE 1976) of colours, but for a constant, and how bright they are (0 to 1)."""
     coded = np.array([[*bytes.fromhex(x[1:])] for x in hexes]) / 255.0
@@ -346,32 +324,23 @@ def seen_by(eyes, hexes):
     return root @ [[0, 500, 0], [116, -500, 200], [0, 0, -200]], light @ TO_XYZ[1]
 
 
-def palette_of(which):
-    """The colours of drawings on white, or on dark, or of recordings; and the grounds they are on,
-    with the contrast that words or lines need there (WCAG)."""
-    plain = [pair for name, pair in svg.PALETTE.items() if name not in ("ink", "pale", "paper")]
-    white, dark = svg.PALETTE["paper"]
-    if which == "recording":
-        ground = f"#{bytes(recording.BACKGROUND).hex()}"
-        return (
-            [svg.RECORDED[light] for light, _ in plain],
-            [*svg.EITHER.values()],
-            3.0,
-            white,
-            ground,
-        )
-    colours = [pair[which == "dark"] for pair in plain]
-    return colours, colours, 4.5, dark if which == "dark" else white
+PAIRS = [pair for name, pair in svg.PALETTE.items() if name not in ("ink", "pale", "paper")]
+(WHITE, BLACK), (ON_WHITE, ON_DARK) = svg.PALETTE["paper"], zip(*PAIRS, strict=True)
+IN_RECORDINGS = [svg.RECORDED[light] for light in ON_WHITE]
+PALETTES = {  # colours; those of them that are read, on these grounds; their contrast there (WCAG)
+    "white": (ON_WHITE, ON_WHITE, [WHITE], 4.5),
+    "dark": (ON_DARK, ON_DARK, [BLACK], 4.5),
+    "recording": (IN_RECORDINGS, svg.EITHER.values(), [WHITE, GROUND], 3.0),
+}
 
 
-@pytest.mark.parametrize("which", ["white", "dark", "recording"])
+@pytest.mark.parametrize(("colours", "read", "grounds", "least"), PALETTES.values(), ids=PALETTES)
 @pytest.mark.parametrize("eyes", BLIND)
-def test_colours_are_told_apart_by_all_and_can_be_read(eyes, which):
+def test_colours_are_told_apart_by_all_and_can_be_read(eyes, colours, read, grounds, least):
     """In each kind of colour blindness; modes, forces, and what rods have too much and lack."""
-    colours, on_grounds, least, *grounds = palette_of(which)
     places, _ = seen_by(eyes, colours)
     assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(places, 2)) > 15.0
-    _, bright = seen_by(np.eye(3), on_grounds)
+    _, bright = seen_by(np.eye(3), read)
     _, papers = seen_by(np.eye(3), grounds)
     for a, b in itertools.product(bright + 0.05, papers + 0.05):
         assert max(a, b) / min(a, b) > least

@@ -132,18 +132,26 @@ ASKED = {  # what a run is asked for besides, and the sentence that answers it
     "keep has 5.5; must be steps": {"keep": (5, 5.5)},
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
     "steps is True; must be": {"steps": True},
+    "steps is -1; must be an int >= 0": {"steps": -1},
+    "steps is 10.0; must be": {"steps": 10.0},
+    "steps is '10'; must be": {"steps": "10"},
     "dt is inf; must be a finite number of seconds > 0": {"dt": np.inf},
     "dt is -0.1; must be": {"dt": -0.1},
     "dt is nan; must be": {"dt": np.nan},
     "dt is '1'; must be": {"dt": "1"},
+    "is for steps of 0.005 s, not of 0.008 s": {"mode": "impulse", "dt": 0.008},
+    "of 0.005 s, not of 0.009 s": {"mode": "soft", "dt": 0.009},
+    "does not fit rk4": {"mode": "impulse", "dt": 0.005},
 }
 
 
 @pytest.mark.parametrize("sentence", ASKED)
 def test_what_a_run_cannot_do_is_named_before_it_begins(sentence):
-    double, asked = c.build_system("double"), {"dt": 0.01, "steps": 9} | ASKED[sentence]
+    double = c.build_system("double")
+    asked = {"mode": "none", "dt": 0.01, "steps": 9} | ASKED[sentence]
+    force = c.make_force(double, asked.pop("mode"))
     with pytest.raises(ValueError, match=re.escape(sentence)):
-        c.simulate(c.rk4_step, double, c.make_force(double, "none"), **asked)
+        c.simulate(c.rk4_step, double, force, **asked)
 
 
 def test_a_force_of_another_system_is_refused_whatever_differs():

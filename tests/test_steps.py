@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import SCENES, run
+from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
 from curriculum.common import compiled, native
 from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import once_for_all
@@ -22,6 +22,7 @@ from curriculum.common.trace import Stop, repeat
 
 import numpy as np
 import pytest
+from conftest import feel
 
 
 class Python(compiled.Compiled):
@@ -72,11 +73,6 @@ def together(rule, crowd, hold, dt, steps):
         many.advance(1)
         path.append(many.states())
     return tuple(map(np.array, zip(*path, strict=True)))
-
-
-def feel(monkeypatch, force):
-    """Have the rods feel gravity and force(q, v)."""
-    monkeypatch.setattr(c, "external_force", lambda s, q, v: s["m"] * c.GRAVITY + force(q, v))
 
 
 def halving(q):
@@ -224,11 +220,9 @@ def test_members_of_a_crowd_are_as_if_alone_and_a_rule_may_work_in_place(mode, f
         assert np.array_equal(q[:, k], alone.q)
 
 
-def test_a_force_that_branches_runs_plainly_and_a_crowd_of_it_is_refused(monkeypatch):
+def test_a_force_that_branches_runs_plainly(monkeypatch):
     feel(monkeypatch, branching)
     assert "branches on a value" in in_every_way("rk4", DOUBLE, "none", 0.005, 5).way
-    with pytest.raises(SystemExit, match="many members go together only"):
-        together("rk4", crowd_of(DOUBLE, np.zeros((3, 2, 3))), "none", 0.005, 1)
 
 
 def too_long(v, dt):
@@ -350,7 +344,6 @@ CASES = [  # name, rule, mode, dt, steps, how it ends
     ("pendulum", "gauss", "none", 0.5, 12, None),
     ("braced", "semi_implicit", "none", 0.02, 90, None),
 ]
-SHIPPED = {path.stem for path in SCENES.glob("*.json")} - {"taut_cable"}  # which is refused
 SHORT = {(name, "semi_implicit", "project") for name in (*c.SYSTEMS, *SHIPPED)}
 for rule, (mode, hold) in product(c.INTEGRATORS, c.hold_table().items()):
     if not misfit(hold, rule):

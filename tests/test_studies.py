@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import chaos, real_thing, speed_vs_error
+from curriculum.ch3_4_constraints.studies import _race, chaos, real_thing, speed_vs_error
 from curriculum.ch3_4_constraints.studies import map as plane
 from curriculum.ch3_4_constraints.studies._runs import Task, double, energy_scale, run
 from curriculum.ch3_4_constraints.tables import spread
@@ -16,7 +16,8 @@ from curriculum.common import native
 
 import numpy as np
 import pytest
-from test_steps import branching, feel, motor
+from conftest import feel
+from test_steps import branching, motor
 
 
 @pytest.mark.parametrize("steps", [1000, 10])
@@ -39,7 +40,7 @@ def test_many_members_want_a_force_that_can_be_compiled(monkeypatch):
     asked = []
     for force, why in ((branching, "branches on"), (lambda q, v: asked.append(1) or -v, "changes")):
         feel(monkeypatch, force)
-        with pytest.raises(SystemExit, match=f"compiled: it {why}"):
+        with pytest.raises(SystemExit, match=f"many members .* compiled: it {why}"):
             chaos.follow(chaos.ensemble("double", range(2)), "rk4", "none", 1)
     assert not asked  # what a trace left there is gone
 
@@ -110,7 +111,11 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
         assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
 
 
-ANGLES = {"mujoco": (peers.run_hinges, 3, 2000), "heyoka": (peers.run_heyoka, 1e-3, 1e-16)}
+def run_heyoka(task, tol):
+    return peers.heyoka(peers.heyoka_flow(task, tol), task)
+
+
+ANGLES = {"mujoco": (peers.run_hinges, 3, 2000), "heyoka": (run_heyoka, 1e-3, 1e-16)}
 
 
 @pytest.mark.parametrize("package", ANGLES)
@@ -145,14 +150,17 @@ def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_err
     assert [row["solves"] for row in found] == [4, 6, 9]
 
 
+CROWDS = {"mujoco": (chaos.rollout_ladder, [2000]), "heyoka": (chaos.taylor_ladder, 14.25)}
+
+
 @pytest.mark.parametrize("package, near", [("mujoco", 1e-7), ("heyoka", 1e-9)])
 def test_a_peers_crowd_ends_where_ours_does(package, near):
     """The last register is not full; one member after the other is checked."""
     pytest.importorskip(package, reason="the extras compare and peers bring them")
     system = chaos.ensemble("double", range(9))
-    climb = next(x for who, x in chaos.peer_climbs(system).items() if package in who.lower())
-    x = {"mujoco": 2000, "heyoka": 1e-14}[package]
-    _, found = climb.go(climb.build(x), x)
+    ladder, settings = CROWDS[package]
+    *_, rung = ladder(system, settings)
+    _, found = rung.go(rung.build())
     for k in range(9):
         end = run(c.build_system("double", k), "gauss:12", "none", 0.05, 100).q[-1]
         assert np.abs(found[k] - end[:, :2]).max() < near
@@ -174,7 +182,7 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     """A climb ends at what reaches the error and does not lose it at the next rung; of two ladders
     the quicker one counts; a racer judged in all pays for what it builds."""
     clock = [0.0]
-    monkeypatch.setattr(real_thing.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(_race.time, "perf_counter", lambda: clock[0])
     task = Task(c.build_system("pendulum"), 1, 1.0, lambda q: float(q[0, 0, 0]))
 
     def build(seconds):
@@ -183,7 +191,7 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     def ladder(built, *rungs):
         made = lambda: build(built)  # noqa: E731
         return [
-            real_thing.Rung(str(s), made, lambda _, s=s, x=x: (s, np.array([[[x, 0.0]]])))
+            _race.Rung(str(s), made, lambda _, s=s, x=x: (s, np.array([[[x, 0.0]]])))
             for s, x in rungs
         ]
 
@@ -192,7 +200,7 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     soon = ladder(0.0, (1.125, 1e-4), (3.125, 0.0), (5.0, 0.0))
     racers = {"ours": [lucky, quick], "heyoka": [lucky], "ours, Python": [quick, soon]}
     limits = ("ours", "heyoka", 0, 0.6), ("ours, Python", "heyoka", 1, 0.4), ("ours", "X", 0, 1.0)
-    rows, bars = real_thing.race(task, lambda error: racers, {1e-3: limits, 1e-5: ()})
+    rows, bars = _race.race(task, lambda error: racers, {1e-3: limits, 1e-5: ()})
     found = [(row["to"], row["who"], row["setting"], row["ours/it"]) for row in rows]
     near = [("1e-03", "ours", "1.0", 1.0), ("1e-03", "heyoka", "2.0", 0.5)]
     far = [("1e-05", "ours", "3.0", 1.0), ("1e-05", "heyoka", "6.0", 0.5)]
@@ -200,11 +208,3 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     python += [("1e-05", "ours, Python", "3.125", 3 / 3.125)]
     assert found == [*near, python[0], *far, python[1]]
     assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]
-
-
-def test_the_race_has_the_rules_among_which_a_tolerance_chooses():
-    found = real_thing.ladders(double(end=True), 1e-9)
-    words = {rungs[0].setting.split()[0] for rungs in found["ours, Python"]}
-    assert {"midpoint:8", "gauss:8:1e-11", "gauss:16:1e-11", "gauss:4:1e-11"} <= words
-    for family in ("midpoint", "gauss"):
-        assert set(real_thing.rules.offered(family, c.INTEGRATORS, 1e-9)) <= words

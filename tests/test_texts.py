@@ -50,29 +50,6 @@ def test_a_listing_in_a_text_is_the_code_that_runs(block):
     assert block["body"] == figures.listed(block["command"])
 
 
-def test_a_listing_is_a_function_without_its_docstring_or_a_part_of_its_body(tmp_path, monkeypatch):
-    source = '''def f(x):
-    """Words,
-    more words."""
-    # why
-    y = x
-    for k in y:
-        z = k
-    return z
-'''
-    (tmp_path / "file.py").write_text(source, encoding="utf-8")
-    monkeypatch.setattr(figures, "ROOT", tmp_path)
-    loop = "for k in y:\n    z = k\n"
-    assert figures.listed("file.py f") == f"def f(x):\n    # why\n    y = x\n    {loop[:12]}" + (
-        "        z = k\n    return z\n"
-    )
-    assert figures.listed("file.py f, from for") == loop
-    assert figures.listed("file.py f, from y =, to for") == "y = x\n" + loop
-    for wrong in ("file.py g", "file.py f, from while", "file.py f, from for, to y"):
-        with pytest.raises(ValueError, match="no "):
-            figures.listed(wrong)
-
-
 def test_the_sign_of_an_error_by_hand_is_the_sign_found_and_its_rule_is_named():
     """Under semi_implicit a spinning rod is too short by dt d'.d' / w, under euler too long."""
     for _, rule, _, by_hand, found in shown.by_hand():

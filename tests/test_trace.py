@@ -205,24 +205,6 @@ def test_machine_code_ends_where_python_would_raise_an_error(function, start, mo
         assert np.array_equal(q[:7], [alone[0]] * 7) and not np.isfinite(q[7]).any()
 
 
-def test_a_loop_that_comes_to_no_end_says_so():
-    far = np.full((2, 3), 1e200)
-    for attempt in (heron, partial(turns, Python, heron), partial(turns, Machine, heron)):
-        with pytest.raises(Stop, match="no end"), np.errstate(all="ignore"):
-            attempt(far)
-
-
-def test_what_cannot_be_traced_is_mapped_state_by_state():
-    q = CROWD - 1.0
-
-    def branching(q, v):
-        return (q if q[0, 0] > 0.0 else 2.0 * q), v[0, 0]
-
-    found = mapped(branching)(q, q)
-    assert np.array_equal(found[0], [branching(x, x)[0] for x in q])
-    assert np.array_equal(found[1], q[:, 0, 0])
-
-
 def test_what_is_not_needed_is_not_done_nor_kept():
     """Products with zero, with one, repeated ones and those that nobody asks for vanish, and the
     calls of a short routine. What is the same in all turns is done once, before them."""

@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.run_checks import misfit
+from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
 from curriculum.ch3_4_constraints.systems import SceneError, check_system
 from curriculum.common.cli import Parser, run_script, writable
@@ -320,26 +321,22 @@ def main(argv=None):
     """Write the pages of the scenes that `argv` names, or of all, and an index."""
     import constraints as chapter
 
-    folder = chapter.HERE / chapter.CHAPTER / "scenes"
-    about = {name: f"Let go level; rods: {rods}." for name, rods in chapter.SYSTEMS.items()}
-    about["chain"] = "Let go level; rods: 10."
-    for path in sorted(folder.glob("*.json")):
-        about[path.stem] = json.loads(path.read_bytes())["about"]
+    told = about(chapter.SYSTEMS, chapter.HERE / chapter.CHAPTER)
     parser = Parser(prog="play", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*about, []]}
-    parser.add_argument("names", **names, help=f"some of {', '.join(about)}")
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*told, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(told)}")
     folder_type = partial(writable, names=(INDEX,))
     parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
     args = parser.parse_args(argv)
     files = {}
-    for name in args.names or about:
+    for name in args.names or told:
         try:
             files[f"{name}.html"] = scene_page(chapter, name)
         except (Untraceable, SceneError) as why:
             print(f"{name} left out: {why}")
     rows = "\n".join(
         f'<li><a href="{html.escape(name)}">{html.escape(Path(name).stem)}</a>: '
-        f"{html.escape(about[Path(name).stem])}"
+        f"{html.escape(told[Path(name).stem])}"
         for name in files
     )
     head = [

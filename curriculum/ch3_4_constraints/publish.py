@@ -10,13 +10,13 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.recording import record
-from curriculum.ch3_4_constraints.scene_files import read_document, shipped
+from curriculum.ch3_4_constraints.scene_files import about
+from curriculum.ch3_4_constraints.tables import WIDTH
 from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
 from curriculum.common.trace import Untraceable
 
-WIDTH = 80  # columns of what is printed
 METRICS, PICTURE, PAGE = "metrics.json", "motion.svg", "play.html"
 RECORDING = "constraints.rrd"
 DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
@@ -27,16 +27,11 @@ def scene_list(counts, folder):
     """The systems, a line each: {name: how many rods} of those without a file, and a chapter's."""
     import shutil  # here: no run needs it
 
-    named = {name: f"let go level, rods: {n}" for name, n in counts.items()}
-    named["chain"] = "let go level, rods: --links"
-    for name, path in shipped(folder).items():
-        named[name] = read_document(path)["about"]
-    width = shutil.get_terminal_size().columns - 17
-    named = {
-        name: textwrap.shorten(text, max(width, 20), placeholder=" ...")
-        for name, text in named.items()
-    }
-    return "\n".join(f"{name:<16} {text}" for name, text in named.items())
+    width = max(20, shutil.get_terminal_size().columns - 17)
+    lines = []
+    for name, text in about(counts, folder).items():
+        lines.append(f"{name:<16} {textwrap.shorten(text, width, placeholder=' ...')}")
+    return "\n".join(lines)
 
 
 def parts(args):

@@ -27,6 +27,15 @@ def shipped(chapter):
     return {path.stem: path for path in sorted(chapter.glob("scenes/*.json"))}
 
 
+def about(counts, chapter):
+    """{name: a sentence} of all systems: {name: how many rods} of those made, and the scenes."""
+    told = {name: f"let go level, rods: {count}" for name, count in counts.items()}
+    told["chain"] = "let go level, rods: 10, or as --links says"
+    for name, path in shipped(chapter).items():
+        told[name] = read_document(path)["about"]
+    return told
+
+
 def load_scene(name, chapter, others, gravity):
     """The system in the file `name`, or in the `chapter`'s scene of that name; or a SceneError.
 

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import json
 import os
+import shutil
 import signal
 import stat
 from pathlib import Path
@@ -84,10 +85,8 @@ def remove(path):
     """Remove a file, or a folder and all that is in it."""
     if path.is_symlink() or not path.is_dir():
         path.unlink()
-        return
-    for below in path.iterdir():
-        remove(below)
-    path.rmdir()
+    else:
+        shutil.rmtree(path)
 
 
 @contextlib.contextmanager

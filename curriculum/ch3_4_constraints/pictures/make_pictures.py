@@ -21,7 +21,6 @@ from curriculum.common.files import write_whole
 import numpy as np
 
 FOLDER = Path(__file__).parent
-SCENES = sorted({path.stem for path in _runs.SCENES.glob("*.json")} - {"taut_cable"})
 METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
 METHODS += [("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")]
 METHODS += [("midpoint:8", "project"), ("gauss:12:1e-14", "project")]
@@ -129,7 +128,7 @@ def moving(name):
 
 
 PICTURES = {f"{x.__name__}.svg": x for x in (two_pendulums, eigenvalue, forces, drift, cost)}
-PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *SCENES)}
+PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
 
 
 def main(argv=None):

@@ -125,9 +125,9 @@ def hinges_model(task, integrator="RK4"):
     return mjcf(body, off=OFF, integrator=integrator)
 
 
-def hinge_angles(system):
-    """The angles (N,) of a chain's hinges in rad: each rod's from the one before it."""
-    return np.diff(start_angles(system), prepend=0.0)
+def hinge_angles(angles):
+    """The angles (..., N) of a chain's hinges in rad: each rod's from the one before it."""
+    return np.diff(angles, axis=-1, prepend=0.0)
 
 
 def hinges(model, task, per):
@@ -139,7 +139,7 @@ def hinges(model, task, per):
 
     def again():
         mujoco.mj_resetData(model, data)
-        data.qpos[:] = hinge_angles(task.system)
+        data.qpos[:] = hinge_angles(start_angles(task.system))
 
     def go():
         for k in range(task.samples):
@@ -266,11 +266,6 @@ def heyoka(flow, task):
     seconds = least(again, go)
     ends = found[0] if found else flow.state[None]
     return seconds, placed(task.system, ends[:, :2])
-
-
-def run_heyoka(task, tol, **how):
-    """Build, and run: as `heyoka`."""
-    return heyoka(heyoka_flow(task, tol, **how), task)
 
 
 def heyoka_batch(system, tol):

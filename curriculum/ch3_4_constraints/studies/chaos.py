@@ -12,19 +12,17 @@ the last bit.
 import math
 import time
 from collections import namedtuple
-from functools import cache, partial
-from importlib.metadata import version
+from functools import partial
 from importlib.util import find_spec
-from itertools import pairwise
-from typing import NamedTuple
 from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies import _race, _runs
 from curriculum.ch3_4_constraints.studies._command import study_parser
+from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common import native, rules
+from curriculum.common import native
 from curriculum.common.banner import work
 from curriculum.common.cli import number, run_script
 from curriculum.common.crowds import mapped
@@ -154,115 +152,77 @@ def parting(pairs, span):
 
 
 # --- (d) beside peers ---
-class Climb(NamedTuple):
-    """A way to run the crowd: go(build(x), x) -> (seconds, q (R, N, 2)), for ever finer x."""
+def our_ladder(task, rule):
+    """Rungs of the crowd of a Task under a rule; on one core, whatever there are."""
+    system = task.system
 
-    name: str
-    build: object
-    go: object
-    settings: list
-
-
-def our_climb(system, rule):
-    """The crowd under a rule, in ever more steps; on one core, whatever there are."""
-
-    @cache
-    def build():  # once: what is compiled takes any step
-        return _runs.crowd(system, rule, "none", LONG)
-
-    def go(many, steps):
-        many.dt = LONG / steps
+    def go(many, task, per):
+        many.dt = task.every / per
 
         def again():
             many.put(system["q0"], system["v0"])
 
         with patch.object(native, "CORES", 1):
-            seconds = peers.least(again, lambda: many.advance(steps))
+            seconds = peers.least(again, lambda: many.advance(per))
         return seconds, many.states()[0][..., :2]
 
-    return Climb(
-        rule,
-        lambda _: build(),
-        go,
-        np.unique(np.geomspace(8, 400, 32).round().astype(int)).tolist(),
-    )
+    build = partial(_runs.crowd, system, rule, "none", LONG)  # what is compiled takes any step
+    return _race.steps_ladder(task, 8, 400, build, go, rule)
 
 
-def peer_climbs(system):
-    """{who: Climb} of the engines that are installed, from the angles of all members' rods."""
-    one = system | {"q0": system["q0"][0], "v0": system["v0"][0]}
-    starts = np.array([peers.start_angles({"q0": q}) for q in system["q0"]])
-    found = {}
+def taylor_ladder(system, finest=15.0):
+    """Rungs of heyoka, from the angles of all members' rods."""
+    one, angles = first_and_angles(system)
 
-    def taylor(flow, _):
-        seconds, angles = peers.heyoka_crowd(flow, starts, LONG)
-        return seconds, peers.placed(one, angles)
+    def go(flow):
+        seconds, found = peers.heyoka_crowd(flow, angles, LONG)
+        return seconds, peers.placed(one, found)
 
-    def hinges(model, steps):
-        relative = np.diff(starts, axis=-1, prepend=0.0)
-        seconds, angles = peers.hinges_crowd(model, relative, steps, LONG / steps)
-        return seconds, peers.placed(one, np.cumsum(angles, axis=-1))
-
-    if find_spec("heyoka"):
-        tols = (10.0 ** -np.arange(1.0, 15.0, 0.25)).tolist()
-        found["heyoka, batch"] = Climb("tol", partial(peers.heyoka_batch, one), taylor, tols)
-    if find_spec("mujoco"):
-        model = peers.hinges_model(_runs.Task(one, 1, LONG, None))
-        found["MuJoCo rollout"] = Climb("steps", lambda _: model, hinges, ROLLED)
-    return found
+    return _race.taylor_ladder(finest, partial(peers.heyoka_batch, one), go)
 
 
-def reaches(climb, error, off_of):
-    """The first setting of a Climb that is as near as `error`, and the next one, too; or None.
+def rollout_ladder(system, counts=ROLLED):
+    """Rungs of MuJoCo, in joint angles."""
+    one, angles = first_and_angles(system)
+    hinges = peers.hinge_angles(angles)
 
-    off_of(climb, x): how far in m the worst member is off.
-    """
-    near = (off_of(climb, x) <= error for x in climb.settings)
-    for x, both in zip(climb.settings, pairwise(near), strict=False):
-        if all(both):
-            return x
-    return None
+    def go(model, steps):
+        seconds, found = peers.hinges_crowd(model, hinges, steps, LONG / steps)
+        return seconds, peers.placed(one, np.cumsum(found, axis=-1))
+
+    build = partial(peers.hinges_model, _runs.Task(one, 1, LONG, None))
+    return [Rung(f"steps {steps}", build, partial(go, steps=steps)) for steps in counts]
+
+
+def first_and_angles(system):
+    """The first member of a crowd as a system, and the angles (R, N) of all members' rods."""
+    angles = [peers.start_angles({"q0": q}) for q in system["q0"]]
+    return system | {"q0": system["q0"][0], "v0": system["v0"][0]}, np.array(angles)
 
 
 def beside():
     """(d) Rows and bars: who takes how long for the crowd to each error."""
-    system, rows, bars = ensemble("double", range(CROWD)), [], []
+    system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
     truth = true.states()[0][..., :2]
+    theirs = {}
+    if find_spec("heyoka"):
+        theirs[TAYLOR] = [taylor_ladder(system)]
+    if find_spec("mujoco"):
+        theirs[HINGES] = [rollout_ladder(system)]
 
     def off(q):
-        return float(np.nan_to_num(np.linalg.norm(q - truth, axis=-1), nan=np.inf).max())
+        return np.max(np.linalg.norm(q - truth, axis=-1))
 
-    tried = {}  # no setting is tried for a second time
+    task, mine = _runs.Task(system, 1, LONG, off), OURS if _runs.NATIVE else PYTHON
 
-    def off_of(climb, x):
-        key = climb.name, x
-        if key not in tried:
-            tried[key] = off(climb.go(climb.build(x), x)[1])
-        return tried[key]
+    def racers(error):
+        return theirs | {mine: [our_ladder(task, rule) for rule in _race.offered(error)]}
 
-    theirs = peer_climbs(system)
-    for error in ERRORS:
-        climbs, jobs, best = list(theirs.items()), {}, {}
-        for family in rules.FAMILIES:
-            names = rules.offered(family, c.INTEGRATORS, error)
-            climbs += [("ours", our_climb(system, rule)) for rule in names]
-        for who, climb in climbs:
-            x = reaches(climb, error, off_of)
-            if x is not None:
-                jobs[who, f"{climb.name} {x:.3g}"] = partial(climb.go, climb.build(x), x)
-        for (who, setting), samples in in_turns(jobs, REPEATS).items():
-            ms = 1e3 * min(seconds for seconds, _ in samples)
-            if who not in best or ms < best[who][0]:
-                best[who] = ms, off(samples[0][1]), setting
-        for who, (ms, worst, setting) in best.items():
-            row = {"to": f"{error:.0e}", "who": who, "error": worst, "ms": ms}
-            row["ours/it"] = best["ours"][0] / ms if "ours" in best else "-"
-            rows.append(row | {"setting": setting})
-            if who in theirs and _runs.NATIVE and "ours" in best:
-                bars.append((f"{error:.0e}: ours over {who}", row["ours/it"], 1.0))
-    return f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m", rows, bars
+    targets = dict.fromkeys(ERRORS, [(OURS, who, STEPS, 1.0) for who in theirs])
+    title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m"
+    return title, *_race.race(task, racers, targets)
 
 
 def main(argv=None):
@@ -274,8 +234,7 @@ def main(argv=None):
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
     if args.peers:
-        engines = {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
-        _runs.host(seeds=CROWD, repeats=REPEATS, **engines)
+        _runs.host(seeds=CROWD, repeats=_race.REPEATS, **_race.engines())
         show(*beside())
         return
     seeds = args.seeds

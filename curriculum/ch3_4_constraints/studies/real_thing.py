@@ -15,29 +15,33 @@ among which --tol chooses. Who is missing at an error did not reach it.
 """
 
 import math
-import time
-from functools import cache, partial
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
-from itertools import pairwise
-from typing import NamedTuple
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.studies import _race, _runs
 from curriculum.ch3_4_constraints.studies._command import study_parser
-from curriculum.ch3_4_constraints.tables import in_turns, say, show
-from curriculum.common import rules
+from curriculum.ch3_4_constraints.studies._race import (
+    ALL,
+    HINGES,
+    OURS,
+    PYTHON,
+    QUICK,
+    REPEATS,
+    SOON,
+    STEPS,
+    TAYLOR,
+    race,
+    steps_ladder,
+)
+from curriculum.ch3_4_constraints.tables import say, show
 from curriculum.common.cli import run_script
 
 import numpy as np
 
-DT, REPEATS = 0.005, 9  # s, of (a); timings
-HEAT = 1.3  # of a racer's ladders go on those that are at most so many times as slow as its best
-OURS, SOON, PYTHON = "ours", "ours, soon built", "ours, Python"
-HINGES, TAYLOR, QUICK = "MuJoCo hinges", "heyoka", "heyoka, soon built"
-SOONEST = SOON, PYTHON, QUICK  # they are judged in all, and others by their steps
-STEPS, ALL = 0, 1  # the first two that `timed` measures
+DT = 0.005  # s, of (a)
 # of (b), {error in m: (who, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
     error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
@@ -76,25 +80,6 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-class Rung(NamedTuple):
-    """A setting of an engine: go(build()) is a run, (seconds of its steps, positions)."""
-
-    setting: str
-    build: object  # () -> what is made once: a compiled step, a model; rungs may share it
-    go: object
-
-
-def steps_ladder(task, low, high, build, go, *words):
-    """Rungs of ever more steps a sample, each about a tenth more: go(made, task, per)."""
-    pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
-    return [
-        Rung(
-            " ".join([*words, f"dt {task.every / per:.3g}"]), build, partial(go, task=task, per=per)
-        )
-        for per in np.unique(pers).tolist()
-    ]
-
-
 def our_ladder(task, low, high, rule, mode, **how):
     """Rungs of ours; `how` as compiled_step takes it. dt is no part of what is compiled."""
     build = partial(peers.compiled_step, task.system, rule, mode, 1.0, **how)
@@ -107,12 +92,10 @@ def hinge_ladder(task, low, high):
 
 
 def taylor_ladder(task, **how):
-    """Rungs of heyoka, four a power of ten; `how` as heyoka takes it."""
-    go, words = partial(peers.heyoka, task=task), [f"{key} {value}" for key, value in how.items()]
-    return [
-        Rung(" ".join([f"tol {tol:.1e}", *words]), partial(peers.heyoka_flow, task, tol, **how), go)
-        for tol in 10.0 ** -np.arange(1.0, 16.0, 0.25)
-    ]
+    """Rungs of heyoka; `how` as heyoka takes it."""
+    words = [f"{key} {value}" for key, value in how.items()]
+    build, go = partial(peers.heyoka_flow, task, **how), partial(peers.heyoka, task=task)
+    return _race.taylor_ladder(16.0, build, go, *words)
 
 
 def ladders(task, error):
@@ -127,61 +110,11 @@ def ladders(task, error):
     kinds = {PYTHON: {"machine": False}}
     if _runs.NATIVE:
         kinds |= {SOON: {"machine": True, "best": False}, OURS: {"machine": True}}
-    offered = [
-        rule for family in rules.FAMILIES for rule in rules.offered(family, c.INTEGRATORS, error)
-    ]
     for who, how in kinds.items():
-        found[who] = [our_ladder(task, 8, 400, rule, "none", **how) for rule in offered]
+        found[who] = [
+            our_ladder(task, 8, 400, rule, "none", **how) for rule in _race.offered(error)
+        ]
     return found
-
-
-def timed(task, rung):
-    """Seconds of the steps, and with what there is to build; and the error."""
-    clock = time.perf_counter()
-    made = rung.build()
-    built = time.perf_counter() - clock
-    seconds, q = rung.go(made)
-    return seconds, seconds + built, np.nan_to_num(task.error(q), nan=np.inf)
-
-
-def first_there(task, rungs, error):
-    """The first of rungs that is as near as `error`, and the next one, too: it is no accident."""
-    built = cache(lambda build: build())
-    near = (task.error(rung.go(built(rung.build))[1]) <= error for rung in rungs)
-    for rung, both in zip(rungs, pairwise(near), strict=False):
-        if all(both):
-            return rung
-    return None
-
-
-def race(task, racers, targets):
-    """Rows and bars: who takes how long to each of `targets`. racers(error): see `ladders`."""
-    rows, bars = [], []
-    for error, limits in targets.items():
-        jobs = {}
-        for who, climbs in racers(error).items():
-            own = ALL if who in SOONEST else STEPS
-            there = filter(None, (first_there(task, rungs, error) for rungs in climbs))
-            heat = {rung: timed(task, rung)[own] for rung in there}
-            for rung, seconds in heat.items():
-                if seconds < HEAT * min(heat.values()):
-                    jobs[who, rung.setting, own] = partial(timed, task, rung)
-        best = {}  # of the ladders of each
-        for (who, setting, own), samples in in_turns(jobs, REPEATS).items():
-            times = np.array(samples).T
-            if who not in best or times[own].min() < best[who][own].min():
-                best[who] = *times, setting
-        for who, (steps, whole, off, setting) in best.items():
-            row = {"to": f"{error:.0e}", "who": who, "error": off[0]}
-            row |= {"us": 1e6 * steps.min(), "median": 1e6 * np.median(steps)}
-            row |= {"build, ms": 1e3 * np.min(whole - steps), "in all, ms": 1e3 * whole.min()}
-            row["ours/it"] = best[OURS][STEPS].min() / steps.min() if OURS in best else "-"
-            rows.append(row | {"setting": setting})
-        for who, peer, k, limit in limits:
-            if {who, peer} <= best.keys():
-                text = f"{error:.0e}: {who}, {('its steps', 'in all')[k]}, over {peer}"
-                bars.append((text, best[who][k].min() / best[peer][k].min(), limit))
-    return rows, bars
 
 
 # --- (c) a published benchmark ---
@@ -228,8 +161,7 @@ def main(argv=None):
         rows = names(peers.random_chain(np.random.default_rng(0), 3))
         show(f"(a) soft and MuJoCo {version('mujoco')}, tendons of a random chain", rows)
         return
-    engines = {name: version(name) for name in ("mujoco", TAYLOR) if find_spec(name)}
-    _runs.host(repeats=REPEATS, **engines)
+    _runs.host(repeats=REPEATS, **_race.engines())
     if args.a01:
         task = a01()
 
@@ -241,7 +173,7 @@ def main(argv=None):
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})
         show("(c) A01, the simple pendulum, 2000 s, time to high precision", *found)
         return
-    if TAYLOR not in engines:
+    if not find_spec(TAYLOR):
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = _runs.double(end=True)
     found = race(task, partial(ladders, task), TARGETS)

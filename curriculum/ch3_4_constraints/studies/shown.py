@@ -6,6 +6,7 @@ is named.
 """
 
 import math
+from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._command import study_parser
@@ -229,19 +230,15 @@ def nudge():
         yield rule, "  ".join(f"{x:.3f}" for x in off[:8]), off[1995:].max()
 
 
-def shortest(system, q_start, q, v, dt):
-    """A wrong way back onto the rods, the shortest: along the rods as they are after the step."""
-    return c.project(system, q, q, v, dt)
+def back_onto_rods(along_those_after, v_is_told):
+    """A way back onto the rods, right or wrong: project, which goes along the rods as they were
+    before the step, or the shortest, along those after it; v hears of the move or does not."""
 
+    def back(system, q_start, q, v, dt):
+        along = q if along_those_after else q_start
+        return c.project(system, along, q, v, dt if v_is_told else math.inf)
 
-def untold(system, q_start, q, v, dt):
-    """Another: the right move, of which v does not hear."""
-    return c.project(system, q_start, q, v, math.inf)
-
-
-def neither(system, q_start, q, v, dt):
-    """Both at once."""
-    return c.project(system, q, q, v, math.inf)
+    return back
 
 
 @table(
@@ -251,17 +248,13 @@ def neither(system, q_start, q, v, dt):
 def way_back():
     """the double pendulum, semi_implicit: energy error as a share of m g L after"""
     system, hold = c.build_system("double"), c.hold_table()["project"]
-    for rods, told, after in (
-        ("before the step", "yes", c.project),
-        ("after the step", "yes", shortest),
-        ("before the step", "no", untold),
-        ("after the step", "no", neither),
-    ):
-        found = run(system, hold=hold._replace(after=after))
+    for told, after in product((True, False), (False, True)):
+        found = run(system, hold=hold._replace(after=back_onto_rods(after, told)))
         off = np.abs(found.energies - found.energies[0]) / energy_scale(system)
         steps = [round(t / DT) for t in (1, 5, 10, 20)]
         texts = [f"{off[k]:.2g}" if k < len(off) else "lost" for k in steps]
-        yield rods, told, found.violations.max(), *texts, off.max()
+        rods = "after the step" if after else "before the step"
+        yield rods, "yes" if told else "no", found.violations.max(), *texts, off.max()
 
 
 def below(x):
