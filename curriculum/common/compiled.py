@@ -24,14 +24,15 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step (`check`) in the first block, and whenever the steps have doubled. Where
-    they differ, or the step cannot be traced, steps are plain. `steps`: how many are to come. `way`
+    with the plain step in the first block, and whenever the steps have doubled. Where they differ,
+    or the step cannot be traced, steps are plain. With `only` there is no comparison, and no plain
+    step: a Stop instead, since that would take too long. `steps`: how many are to come. `way`
     says how steps are done; `source` is the code; `taken` steps took `seconds`, counted from zero
     where the way changes.
     """
 
-    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, check=True):
-        self.given, self.check = (step_fn, m, force), check
+    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
+        self.given, self.only = (step_fn, m, force), only
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure, steps, watch), None, ""
         self.watch, self.best = watch, False
         self.ask = mapped(lambda q, v: (*measure(q, v), watch(q, v)) if watch else measure(q, v))
@@ -84,6 +85,8 @@ class Compiled:
         """The state after this one; and many more, ahead of time."""
         if not self.way:
             self.trace(q, v)
+        if not self.alone and self.only:
+            raise Stop(self.way)
         if not self.alone:
             state = self.plain(q, v)
             self.taken, self.seconds = self.plain.taken, self.plain.seconds
@@ -97,7 +100,7 @@ class Compiled:
         self.done += count
         if self.done >= self.due:
             self.due = 2 * self.done
-            if self.check and self.differs(start, rows):
+            if not self.only and self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
