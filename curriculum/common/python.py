@@ -209,7 +209,7 @@ class OneByOne:
             pass
         except (ArithmeticError, ValueError):  # where numpy's floats go on
             rows = []
-            with contextlib.suppress(Stop):
+            with contextlib.suppress(Stop), np.errstate(all="ignore"):
                 careful(self.source)(tuple(map(np.float64, start)), count, rows.append, *knobs)
         return rows
 

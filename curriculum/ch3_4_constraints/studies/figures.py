@@ -6,11 +6,13 @@ A block is one of these lines and a fenced block below it, which may begin with 
     <!-- printed by: COMMAND -->
     <!-- listing of: FILE FUNCTION -->
     <!-- listing of: FILE FUNCTION, from START -->
+    <!-- listing of: FILE FUNCTION, from START, to START -->
 
 A listing is a function without its docstring; or, of its body, the statement whose line begins
-with START. A text is written after each of its blocks; a block that cannot be made stays as it was,
-is told of, and makes the exit status 1. Studies of speed want a machine that does nothing else.
-What is quick and the same everywhere is compared by tests/test_texts.py, too.
+with the first START, up to and with the one that begins with the second. A text is written after
+each of its blocks; a block that cannot be made stays as it was, is told of, and makes the exit
+status 1. Studies of speed want a machine that does nothing else. What is quick and the same
+everywhere is compared by tests/test_texts.py, too.
 """
 
 import ast
@@ -32,7 +34,7 @@ TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
 KIND = r"(?P<kind>printed by|listing of)"
 HEAD = rf"(?P<head><!-- {KIND}: (?P<command>[^\n]*?) -->\n```\w+\n)(?P<prompt>\$ [^\n]*\n)?"
 BLOCK = re.compile(rf"{HEAD}(?P<body>.*?)(?P<end>```\n)", re.S)
-PART = re.compile(r"(\S+) (\w+)(?:, from (.+))?")
+PART = re.compile(r"(\S+) (\w+)(?:, from (.+?))?(?:, to (.+))?")
 TIMES = ("us",)  # headers of columns that belong to the machine
 
 
@@ -46,29 +48,33 @@ def printed(command):
     return done.stdout.strip("\n") + "\n"
 
 
-def starting(function, lines, start):
-    """The first statement of a function's body whose own line begins with `start`."""
-    statements = [x for x in ast.walk(function) if isinstance(x, ast.stmt) and x is not function]
+def starting(statements, lines, start, after=0):
+    """The first of the statements below line `after` whose own line begins with `start`."""
     for statement in sorted(statements, key=lambda x: x.lineno):
-        if lines[statement.lineno - 1].lstrip().startswith(start):
+        line = lines[statement.lineno - 1].lstrip()
+        if statement.lineno > after and line.startswith(start):
             return statement
     raise ValueError(f"no statement there begins with {start!r}")
 
 
 def listed(what):
-    """The code that `what`, "FILE FUNCTION, from START", names. Raises ValueError."""
+    """The code that `what`, "FILE FUNCTION, from START, to START", names. Raises ValueError."""
     part = PART.fullmatch(what)
     if part is None:
-        raise ValueError("a listing is of FILE FUNCTION, from START")
-    file, name, start = part.groups()
+        raise ValueError("a listing is of FILE FUNCTION, from START, to START")
+    file, name, start, last = part.groups()
     lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
     nodes = ast.walk(ast.parse("\n".join(lines)))
     found = [x for x in nodes if isinstance(x, ast.FunctionDef) and x.name == name]
     if not found:
         raise ValueError(f"{file} has no function {name}")
     function = found[0]
-    shown = function if start is None else starting(function, lines, start)
-    wanted = set(range(shown.lineno, shown.end_lineno + 1))
+    first, end = function, function
+    if start is not None:
+        statements = [x for x in ast.walk(function) if isinstance(x, ast.stmt)]
+        first = starting(statements, lines, start, function.lineno)
+        end = starting(statements, lines, last, first.lineno) if last else first
+    wanted = set(range(first.lineno, end.end_lineno + 1))
     if ast.get_docstring(function) is not None:
         docstring = function.body[0]
         wanted -= set(range(docstring.lineno, docstring.end_lineno + 1))
