@@ -43,6 +43,7 @@ class Compiled:
         self.dt = self.plain.dt = dt
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = (None, None, None), iter(()), None
+        self.begins = lambda: None  # called before a block
         self.plain.halved, self.plain.watched = 0, 0.0
         if self.alone:
             self.alone.halved = 0
@@ -62,11 +63,14 @@ class Compiled:
         return self.alone.traced.source if self.alone else f"# {self.way}"
 
     def __call__(self, q, v):
-        if q is self.state[0] and v is self.state[1]:
-            self.state = next(self.ahead, None) or self.compute(q, v)
-        else:  # the first, or one that the reader has changed
-            self.state = self.compute(q, v)
-        return self.state
+        state = None
+        if q is self.state[0] and v is self.state[1]:  # else the reader has changed it
+            state = next(self.ahead, None)
+        if state is None:
+            self.begins()
+            state = self.compute(q, v)
+        self.state = state
+        return state
 
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""

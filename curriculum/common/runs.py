@@ -103,6 +103,7 @@ class Log:
         self.kept, self.last = [], None
         self.block, self.row, self.sane = None, 0, 0
         self.tick = progress("simulating", steps)
+        step.begins = self.close  # before each block, be it that a reader's line changes the state
 
     def __enter__(self):
         self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words
@@ -119,9 +120,12 @@ class Log:
 
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
-        block, state = self.step.block, self.step.state
-        if block is None or q is not state[0] or v is not state[1] or violation is not state[2]:
-            self.close()
+        state, block = self.step.state, self.step.block
+        if q is state[0] and v is state[1] and violation is state[2] and block is not None:
+            if self.row < self.sane:  # as nearly always: a row more of the block
+                self.row += 1
+                return
+        else:
             block = Block(q[None], v[None], np.array([[violation], [energy]]))
         if block is not self.block:
             self.close()
@@ -134,8 +138,9 @@ class Log:
     def open(self, block):
         """From here on states are those of this block; find how far they are sane."""
         violations, energies = block.measured
-        sane = (violations < self.far) & np.isfinite(energies)
-        self.block, self.row, self.sane = block, 0, int(np.argmin([*sane, False]))
+        wild = ~((violations < self.far) & np.isfinite(energies))
+        self.block, self.row = block, 0
+        self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
         if self.done < 0 and not self.sane:
             raise ValueError("this is no start: a rod is far off, or a number is not finite")
 

@@ -71,7 +71,7 @@ class Plain:
     """
 
     way = source = "in plain numpy: the lines as they stand"
-    block, state = None, None  # of states computed ahead: see compiled.Compiled
+    block, state = None, (None, None, None)  # none is computed ahead, as Compiled does
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
         self.step = lambda state, dt: step_fn(*state, m, force, dt)
