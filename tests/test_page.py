@@ -7,7 +7,7 @@ import subprocess
 import time
 
 import constraints as c
-from curriculum.ch3_4_constraints import play
+from curriculum.ch3_4_constraints import pages, play
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.common import javascript
 from curriculum.common.trace import Program, Untraceable
@@ -173,8 +173,8 @@ def test_a_page_needs_nothing_else_and_is_the_same_each_time():
 
 
 def test_pages_of_scenes_are_written_with_an_index(tmp_path):
-    play.main(["pendulum", "spin", "--out", str(tmp_path)])
-    index = (tmp_path / play.INDEX).read_text()
+    pages.main(["pendulum", "spin", "--out", str(tmp_path)])
+    index = (tmp_path / pages.INDEX).read_text()
     assert re.findall('href="(.*?)"', index) == ["pendulum.html", "spin.html"]
     assert all((tmp_path / name).exists() for name in ("pendulum.html", "spin.html"))
 

@@ -1,10 +1,8 @@
 """The page that lives: a scene in all its modes, in any browser, under sliders and a hand.
 
-    python -m curriculum.ch3_4_constraints.play [NAME ...] [--out DIR]
-
-makes one for each scene, and an index.html that links them. The page has no formula of its own:
-the chapter's lines run once, on symbols, with the step, Baumgarte's w, soft's T and the hand as
-inputs, and what they did becomes JavaScript, which makes the bits that they make here.
+The page has no formula of its own: the chapter's lines run once, on symbols, with the step,
+Baumgarte's w, soft's T and the hand as inputs, and what they did becomes JavaScript, which makes
+the bits that they make here.
 """
 
 import base64
@@ -13,15 +11,11 @@ import html
 import json
 import re
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.run_checks import misfit
-from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
-from curriculum.ch3_4_constraints.systems import SceneError, check_system
-from curriculum.common.cli import Parser, run_script, writable
-from curriculum.common.files import write_together
+from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.common.javascript import PRELUDE, Writer, inexact
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, followed
@@ -31,7 +25,6 @@ import numpy as np
 
 TEMPLATE = Path(__file__).with_name("play.html")
 PAGE = "play.html"
-INDEX = "index.html"
 MOST = 120  # rods: a browser is too slow for more
 DAMPING = 0.1  # s: the hand, a spring, resists a speed as much as this times it in metres
 STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
@@ -308,46 +301,3 @@ def digest(part):
     """What a content policy calls a script or style by."""
     made = hashlib.sha256(part.encode()).digest()
     return f"'sha256-{base64.b64encode(made).decode()}'"
-
-
-def scene_page(chapter, name):
-    """The page of a scene, as a default run of it has it."""
-    system = chapter.build_system(name)
-    rule = "semi_implicit"
-    return page(chapter, name, system, rule, chapter.INTEGRATORS[rule], 0.005, (20.0, 0.02, 0.95))
-
-
-def main(argv=None):
-    """Write the pages of the scenes that `argv` names, or of all, and an index."""
-    import constraints as chapter
-
-    told = about(chapter.SYSTEMS, chapter.HERE / chapter.CHAPTER)
-    parser = Parser(prog="play", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*told, []]}
-    parser.add_argument("names", **names, help=f"some of {', '.join(told)}")
-    folder_type = partial(writable, names=(INDEX,))
-    parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
-    args = parser.parse_args(argv)
-    files = {}
-    for name in args.names or told:
-        try:
-            files[f"{name}.html"] = scene_page(chapter, name)
-        except (Untraceable, SceneError) as why:
-            print(f"{name} left out: {why}")
-    rows = "\n".join(
-        f'<li><a href="{html.escape(name)}">{html.escape(Path(name).stem)}</a>: '
-        f"{html.escape(told[Path(name).stem])}"
-        for name in files
-    )
-    head = [
-        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Scenes to touch</title>',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<meta name="color-scheme" content="light dark">',
-    ]
-    files[INDEX] = "\n".join(head) + f"\n<h1>Scenes to touch</h1>\n<ul>\n{rows}\n</ul>\n"
-    write_together(args.out, files)
-    print(f"wrote {args.out / INDEX} and {len(files) - 1} pages")
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -151,6 +151,4 @@ def main():
 
 
 if __name__ == "__main__":
-    from curriculum.common.cli import run_script
-
-    run_script(main)
+    main()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.play import scene_page
+from curriculum.ch3_4_constraints.pages import scene_page
 from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.ch3_4_constraints.studies.shown import swinging
@@ -136,7 +136,7 @@ def page():
 
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as api:
         file = Path(folder, "double.html")
-        file.write_text(scene_page(c, "double"), encoding="utf-8")
+        file.write_text(scene_page("double"), encoding="utf-8")
         program = shutil.which("chromium") or shutil.which("google-chrome")
         browser = api.chromium.launch(executable_path=program, args=["--no-sandbox"])
         tab = browser.new_page(viewport={"width": 1100, "height": 820})

@@ -1,0 +1,59 @@
+"""A page to touch for each scene, and an index of them:
+
+python -m curriculum.ch3_4_constraints.pages [NAME ...] [--out DIR]
+"""
+
+import html
+from functools import partial
+from pathlib import Path
+
+import constraints as c
+from curriculum.ch3_4_constraints.play import page
+from curriculum.ch3_4_constraints.scene_files import about
+from curriculum.ch3_4_constraints.systems import SceneError
+from curriculum.common.cli import Parser, run_script, writable
+from curriculum.common.files import write_together
+from curriculum.common.trace import Untraceable
+
+INDEX = "index.html"
+
+
+def scene_page(name):
+    """The page of a scene, as a default run of it has it."""
+    system = c.build_system(name)
+    rule = "semi_implicit"
+    return page(c, name, system, rule, c.INTEGRATORS[rule], 0.005, (20.0, 0.02, 0.95))
+
+
+def main(argv=None):
+    """Write the pages of the scenes that `argv` names, or of all, and an index."""
+    told = about(c.SYSTEMS, c.HERE / c.CHAPTER)
+    parser = Parser(prog="pages", description=__doc__)
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*told, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(told)}")
+    folder_type = partial(writable, names=(INDEX,))
+    parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
+    args = parser.parse_args(argv)
+    files = {}
+    for name in args.names or told:
+        try:
+            files[f"{name}.html"] = scene_page(name)
+        except (Untraceable, SceneError) as why:
+            print(f"{name} left out: {why}")
+    rows = "\n".join(
+        f'<li><a href="{html.escape(name)}">{html.escape(Path(name).stem)}</a>: '
+        f"{html.escape(told[Path(name).stem])}"
+        for name in files
+    )
+    head = [
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Scenes to touch</title>',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<meta name="color-scheme" content="light dark">',
+    ]
+    files[INDEX] = "\n".join(head) + f"\n<h1>Scenes to touch</h1>\n<ul>\n{rows}\n</ul>\n"
+    write_together(args.out, files)
+    print(f"wrote {args.out / INDEX} and {len(files) - 1} pages")
+
+
+if __name__ == "__main__":
+    run_script(main)
