@@ -12,7 +12,7 @@ is about. Writers turn the tape into Python (python.py), machine code (native.py
 import math
 import sys
 from itertools import count
-from threading import RLock
+from threading import RLock, local
 
 from curriculum.common.arrays import FUNCTIONS, OWN, ordered, symbolic
 
@@ -33,6 +33,15 @@ class Stop(ArithmeticError):
     """A run cannot go on; the message says why."""
 
 
+class Current(local):
+    """What a thread does now: that another traces meanwhile is nothing to it."""
+
+    tape = None  # that is written on
+
+
+current = Current()
+
+
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
@@ -41,8 +50,7 @@ class Tape:
     `outer`: the tape on which a loop stands, whose names its body may use.
     """
 
-    current = None  # the tape that is written on now
-    lock = RLock()  # by one thread at a time
+    lock = RLock()  # one thread traces at a time: what a function keeps is put back
 
     def __init__(self, outer=None, numbers=None):
         self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
@@ -53,11 +61,11 @@ class Tape:
     def trace(self, function, *args):
         """function(*args), whose operations come onto this tape."""
         with Tape.lock:
-            before, Tape.current = Tape.current, self
+            before, current.tape = current.tape, self
             try:
                 return function(*args)
             finally:
-                Tape.current, self.open = before, False
+                current.tape, self.open = before, False
 
     def sees(self, other):
         """Whether `other` is this tape or one around it."""
@@ -119,9 +127,9 @@ def lift(number):
     if type(number) is Symbol:
         return number
     if isinstance(number, complex):
-        Tape.current.refused.append("it makes a complex number")
+        current.tape.refused.append("it makes a complex number")
         number = number.real
-    return Symbol(Tape.current, abs(float(number)), bool(number < 0))
+    return Symbol(current.tape, abs(float(number)), bool(number < 0))
 
 
 def constant(sign, numbers, minus=False):
@@ -155,7 +163,7 @@ class Symbol:
     def note(self, sign, *others, minus=False):
         """The symbol of an operation on x and others'; asked for again, the same one."""
         key = (sign, self.x, *(s.x for s in others))
-        tape = Tape.current
+        tape = current.tape
         if self.tape is not tape or others and others[0].tape is not tape or len(others) > 1:
             tape = self.inner(others)
         name = tape.names.get(key)
@@ -171,7 +179,7 @@ class Symbol:
 
     def inner(self, others):
         """The tape of an operation on numbers of several tapes: the innermost."""
-        tape = Tape.current
+        tape = current.tape
         found = [s.tape for s in (self, *others) if type(s.x) is str]
         if not found:
             return tape
@@ -369,22 +377,22 @@ class Routine:
         self.function, self.often, self.programs = function, often, {}
 
     def __call__(self, *arrays):
-        if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
+        if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
             return self.function(*arrays)
         given = [[lift(s) for s in np.asarray(a, dtype=object).flat] for a in arrays]
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
         shapes = [np.shape(a) for a in arrays]
-        key = Tape.current.numbers, *zip(shapes, still, strict=True)
+        key = current.tape.numbers, *zip(shapes, still, strict=True)
         if key not in self.programs:
-            tape = Tape(numbers=Tape.current.numbers)
-            tape.refused = Tape.current.refused
+            tape = Tape(numbers=current.tape.numbers)
+            tape.refused = current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
             self.programs[key] = once
         program = self.programs[key]
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
-        if short and not (self.often or Tape.current.outer):
+        if short and not (self.often or current.tape.outer):
             return program.shaped(program.replay(arguments))[0]
         return Call(program, arguments).results[0]
 
@@ -395,7 +403,7 @@ def side_by_side(function, *arrays):
     On symbols it is traced once for all rows that are zero in the same places: see Lanes.
     """
     rows = list(zip(*arrays, strict=True))
-    if Tape.current is None:
+    if current.tape is None:
         made = [function(*row) for row in rows]
     else:
         made = traced_rows(function, [list(map(lifted, row)) for row in rows])
@@ -429,7 +437,7 @@ class Lanes:
     """
 
     def __init__(self, function, rows):
-        outer = Tape.current
+        outer = current.tape
         masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in rows[0]]
 
         def as_tuple(*row):
@@ -454,7 +462,7 @@ class Call:
     """
 
     def __init__(self, program, arguments):
-        self.program, self.arguments, tape = program, arguments, Tape.current
+        self.program, self.arguments, tape = program, arguments, current.tape
         self.names = tape.new_names(len(program.made))
         tape.add_part(self, [s.x for s in arguments], self.names)
         self.results = program.renamed(self.names, tape)
@@ -469,7 +477,7 @@ def repeat(body, x, most, complaint, nearly=1.0):
     turns.
     """
     x, last = ordered(np.array(x, subok=True)), math.inf
-    if Tape.current is not None and x.dtype == object:
+    if current.tape is not None and x.dtype == object:
         return Loop(body, lifted(x), most, complaint, nearly).result
     for _ in range(most):
         following, size = body(x.copy())
@@ -490,7 +498,7 @@ class Loop:
     """
 
     def __init__(self, body, x, most, complaint, nearly):
-        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, Tape.current
+        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, current.tape
         places = [place for place in np.ndindex(x.shape) if x[place].x != 0.0]
         while True:
             self.tape, self.names = Tape(outer), outer.new_names(len(places))
