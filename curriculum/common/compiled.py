@@ -141,7 +141,7 @@ class Compiled:
         """Machine code, where the steps that are left are worth it."""
         cost = COMPILING * len(self.source) + LOADING * ("llvmlite.binding" not in sys.modules)
         left = self.steps * pace
-        if native.available() and left > 1.5 * cost:
+        if left > 1.5 * cost and native.available():  # in this order: it looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(left > 200.0 * cost)
         if native.failure() and not self.alone.machine:
