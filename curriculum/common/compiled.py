@@ -7,7 +7,7 @@ import time
 from curriculum.common import native
 from curriculum.common.crowds import mapped
 from curriculum.common.steps import Block, Plain, Single, Traced
-from curriculum.common.trace import Stop, Untraceable
+from curriculum.common.trace import Impure, Stop, Untraceable
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class Compiled:
     says how steps are done; `source` is the code; `taken` steps took `seconds`, counted from zero
     where the way changes.
     """
+
+    impure = False  # whether the same step need not lead to the same state again
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, check=True):
         self.given, self.check = (step_fn, m, force), check
@@ -72,6 +74,7 @@ class Compiled:
             self.alone = Single(Traced(*self.given, q, v))
             self.way = "compiled to Python"
         except Untraceable as why:
+            self.impure = isinstance(why, Impure)
             self.give_up(why)
 
     def give_up(self, why):

@@ -11,6 +11,7 @@ from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Plain
+from curriculum.common.trace import Stop
 
 import numpy as np
 
@@ -35,13 +36,27 @@ class Truth(NamedTuple):
     sought: bool = True
 
 
+class Repeatable(Compiled):
+    """A step that is not taken with a force that is another each time: of that there is no truth.
+
+    It would be long in coming, too: stages do not settle, and steps are taken in halves of halves.
+    """
+
+    def compute(self, q, v):
+        if not self.way:
+            self.trace(q, v)
+        if self.impure:
+            raise Stop(self.way)
+        return super().compute(q, v)
+
+
 def once_for_all():
     """A way for simulate by which a rule is traced and compiled once, for steps of all lengths."""
     made = []  # at the first run
 
     def way(step_fn, m, force, dt, measure, steps):
         if not made:
-            made.append(Compiled(step_fn, m, force, dt, measure, check=False))
+            made.append(Repeatable(step_fn, m, force, dt, measure, check=False))
         made[0].start(dt, steps)
         return made[0]
 

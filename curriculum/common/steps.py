@@ -13,7 +13,7 @@ from curriculum.common import native
 from curriculum.common.arrays import ordered
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable
+from curriculum.common.trace import Impure, Program, Routine, Stop, Tape, Untraceable
 
 import numpy as np
 
@@ -94,13 +94,16 @@ class Traced:
     def __init__(self, step_fn, m, force, q, v, measure=None):
         with Tape.lock:
             memory = Memory(step_fn, force, measure)
-            why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
-            if not why:
+            impure = next(iter(memory.asks), None)  # what cannot be put back is not even tried
+            why = None
+            if not impure:
                 try:
                     self.trace(step_fn, m, force, q, v, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
                     why = str(reason) or type(reason).__name__
-                why = memory.restore() or why
+                impure = memory.restore()
+        if impure:
+            raise Impure(impure)
         if why:
             raise Untraceable(why)
 

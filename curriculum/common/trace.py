@@ -29,6 +29,10 @@ class Untraceable(Exception):
     """The function asks of a symbol what cannot be written down; the message says what."""
 
 
+class Impure(Untraceable):
+    """What the function makes depends on more than what it is given."""
+
+
 class Stop(ArithmeticError):
     """A run cannot go on; the message says why."""
 
