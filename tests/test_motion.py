@@ -165,6 +165,19 @@ def test_what_a_rounding_of_the_start_moves_is_not_known(name):
     assert true_position(held(LARGE[name], "project"), 2.0) == (None, math.inf)
 
 
+def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
+    """It would not be found, and looking for it takes minutes without compiled steps."""
+    calls = []
+
+    def external_force(system, q, v=None):
+        calls.append(1)
+        return system["m"] * c.GRAVITY * (1.0 + 1e-6 * len(calls))
+
+    monkeypatch.setattr(c, "external_force", external_force)
+    assert true_position(partial(asked, "double", "project"), 0.1) == (None, math.inf)
+    assert len(calls) < 100
+
+
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     """As many steps; a truth after 2 s or at the end; for an error, a step twice as large fails."""

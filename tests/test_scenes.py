@@ -76,6 +76,13 @@ def test_a_mode_that_is_none_is_named_beside_those_that_are():
             c.make_force(c.build_system("double"), name)
 
 
+@pytest.mark.parametrize("hold", [-5.0, np.nan, np.inf, 20j, None, [20.0]])
+def test_a_hold_that_is_none_is_repeated_beside_what_it_must_be(hold):
+    said = f"hold is {hold!r}; must be a Hold, a mode's name, or a finite w >= 0 in rad/s"
+    with pytest.raises(ValueError, match=re.escape(said)):
+        c.make_force(c.build_system("double"), hold)
+
+
 def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():
     double = c.build_system("double")
     with pytest.raises(SceneError, match="must be a dict with q0, v0, m, anchors, pairs, lengths"):
@@ -130,6 +137,9 @@ ASKED = {  # what a run is asked for besides, and the sentence that answers it
     "keep can be gone through but once": {"keep": iter([1, 2])},
     "keep has 10; must be steps": {"keep": range(11)},
     "keep has 5.5; must be steps": {"keep": (5, 5.5)},
+    "keep has True; must be steps": {"keep": [True]},
+    "keep has [1, 2]; must be steps": {"keep": [[1, 2]]},
+    "keep is 3; must be a list of steps, or a range": {"keep": 3},
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
     "steps is True; must be": {"steps": True},
     "steps is -1; must be an int >= 0": {"steps": -1},

@@ -324,8 +324,22 @@ def test_a_turn_of_the_loop_may_change_the_state():
     assert quick.energies[41] < quick.energies[40] - 0.1
 
 
+def test_a_state_changed_in_place_is_told_how_to_be_changed():
+    def zero(q, v):
+        return 0.0 * q[0, 0], 0.0 * q[0, 0]
+
+    step = compiled.Compiled(c.rk4_step, DOUBLE["m"], c.make_force(DOUBLE, "none"), 0.005, zero, 9)
+    log = Log(step, 9, (), 1e9)
+    with pytest.raises(ValueError, match="read-only") as found, log:
+        _, v, _, _ = step(DOUBLE["q0"], DOUBLE["v0"])
+        v *= 0.9
+    assert found.value.__notes__[0].endswith("v = 0.9 * v.")
+
+
 def test_runs_in_threads_are_the_runs_in_turn():
-    cases = [(rule, mode) for rule in ("semi_implicit", "rk4") for mode in ("none", "project")] * 3
+    """While one traces, the others' plain steps are of numbers, whatever rule they are."""
+    rules = "semi_implicit", "rk4", "midpoint", "gauss"
+    cases = [(rule, mode) for rule in rules for mode in ("none", "project")] * 3
 
     def one(case):
         return run(DOUBLE, *case, steps=300)

@@ -257,3 +257,17 @@ def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
     for name in ("windows", "light_tip"):
         source = run(c.build_system(name), "rk4", "project", steps=1).source
         assert "__" not in source and "import" not in source and name not in source
+
+
+@pytest.mark.parametrize("axis", [None, 0, 1, -1, (0, 2), (1, 0)])
+def test_sums_and_means_in_order_are_those_of_numpy(axis):
+    """But for the last digit."""
+    x = np.random.default_rng(3).normal(size=(2, 3, 4))
+    for function in (np.sum, np.mean):
+        expected = function(x, axis=axis)
+        assert function(ordered(x), axis=axis) == pytest.approx(expected, rel=1e-14)
+
+
+def test_nothing_where_an_array_must_be_is_told_of():
+    with pytest.raises(ValueError, match="None where an array must be"):
+        ordered(None, (2, 3))

@@ -19,7 +19,7 @@ from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.common.javascript import PRELUDE, Writer, inexact
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, followed
-from curriculum.common.trace import Program, Routine, Symbol, Tape, Untraceable
+from curriculum.common.trace import Program, Routine, Symbol, Untraceable, current
 
 import numpy as np
 
@@ -84,7 +84,7 @@ class Tracer:
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
-        return [Symbol(Tape.current, name) for name in names]
+        return [Symbol(current.tape, name) for name in names]
 
     def force(self, mode):
         """The chapter's force of a mode, under the hand."""

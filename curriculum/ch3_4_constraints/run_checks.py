@@ -18,6 +18,10 @@ def chosen(hold, table):
     if isinstance(hold, tuple):
         return hold
     if not isinstance(hold, str):
+        number = isinstance(hold, (int, float, np.integer, np.floating))
+        if not (number and 0.0 <= hold < np.inf):
+            must = "must be a Hold, a mode's name, or a finite w >= 0 in rad/s"
+            raise ValueError(f"hold is {shorten(repr(hold))}; {must}")
         return table(baumgarte=hold)["baumgarte"]
     named = table()
     if hold not in named:
@@ -72,12 +76,15 @@ def check_run(system, force, dt, steps, keep, step_fn, rules):
     # a whole number of numpy's may be too short for one step more
     if not (type(steps) in (int, np.int64) and steps >= 0):
         raise ValueError(f"steps is {steps!r}; must be an int >= 0")
+    if not np.iterable(keep):
+        raise ValueError(f"keep is {keep!r}; must be a list of steps, or a range")
     if iter(keep) is keep:
         raise ValueError("keep can be gone through but once; must be a list, or a range")
-    kept = np.array([*keep])
-    if kept.size and (kept.dtype.kind not in "iu" or kept.min() < 0 or kept.max() > steps):
-        bad = next(x for x in keep if not (isinstance(x, (int, np.integer)) and 0 <= x <= steps))
-        raise ValueError(f"keep has {bad!r}; must be steps of the run, whole numbers 0 to {steps}")
+    for x in keep:
+        whole = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
+        if not (whole and 0 <= x <= steps):
+            must = f"must be steps of the run, whole numbers 0 to {steps}"
+            raise ValueError(f"keep has {shorten(repr(x))}; {must}")
     system = check_system(system)
     own = {"anchors": np.zeros((1, 3))} | getattr(force, "system", system)
     for key in TIED:

@@ -18,8 +18,10 @@ NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 def ordered(x, shape=None):
     """x as an array whose products and sums go in order; it must have the `shape`, if one is given.
 
-    What lacks axes is repeated, as numpy does. Raises ValueError.
+    What lacks axes is repeated, as numpy does. Raises ValueError, for None, too.
     """
+    if x is None:
+        raise ValueError("None where an array must be: does a function lack its return?")
     if not isinstance(x, Ordered):
         x = np.asarray(x)
         x = x.view(Symbols) if x.dtype == object else x.astype(float, copy=False).view(Ordered)
@@ -61,7 +63,8 @@ class Ordered(np.ndarray):
         return ordered(made) if made.ndim else made.item()
 
     def mean(self, axis=None, **how):
-        return self.sum(axis, **how) / (self.size if axis is None else self.shape[axis])
+        total = self.sum(axis, **how)
+        return total / (self.size // getattr(total, "size", 1))
 
     def __array_function__(self, function, types, given, how):
         if function in OWN:

@@ -147,11 +147,11 @@ class Compiled:
 
     def improve(self, pace):
         """Machine code, where the steps that are left are worth it: first what is soon made."""
-        if self.best or not native.available():
+        if self.best:
             return
         cost = COMPILING * len(self.source) + LOADING * ("llvmlite.binding" not in sys.modules)
         left, begun = self.steps * pace, self.alone.machine is not None
-        if left > (BEST if begun else 1.5) * cost:
+        if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)
         if native.failure() and not self.alone.machine:

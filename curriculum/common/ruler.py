@@ -36,7 +36,11 @@ class Truth(NamedTuple):
 
 
 def once_for_all():
-    """A way for simulate by which a rule is traced and compiled once, for steps of all lengths."""
+    """A way for simulate by which a rule is traced and compiled once, for steps of all lengths.
+
+    What cannot be compiled is not run: it would be long in coming, and of a force that is another
+    each time there is no truth.
+    """
     made = []  # at the first run
 
     def way(step_fn, m, force, dt, measure, steps):

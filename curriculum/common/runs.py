@@ -112,6 +112,8 @@ class Log:
 
     def __exit__(self, kind, why, trace):
         self.quiet.__exit__(kind, why, trace)
+        if isinstance(why, ValueError) and "read-only" in str(why):
+            why.add_note("States are computed ahead, so none is changed in place: v = 0.9 * v.")
         self.close()
         if isinstance(why, Stop):
             self.stopped = self.stopped or f"stopped at step {self.done + 1}: {why}"

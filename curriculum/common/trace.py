@@ -13,7 +13,7 @@ import math
 import sys
 from contextlib import contextmanager
 from itertools import count
-from threading import RLock
+from threading import RLock, local
 
 from curriculum.common.arrays import FUNCTIONS, OWN, ordered, symbolic
 
@@ -38,6 +38,15 @@ class Stop(ArithmeticError):
     """A run cannot go on; the message says why."""
 
 
+class Current(local):
+    """What a thread does now: that another traces meanwhile is nothing to it."""
+
+    tape = None  # that is written on
+
+
+current = Current()
+
+
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
@@ -46,8 +55,7 @@ class Tape:
     `outer`: the tape on which a loop stands, whose names its body may use.
     """
 
-    current = None  # the tape that is written on now
-    lock = RLock()  # by one thread at a time
+    lock = RLock()  # one thread traces at a time: what a function keeps is put back
     turns = math.inf  # how often what is traced will run
     noted, done, factor = 0, 0, 1  # operations; those of loops and rows again and again; and now
 
@@ -60,13 +68,13 @@ class Tape:
     def trace(self, function, *args):
         """function(*args), whose operations come onto this tape."""
         with Tape.lock:
-            before, Tape.current = Tape.current, self
+            before, current.tape = current.tape, self
             if before is None:
                 Tape.noted, Tape.done, Tape.factor = 0, 0, 1
             try:
                 return function(*args)
             finally:
-                Tape.current, self.open = before, False
+                current.tape, self.open = before, False
 
     def count(self):
         """An operation more. Raises Untraceable where compiling them would cost more than it saves:
@@ -146,9 +154,9 @@ def lift(number):
     if type(number) is Symbol:
         return number
     if isinstance(number, complex):
-        Tape.current.refused.append("it makes a complex number")
+        current.tape.refused.append("it makes a complex number")
         number = number.real
-    return Symbol(Tape.current, abs(float(number)), bool(number < 0))
+    return Symbol(current.tape, abs(float(number)), bool(number < 0))
 
 
 def constant(sign, numbers, minus=False):
@@ -182,7 +190,7 @@ class Symbol:
     def note(self, sign, *others, minus=False):
         """The symbol of an operation on x and others'; asked for again, the same one."""
         key = (sign, self.x, *(s.x for s in others))
-        tape = Tape.current
+        tape = current.tape
         if self.tape is not tape or others and others[0].tape is not tape or len(others) > 1:
             tape = self.inner(others)
         name = tape.names.get(key)
@@ -199,7 +207,7 @@ class Symbol:
 
     def inner(self, others):
         """The tape of an operation on numbers of several tapes: the innermost."""
-        tape = Tape.current
+        tape = current.tape
         found = [s.tape for s in (self, *others) if type(s.x) is str]
         if not found:
             return tape
@@ -397,22 +405,22 @@ class Routine:
         self.function, self.often, self.programs = function, often, {}
 
     def __call__(self, *arrays):
-        if Tape.current is None or not any(np.asarray(a).dtype == object for a in arrays):
+        if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
             return self.function(*arrays)
         given = [[lift(s) for s in np.asarray(a, dtype=object).flat] for a in arrays]
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
         shapes = [np.shape(a) for a in arrays]
-        key = Tape.current.numbers, *zip(shapes, still, strict=True)
+        key = current.tape.numbers, *zip(shapes, still, strict=True)
         if key not in self.programs:
-            tape = Tape(numbers=Tape.current.numbers)
-            tape.refused = Tape.current.refused
+            tape = Tape(numbers=current.tape.numbers)
+            tape.refused = current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
             self.programs[key] = once
         program = self.programs[key]
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
-        if short and not (self.often or Tape.current.outer):
+        if short and not (self.often or current.tape.outer):
             return program.shaped(program.replay(arguments))[0]
         return Call(program, arguments).results[0]
 
@@ -423,7 +431,7 @@ def side_by_side(function, *arrays):
     On symbols it is traced once for all rows that are zero in the same places: see Lanes.
     """
     rows = list(zip(*arrays, strict=True))
-    if Tape.current is None:
+    if current.tape is None:
         made = [function(*row) for row in rows]
     else:
         made = traced_rows(function, [list(map(lifted, row)) for row in rows])
@@ -457,7 +465,7 @@ class Lanes:
     """
 
     def __init__(self, function, rows):
-        outer = Tape.current
+        outer = current.tape
         masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in rows[0]]
 
         def as_tuple(*row):
@@ -483,7 +491,7 @@ class Call:
     """
 
     def __init__(self, program, arguments):
-        self.program, self.arguments, tape = program, arguments, Tape.current
+        self.program, self.arguments, tape = program, arguments, current.tape
         self.names = tape.new_names(len(program.made))
         tape.add_part(self, [s.x for s in arguments], self.names)
         self.results = program.renamed(self.names, tape)
@@ -498,7 +506,7 @@ def repeat(body, x, most, complaint, nearly=1.0):
     turns.
     """
     x, last = ordered(np.array(x, subok=True)), math.inf
-    if Tape.current is not None and x.dtype == object:
+    if current.tape is not None and x.dtype == object:
         return Loop(body, lifted(x), most, complaint, nearly).result
     for _ in range(most):
         following, size = body(x.copy())
@@ -519,7 +527,7 @@ class Loop:
     """
 
     def __init__(self, body, x, most, complaint, nearly):
-        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, Tape.current
+        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, current.tape
         places = [place for place in np.ndindex(x.shape) if x[place].x != 0.0]
         while True:
             self.tape, self.names = Tape(outer), outer.new_names(len(places))
