@@ -174,7 +174,7 @@ def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
         return system["m"] * c.GRAVITY * (1.0 + 1e-6 * len(calls))
 
     monkeypatch.setattr(c, "external_force", external_force)
-    assert true_position(partial(asked, "double", "project"), 0.1) == (None, math.inf)
+    assert true_position(held("double", "project"), 0.1) == (None, math.inf)
     assert len(calls) < 100
 
 
