@@ -288,7 +288,7 @@ def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypat
 @pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
 def test_a_loop_typed_by_hand_has_the_bits_of_simulate(rule):
     """And a run unpacks as the chapter has it."""
-    system, dt, steps = c.build_system("triple"), 0.005, 400
+    system, dt, steps = c.build_system("triple"), 0.005, 100
     step, force = c.INTEGRATORS[rule], c.make_force(system, 20.0)
     tip, violations, energies = c.simulate(step, system, force, dt, steps)
     q, v = system["q0"], system["v0"]
