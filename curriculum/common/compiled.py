@@ -11,10 +11,10 @@ from curriculum.common.trace import Stop, Untraceable
 
 import numpy as np
 
-BLOCK = 1 << 17  # numbers in a block of states
+BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
 # characters of code in all steps of the first block, and of a later one; loops count once
-SHORT, LONG = 1_000_000, 10_000_000
+SHORT, LONG = 1_000_000, 40_000_000
 LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
@@ -24,11 +24,11 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step in the first block, and whenever the steps have doubled. Where they differ,
-    or the step cannot be traced, steps are plain. With `only` there is no comparison, and no plain
-    step: a Stop instead, since that would take too long. `steps`: how many are to come. `way`
-    says how steps are done; `source` is the code; `taken` steps took `seconds`, counted from zero
-    where the way changes.
+    with the plain step in the first block, and whenever the steps are four times as many. Where
+    they differ, or the step cannot be traced, steps are plain. With `only` there is no comparison,
+    and no plain step: a Stop instead, since that would take too long. `steps`: how many are to
+    come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`, counted
+    from zero where the way changes.
     """
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
@@ -103,13 +103,14 @@ class Compiled:
             raise why
         self.done += count
         if self.done >= self.due:
-            self.due = 2 * self.done
+            self.due = 4 * self.done
             if not self.only and self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
         self.steps -= count
-        if not why:  # with the Stop that is why, the next block begins
+        # the first steps of a long one are slow, and with a Stop the next block begins
+        if self.done >= FIRST and not why:
             self.improve(spent / count)
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)

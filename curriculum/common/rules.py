@@ -27,7 +27,7 @@ FAMILIES = {
     ),
     "gauss": Family(make_gauss, range(2, 17), "2 to 16 stages", (8, 16, 4), True),
 }
-ITERATED = 0.01  # what an iteration may leave, as a share of the error that is asked for
+ITERATED = 0.1  # what an iteration may leave, as a share of the error that is asked for
 LEAST, MOST = 1e-16, 1e-2  # tolerances of an iteration, as a share of the state
 
 

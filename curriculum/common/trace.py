@@ -189,7 +189,10 @@ class Symbol:
 
     def note(self, sign, *others, minus=False):
         """The symbol of an operation on x and others'; asked for again, the same one."""
-        key = (sign, self.x, *(s.x for s in others))
+        if len(others) == 1:  # as nearly always
+            key = (sign, self.x, others[0].x)
+        else:
+            key = (sign, self.x, *(s.x for s in others))
         tape = current.tape
         if self.tape is not tape or others and others[0].tape is not tape or len(others) > 1:
             tape = self.inner(others)
@@ -197,7 +200,7 @@ class Symbol:
         if name is None and sign in ("+", "*"):
             name = tape.names.get((sign, key[2], key[1]))
         if name is None:
-            known = all(type(x) is float for x in key[1:])
+            known = type(self.x) is float and all(type(s.x) is float for s in others)
             if known and key[:2] != ("-", 0.0):  # as which numbers below zero are written
                 return constant(sign, key[1:], minus)
             name = tape.names[key] = f"t{next(tape.numbers)}"
