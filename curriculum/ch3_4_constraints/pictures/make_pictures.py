@@ -6,6 +6,7 @@ made if it is named. Drawings without a number are not among them.
 
 import contextlib
 import io
+import re
 import shutil
 import tempfile
 from functools import partial
@@ -15,6 +16,8 @@ import constraints as c
 from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.pages import scene_page
 from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
+from curriculum.ch3_4_constraints.studies import chaos as thousand
+from curriculum.ch3_4_constraints.studies import hard_cases as hard
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.ch3_4_constraints.studies.shown import swinging
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PULL, Drawing
@@ -122,6 +125,53 @@ def cost():
     return svg.chart("What does an error cost?", x, y, curves, (600, 520), 190)
 
 
+def hard_cases():
+    """The table of the study hard_cases, as the studies' page shows it: the larger the better."""
+    table = (_runs.SCENES.parent / "studies/README.md").read_text(encoding="utf-8")
+    cells = rf"((?: +(?:-|[\d./]+)){{{len(hard.TITLES)}}})"
+    rows = re.findall(rf"^ *({'|'.join(hard.NAMES)}){cells}$", table, re.MULTILINE)
+    methods, sheet = list(hard.TITLES), Drawing(760, 470, "What holds when it gets hard?")
+    sheet.words(16, 26, "a dot: the largest step that holds all starts; a ring: some starts only")
+    for k, title in enumerate(methods):
+        color = MODES[title.split()[-1]]
+        for line, word in enumerate(title.split()):
+            sheet.words(160 + 78 * k, 52 + 17 * line, word, color, "middle", 14, "bold")
+    for row, (name, cells) in enumerate(rows):
+        y = 96 + 28 * row
+        sheet.words(110, y + 5, name, INK, "end", 14)
+        for k, cell in enumerate(cells.split()):
+            spot, color = (160 + 78 * k, y), MODES[methods[k].split()[-1]]
+            if "/" in cell:
+                sheet.add("circle", cx=spot[0], cy=y, r=4, fill="none", stroke=color)
+            elif cell != "-":
+                sheet.dot(spot, 3 + 2 * hard.LADDER[::-1].index(float(cell)), color)
+    y = 96 + 28 * len(rows) + 8
+    sheet.words(110, y + 5, "steps, s", GREY, "end", 14)
+    for k, dt in enumerate(hard.LADDER):
+        sheet.dot((160 + 98 * k, y), 3 + 2 * hard.LADDER[::-1].index(dt), GREY)
+        sheet.words(178 + 98 * k, y + 5, f"{dt:g}", GREY, size=14)
+    return sheet.text()
+
+
+def chaos():
+    """How much energy a thousand double pendulums have gained after 20 s, with rods that leak."""
+    system, curves = thousand.ensemble("double", range(1000)), {}
+    dashes = {"semi_implicit": "none", "rk4": "10 5"}
+    for rule, mode in thousand.RUNS:
+        gained = np.sort(thousand.follow(system, rule, mode, 4000).gained)
+        share = np.linspace(0.0, 1.0, len(gained))
+        points = list(zip(np.clip(gained, -0.6, 1.0)[::10], share[::10], strict=True))
+        name = mode if rule == "semi_implicit" else f"{rule} {mode}"
+        curves[name] = MODES[mode], points, dashes[rule]
+    x = (
+        "energy gained, of m g L",
+        (-0.6, 1.0),
+        {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"},
+    )
+    y = "share of the seeds below", (0.0, 1.0), {0.0: "0", 0.5: "half", 1.0: "all"}
+    return svg.chart("What do leaky rods do to a crowd?", x, y, curves, (560, 380), 110)
+
+
 def moving(name):
     """The moving picture that a run of a scene writes."""
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
@@ -156,6 +206,7 @@ def page():
 
 
 PICTURES = {f"{x.__name__}.svg": x for x in (two_pendulums, eigenvalue, forces, drift, cost)}
+PICTURES |= {f"{x.__name__}.svg": x for x in (hard_cases, chaos)}
 PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
 
 
