@@ -87,6 +87,13 @@ def halving(q):
     return repeat(body, q, 60, "no end"), kept
 
 
+def test_what_has_no_number_in_the_lines_has_none_compiled(monkeypatch):
+    feel(monkeypatch, lambda q, v: 0.0 * np.exp(800.0 + q))
+    for way in WAYS:
+        found = run(DOUBLE, steps=20, way=way)
+        assert found.stopped == "diverged at step 1"
+
+
 class Controller(SimpleNamespace):
     def __call__(self, q, v):
         gain, self.hold.gain = self.hold.gain, q[0, 0]

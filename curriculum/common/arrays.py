@@ -237,7 +237,19 @@ def either(name, function):
 
 
 SPARSE = {np.multiply: times, np.divide: over, np.add: plus, np.subtract: less}
+def unordered(function):
+    """A function of numpy whose sums have an order of their own: refused of symbols."""
+
+    def own(*given, **how):
+        if any(isinstance(x, Symbols) for x in given):
+            raise TypeError(f"np.{function.__name__} adds in an order of its own; use @ or np.sum")
+        return function._implementation(*given, **how)
+
+    return own
+
+
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
+OWN |= {x: unordered(x) for x in (np.einsum, np.tensordot, np.inner, np.vdot, np.trace)}
 ENTRIES = {getattr(np, name): method(name) for name in FUNCTIONS}
 ENTRIES |= {np.maximum: either("larger", np.maximum), np.minimum: either("smaller", np.minimum)}
 for name in ("less", "less_equal", "greater", "greater_equal"):

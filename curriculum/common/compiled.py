@@ -142,6 +142,8 @@ class Compiled:
         if self.alone.traced.exact:
             return not np.array_equal(end, expected, equal_nan=True)
         known = np.isfinite(expected)
+        if np.isfinite(end).all() and not known.all():  # 0 * exp(1000): the lines have no number
+            return True
         before, end, expected = before[known], end[known], expected[known]
         size = np.max(np.abs([expected - before, 1e-9 * expected]), initial=0.0)
         return not np.all(np.abs(end - expected) <= CLOSE * size)
