@@ -24,11 +24,11 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step in the first block, and whenever the steps are four times as many. Where
-    they differ, or the step cannot be traced, steps are plain. With `only` there is no comparison,
-    and no plain step: a Stop instead, since that would take too long. `steps`: how many are to
-    come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`, counted
-    from zero where the way changes.
+    with the plain step in the first block, whenever the steps are four times as many, and in the
+    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is no
+    comparison, and no plain step: a Stop instead, since that would take too long. `steps`: how many
+    are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
+    counted from zero where the way changes.
     """
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
@@ -102,7 +102,7 @@ class Compiled:
         if why and not count:
             raise why
         self.done += count
-        if self.done >= self.due:
+        if self.done >= self.due or count >= self.steps:  # the last block, too
             self.due = 4 * self.done
             if not self.only and self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
