@@ -237,6 +237,8 @@ def either(name, function):
 
 
 SPARSE = {np.multiply: times, np.divide: over, np.add: plus, np.subtract: less}
+
+
 def unordered(function):
     """A function of numpy whose sums have an order of their own: refused of symbols."""
 
