@@ -3,6 +3,7 @@
 import contextlib
 import os
 from functools import cache
+from types import SimpleNamespace
 
 from curriculum.common import native
 from curriculum.common.arrays import ordered
@@ -115,18 +116,29 @@ class mapped:  # noqa: N801 - it is called as a function is
         key = q.shape[1:], resting.tobytes()
         if key not in self.known:
             self.known[key] = self.traced(q, v)
-        traced, code = self.known[key]
-        made = self.by_code(traced, code, q, v) if traced else self.one_by_one(q, v)
+        kind = self.known[key]
+        if kind is None:
+            made = self.one_by_one(q, v)
+        else:
+            self.choose(kind, len(q))
+            made = self.by_code(kind.traced, kind.code, q, v)
         return made[0] if self.single else tuple(made)
 
     def traced(self, q, v):
-        """The function on symbols, and what runs that; or two Nones."""
+        """The function on symbols, of states that are zero in the same places; or None."""
         try:
             traced = Traced(stay, None, None, q, v, self.measure, turns=len(q))
         except Untraceable:
-            return None, None
-        program = traced.program
-        return traced, code_of(traced, len(q) * program.size() if program.loops() else 0)
+            return None
+        return SimpleNamespace(traced=traced, code=None, asked=0)
+
+    def choose(self, kind, many):
+        """What runs it: where there is a loop, machine code once so many have been asked for."""
+        program = kind.traced.program
+        kind.asked += many
+        work = kind.asked * program.size() if program.loops() else 0
+        if kind.code is None or (work > WORTH and isinstance(kind.code, OneByOne)):
+            kind.code = code_of(kind.traced, work)
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""
