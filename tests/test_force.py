@@ -3,7 +3,7 @@
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.solving import solve
+from curriculum.ch3_4_constraints.solving import INSTANT, TURN, solve, turned
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.tables import UNHELD
 from curriculum.common.crowds import mapped
@@ -193,6 +193,17 @@ def test_a_fast_rod_beside_a_loop_is_answered_wherever_it_hangs(bob, pair):
     system = make_system([*square, bob], v, np.ones(4), [*frame, pair], None, anchors)
     assert c.tensions(system, system["q0"], v)[-1] > 7e7  # N; 1e8 where it hangs on an anchor
     assert c.unheld(system, system["q0"], v) < UNHELD
+
+
+def test_a_loop_is_blurred_by_what_its_rods_turn_in_an_instant_and_by_no_more_than_a_turn():
+    system = moving(tree(7, 2))
+    q, v, m = system["q0"], system["v0"], np.repeat(system["m"][:, 0], 3)
+    now, ahead = (c.constraint_terms(system, x, v)[0] for x in (q, q + INSTANT * v))
+    gained = ahead - now
+    assert np.allclose(turned(system, v), (gained / m) @ gained.T, rtol=0.03, atol=1e-12)
+    share = [sum(1.0 / system["m"][i, 0] for i in pair if i >= 0) for pair in system["pairs"]]
+    fast = np.diag(turned(system, 1e9 * v))
+    assert np.allclose(fast, (TURN * system["lengths"]) ** 2 * share, rtol=1e-6)
 
 
 def test_whole_numbers_are_solved_as_numbers():

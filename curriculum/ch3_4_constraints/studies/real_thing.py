@@ -44,7 +44,7 @@ import numpy as np
 DT = 0.005  # s, of (a)
 # of (b), {error in m: (who, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
-    error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.5))
+    error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
     for error, share in ((1e-3, 0.06), (1e-6, 0.02), (1e-9, 0.01), (1e-12, 0.004))
 }
 HIGH = 1e-3  # what A01 calls high precision
