@@ -20,10 +20,8 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._command import study_parser
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
-from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
 
 import numpy as np
@@ -162,7 +160,3 @@ def main(argv=None):
     if args.whole:
         show(*beginnings())
         show(*long_run())
-
-
-if __name__ == "__main__":
-    run_script(main)

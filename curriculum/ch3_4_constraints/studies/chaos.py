@@ -19,12 +19,11 @@ from unittest.mock import patch
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common import native
 from curriculum.common.banner import work
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import number
 from curriculum.common.crowds import mapped
 
 import numpy as np
@@ -229,7 +228,7 @@ def main(argv=None):
     """Ask and print."""
     quick = {"seeds": 100, "whole": WORK // 10, "repeats": 1, "pairs": 20, "span": 20.0}
     usual = {"whole": WORK, "repeats": REPEATS, "pairs": PAIRS, "span": SPAN}
-    parser = study_parser("chaos", __doc__, quick, **usual)
+    parser = _runs.study_parser("chaos", __doc__, quick, **usual)
     parser.add_argument("--seeds", type=number(int, 2, 10**6), default=1000, help="so many (1000)")
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
@@ -246,7 +245,3 @@ def main(argv=None):
     show(f"(b) worst rod error in {after}, none over baumgarte", [ordering(found)])
     show(f"and after {after}: medians, and worst; energy as a share of m g L", fates(found))
     show("(c) the largest Lyapunov exponent, rk4", parting(args.pairs, args.span))
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -24,7 +24,7 @@ import textwrap
 import time
 from pathlib import Path
 
-from curriculum.common.cli import Parser, run_script
+from curriculum.ch3_4_constraints.studies._runs import study_parser
 from curriculum.common.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -98,10 +98,9 @@ def machine_free(text):
 
 def main(argv=None):
     """Rewrite the blocks."""
-    parser = Parser(prog="figures", description=__doc__.partition("\n\n")[0])
-    parser.add_argument(
-        "--only", default="", metavar="WORD", help="blocks whose command contains it"
-    )
+    parser = study_parser("figures", __doc__.partition("\n\n")[0])
+    told = "blocks whose command contains it"
+    parser.add_argument("--only", default="", metavar="WORD", help=told)
     args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
@@ -124,7 +123,3 @@ def main(argv=None):
         texts[path] = text = texts[path].replace(match[0], new)
         write_whole(path, text)
     return int(failed)
-
-
-if __name__ == "__main__":
-    run_script(main)

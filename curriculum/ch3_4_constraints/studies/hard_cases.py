@@ -15,11 +15,10 @@ from multiprocessing import Pool
 from signal import SIG_IGN, SIGINT, signal
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._command import study_parser
-from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, run, study_parser
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import number
 from curriculum.common.ruler import once_for_all
 
 import numpy as np
@@ -106,7 +105,3 @@ def main(argv=None):
             tick(k + 1)
     about = f"{args.starts} starts of each scene, {args.seconds:g} s"
     show(f"largest step in s at which all are held: {about}", list(rows.values()))
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -18,11 +18,10 @@ import zlib
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing, position
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
-from curriculum.common.cli import number, run_script, writable
+from curriculum.common.cli import number, writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -140,7 +139,7 @@ def line_width(size):
 
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
-    parser = study_parser("map", __doc__, {"size": 100, "seconds": 5.0})
+    parser = _runs.study_parser("map", __doc__, {"size": 100, "seconds": 5.0})
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
@@ -164,7 +163,3 @@ def main(argv=None):
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
     write_whole(args.out, sheet(image, size, seconds))
     print(f"wrote {args.out}")
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -22,7 +22,6 @@ from importlib.util import find_spec
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._race import (
     ALL,
     HINGES,
@@ -37,7 +36,6 @@ from curriculum.ch3_4_constraints.studies._race import (
     steps_ladder,
 )
 from curriculum.ch3_4_constraints.tables import say, show
-from curriculum.common.cli import run_script
 
 import numpy as np
 
@@ -153,7 +151,7 @@ def a01(seconds=2000.0):
 
 def main(argv=None):
     """Measure and print."""
-    parser = study_parser("real_thing", __doc__)
+    parser = _runs.study_parser("real_thing", __doc__)
     parser.add_argument("--names", action="store_true", help="(a) alone; without it, (b)")
     parser.add_argument("--a01", action="store_true", help="(c) alone")
     args = parser.parse_args(argv)
@@ -178,7 +176,3 @@ def main(argv=None):
     task = _runs.double(end=True)
     found = race(task, partial(ladders, task), TARGETS)
     show("(b) the double pendulum after 5 s, time to an error in m", *found)
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -18,9 +18,9 @@ import json
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._command import study_parser
+from curriculum.ch3_4_constraints.studies._runs import study_parser
 from curriculum.common.banner import work
-from curriculum.common.cli import run_script, writable
+from curriculum.common.cli import writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -136,13 +136,12 @@ def main(argv=None):
         print(f"{FILE.name}: largest difference {gap:.1e} m, {TOLERANCE:g} is allowed")
         return int(gap > TOLERANCE)
     what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems "
-    document = {"what": f"{what}and of two of its scenes.", "made_by": f"python -m {__spec__.name}"}
+    document = {
+        "what": f"{what}and of two of its scenes.",
+        "made_by": f"python -m {__package__} reference",
+    }
     # "]], [[" stands between two samples and nowhere else: one line a sample
     text = json.dumps(document | {"times": TIMES, "cases": cases}).replace("]], [[", "]],\n[[")
     text = text.replace('"positions": [', '"positions": [\n') + "\n"
     write_whole(FILE, text)
     return 0
-
-
-if __name__ == "__main__":
-    run_script(main)

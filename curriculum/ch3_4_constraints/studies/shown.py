@@ -9,10 +9,9 @@ import math
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._command import study_parser
+from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import run_script
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -302,7 +301,7 @@ def hour():
 
 def main(argv=None):
     """Print the tables."""
-    parser = study_parser("shown", __doc__)
+    parser = _runs.study_parser("shown", __doc__)
     names = {"nargs": "*", "metavar": "NAME", "choices": [*SHOWN, []]}
     parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; all but hour")
     for name in parser.parse_args(argv).names or [name for name in SHOWN if name != "hour"]:
@@ -310,7 +309,3 @@ def main(argv=None):
         rows = [zip(columns, row, strict=True) for row in function()]
         rows = [{header: form.format(x) for (header, form), x in row} for row in rows]
         show(function.__doc__, rows)
-
-
-if __name__ == "__main__":
-    run_script(main)
