@@ -34,34 +34,6 @@ SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
 KNOBS = "dt", "whole", "w", "T"  # `whole`: the step that a Hold is for, where dt may be a half
 
 
-class Hand:
-    """Springs that pull particles to a point, one of stiffness 0 to each that is not pulled.
-
-    `point` (D,) m and `stiffness` (N,) N/m, of symbols.
-    """
-
-    def __init__(self, point, stiffness):
-        self.point, self.stiffness = point, stiffness
-
-    def force(self, q, v):
-        """(N, 3) in N, at one state."""
-        f = np.zeros(q.shape, object)
-        for i, k in enumerate(self.stiffness):
-            for axis, x in enumerate(self.point):
-                f[i, axis] = k * (x - q[i, axis] - DAMPING * v[i, axis])
-        return f
-
-    @contextmanager
-    def on(self, chapter):
-        """The chapter, whose external force has the hand's beside it for a while."""
-        own = chapter.external_force
-        chapter.external_force = lambda system, q, v=None: own(system, q, v) + self.force(q, v)
-        try:
-            yield
-        finally:
-            chapter.external_force = own
-
-
 class Tracer:
     """What the chapter computes of a scene, as functions of JavaScript.
 
@@ -92,9 +64,24 @@ class Tracer:
         hold = self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
         return self.chapter.make_force(self.system, hold)
 
+    @contextmanager
     def hand(self):
-        """A context in which the chapter's external force has the hand's beside it."""
-        return Hand(self.inputs(self.point), self.inputs(self.pulls)).on(self.chapter)
+        """A context in which the chapter's external force has the hand's beside it: springs that
+        pull particles to a point, one of stiffness 0 to each that is not pulled."""
+        own = self.chapter.external_force
+
+        def both(system, q, v=None):
+            f = np.zeros(q.shape, object)
+            for i, stiffness in enumerate(self.inputs(self.pulls)):  # N/m
+                for axis, x in enumerate(self.inputs(self.point)):  # m
+                    f[i, axis] = stiffness * (x - q[i, axis] - DAMPING * v[i, axis])
+            return own(system, q, v) + f
+
+        self.chapter.external_force = both
+        try:
+            yield
+        finally:
+            self.chapter.external_force = own
 
     def traced(self, function, knobs=()):
         """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""

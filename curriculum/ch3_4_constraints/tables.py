@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from itertools import product
 
 from curriculum.common.banner import work
 
@@ -79,13 +80,12 @@ def verdict(rows):
 
 def in_turns(jobs, repeats):
     """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
-    rounds, tick = [], work.counted("timing", (repeats + 1) * len(jobs))
-    for turn in range(repeats + 1):
-        rounds.append({})
-        for k, (name, job) in enumerate(jobs.items()):
-            rounds[-1][name] = job()
-            tick(turn * len(jobs) + k + 1)
-    return {name: [found[name] for found in rounds[1:]] for name in jobs}
+    found = {name: [] for name in jobs}
+    for turn, name in work.through("timing", list(product(range(repeats + 1), jobs))):
+        result = jobs[name]()
+        if turn > 0:
+            found[name].append(result)
+    return found
 
 
 def spread(samples, unit):

@@ -29,7 +29,8 @@ def banner(chapter, title, device, default=False):
 class Work:
     """What a program does, part by part, in a line on a terminal that is gone in the end.
 
-    plan(names) what is to come, and begin(name) each part; or go through `each` of them.
+    plan(names) what is to come, and begin(name) each part; or go through `each` of them. What has
+    one part goes `through` the items of that.
     """
 
     def __init__(self):
@@ -72,11 +73,14 @@ class Work:
             print("\033[K", end="\r", file=sys.stderr, flush=True)
         self.visible = False
 
-    def counted(self, name, steps):
-        """tick(step), for a program of one part, which has so many steps."""
+    def through(self, name, items):
+        """Each of the items, in turn, of a program of one part."""
         self.plan(name)
         self.begin(name)
-        return self.ticker(steps)
+        tick = self.ticker(len(items))
+        for k, item in enumerate(items):
+            yield item
+            tick(k + 1)
 
     def ticker(self, steps):
         """tick(step) tells which share of the steps of the part is done, and how long the others

@@ -53,10 +53,9 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, steps):
     """The Ends of a run whose rods are measured at every step."""
     many = _runs.crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
-    rods, tick = 0.0, work.counted(f"{len(system['q0'])} seeds, {rule} {mode}", steps)
-    for done in range(0, steps, BLOCK):
+    rods, name = 0.0, f"{len(system['q0'])} seeds, {rule} {mode}"
+    for done in work.through(name, range(0, steps, BLOCK)):
         rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=(0, 1)))
-        tick(min(steps, done + BLOCK))
     q, v = many.states()
     joules = mapped(partial(c.energy, system))
     gained = joules(q, v) - joules(system["q0"], system["v0"])
@@ -120,9 +119,8 @@ def growth(system, skip, span, dt):
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = _runs.crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
     onto_rods = mapped(lambda q, v: c.project(system, q, q, v, math.inf))
-    size, turns = np.ones(len(q)), round((skip + span) / RENEW)
-    tick = work.counted(f"neighbours, steps of {dt:g} s", turns)
-    for turn in range(turns):
+    size, turns = np.ones(len(q)), range(round((skip + span) / RENEW))
+    for _ in work.through(f"neighbours, steps of {dt:g} s", turns):
         near = away * (CLOSE / size)[:, None, None]
         both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
         steps.put(*onto_rods(*both))
@@ -131,7 +129,6 @@ def growth(system, skip, span, dt):
         away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
         size = np.sqrt(np.sum(away * away, axis=(0, 2, 3)))
         rates.append(np.log(size / CLOSE) / RENEW)
-        tick(turn + 1)
     return np.array(rates[round(skip / RENEW) :]).T
 
 

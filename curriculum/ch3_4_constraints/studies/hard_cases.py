@@ -96,12 +96,10 @@ def main(argv=None):
         parser.error(f"argument --methods: none contains {args.methods!r}; there are {known}")
     rows = {name: {"scene": name} for name in sorted(args.scenes or args.names)}
     jobs = list(product(rows, asked))
-    tick = work.counted("hard cases", len(jobs))
     # Ctrl-C is for this process alone
     with Pool(initializer=signal, initargs=(SIGINT, SIG_IGN)) as pool:
         cells = pool.imap(partial(job, args=args), jobs)
-        for k, ((name, title), found) in enumerate(zip(jobs, cells, strict=True)):
-            rows[name][title] = found
-            tick(k + 1)
+        for name, title in work.through("hard cases", jobs):
+            rows[name][title] = next(cells)
     about = f"{args.starts} starts of each scene, {args.seconds:g} s"
     show(f"largest step in s at which all are held: {about}", list(rows.values()))

@@ -61,14 +61,12 @@ def angle(size):
 def lights(size, rows, mode, seconds):
     """Palette entries (rows, size) of the lowest rows of a map, the lowest first."""
     pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * DT))
-    tick = work.counted(f"turning, {mode}", rows * size)
-    for begin in range(0, rows * size, BATCH):
+    for begin in work.through(f"turning, {mode}", range(0, rows * size, BATCH)):
         place = np.arange(begin, min(begin + BATCH, rows * size))
         angles = angle(size)[np.stack([place // size, place % size], axis=1)]
         turns = first_turns(angles, mode, seconds)
         late = (WHITE - 2) * (turns - 1) // looks
         pixels[place] = np.where(turns > 0, WHITE - 1 - late, NEVER)
-        tick(begin + len(place))
     return pixels.reshape(rows, size)
 
 

@@ -108,15 +108,14 @@ def integrate(system, digits):
 
 def compute(names):
     """{name: its case}; prints a line a case."""
-    cases, tick = {}, work.counted("digits", len(names))
-    for k, name in enumerate(names):
+    cases = {}
+    for name in work.through("digits", names):
         (coarse, _), (fine, drift) = (integrate(c.build_system(name), d) for d in (COARSE, FINE))
         assert drift < 10.0**-COARSE, f"{name}: energy error {float(drift):.1e} J"
         error = np.max(np.abs(fine - coarse))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
         work.wipe()
         print(f"{name:15} error {error:.1e} m, energy error {float(drift):.1e} J", flush=True)
-        tick(k + 1)
     return cases
 
 

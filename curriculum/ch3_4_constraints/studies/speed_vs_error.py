@@ -72,10 +72,9 @@ def main(argv=None):
     parser = study_parser("speed_vs_error", __doc__, quick, most=MOST, methods=METHODS)
     args = parser.parse_args(argv)
     task = double()
-    rows, tick = [], work.counted("climbing", len(args.methods))
-    for k, method in enumerate(args.methods):
+    rows = []
+    for method in work.through("climbing", args.methods):
         rows += ladder(task, *method, args.most)
-        tick(k + 1)
     rows = [row for row in ahead(rows) if row["error"] < FAR]
     rows.sort(key=lambda row: row["error"])
     show("the double pendulum, 5 s: error in m, and linear systems solved a second", rows)
