@@ -14,14 +14,12 @@ import time
 from collections import namedtuple
 from functools import partial
 from importlib.util import find_spec
-from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _race, _runs
 from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common import native
 from curriculum.common.banner import work
 from curriculum.common.cli import number
 from curriculum.common.crowds import mapped
@@ -148,73 +146,31 @@ def parting(pairs, span):
 
 
 # --- (d) beside peers ---
-def our_ladder(task, rule):
-    """Rungs of the crowd of a Task under a rule; on one core, whatever there are."""
-    system = task.system
-
-    def go(many, task, per):
-        many.dt = task.every / per
-
-        def again():
-            many.put(system["q0"], system["v0"])
-
-        with patch.object(native, "CORES", 1):
-            seconds = peers.least(again, lambda: many.advance(per))
-        return seconds, many.states()[0][..., :2]
-
-    build = partial(_runs.crowd, system, rule, "none", LONG)  # what is compiled takes any step
-    return _race.steps_ladder(task, 8, 400, build, go, rule)
-
-
-def taylor_ladder(system, finest=15.0):
-    """Rungs of heyoka, from the angles of all members' rods."""
-    one, angles = first_and_angles(system)
-
-    def go(flow):
-        seconds, found = peers.heyoka_crowd(flow, angles, LONG)
-        return seconds, peers.placed(one, found)
-
-    return _race.taylor_ladder(finest, partial(peers.heyoka_batch, one), go)
-
-
-def rollout_ladder(system, counts=ROLLED):
-    """Rungs of MuJoCo, in joint angles."""
-    one, angles = first_and_angles(system)
-    hinges = peers.hinge_angles(angles)
-
-    def go(model, steps):
-        seconds, found = peers.hinges_crowd(model, hinges, steps, LONG / steps)
-        return seconds, peers.placed(one, np.cumsum(found, axis=-1))
-
-    build = partial(peers.hinges_model, _runs.Task(one, 1, LONG, None))
-    return [Rung(f"steps {steps}", build, partial(go, steps=steps)) for steps in counts]
-
-
-def first_and_angles(system):
-    """The first member of a crowd as a system, and the angles (R, N) of all members' rods."""
-    angles = [peers.start_angles({"q0": q}) for q in system["q0"]]
-    return system | {"q0": system["q0"][0], "v0": system["v0"][0]}, np.array(angles)
-
-
 def beside():
     """(d) Rows and bars: who takes how long for the crowd to each error."""
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
     truth = true.states()[0][..., :2]
-    theirs = {}
-    if find_spec("heyoka"):
-        theirs[TAYLOR] = [taylor_ladder(system)]
-    if find_spec("mujoco"):
-        theirs[HINGES] = [rollout_ladder(system)]
 
     def off(q):
         return np.max(np.linalg.norm(q - truth, axis=-1))
 
     task, mine = _runs.Task(system, 1, LONG, off), OURS if _runs.NATIVE else PYTHON
+    theirs = {}
+    if find_spec("heyoka"):
+        build, go = partial(peers.heyoka_batch, task), partial(peers.heyoka_crowd, task=task)
+        theirs[TAYLOR] = [_race.taylor_ladder(15.0, build, go)]
+    if find_spec("mujoco"):
+        build, go = partial(peers.hinges_model, task), partial(peers.hinges_crowd, task=task)
+        theirs[HINGES] = [[Rung(f"steps {n}", build, partial(go, per=n)) for n in ROLLED]]
+
+    def climb(rule):  # what is compiled takes any step
+        build = partial(_runs.crowd, system, rule, "none", LONG)
+        return _race.steps_ladder(task, 8, 400, build, peers.our_crowd, rule)
 
     def racers(error):
-        return theirs | {mine: [our_ladder(task, rule) for rule in _race.offered(error)]}
+        return theirs | {mine: [climb(rule) for rule in _race.offered(error)]}
 
     targets = dict.fromkeys(ERRORS, [(OURS, who, STEPS, 1.0) for who in theirs])
     title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m"
