@@ -48,12 +48,12 @@ def comparison(found):
         if len(run.tip) == 1:  # not a single step
             worst = end = energy = "-"
         odd = row["unheld"] > UNHELD or (row["energy_step_max"] > JUMP and not run.stopped)
-        name = mode + "*" * bool(run.note or odd)
+        name = mode + "*" * bool(run.remark or odd)
         error = "-" if error is None else no_finer(error, truth.known)
         print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
-        if run.note:
-            say(f"* {mode} {run.note}")
+        if run.remark:
+            say(f"* {mode} {run.remark}")
         left, jump = rows[mode]["unheld"], rows[mode]["energy_step_max"]
         if left > UNHELD:
             say(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")

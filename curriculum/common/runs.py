@@ -47,15 +47,11 @@ class Run(SimpleNamespace):
         return 1e6 * self.seconds / max(1, len(self.tip) - 1)
 
     @property
-    def note(self):
+    def remark(self):
         """What is to be said of a run that did not go straight to its end."""
         many = "a step" if self.halved == 1 else f"{self.halved} steps"
         halved = f"took {many} in halves" if self.halved else ""
         return ", and ".join(filter(None, (halved, self.stopped)))
-
-    def every(self, steps):
-        """The kept states q, v (K, ..., N, 3) of each so many steps."""
-        return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
 
     def summary(self, scale, truth):
         """What a run came to, rounded: m; its worst energy error, and the most that the energy

@@ -6,7 +6,7 @@ All runs here are of the naive solve: gddot = 0, and nothing else.
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 from curriculum.ch3_4_constraints.studies import _runs
 
 import numpy as np
@@ -55,4 +55,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

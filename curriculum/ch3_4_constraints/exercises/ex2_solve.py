@@ -6,7 +6,7 @@ Find them on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what hol
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 
 import numpy as np
 
@@ -56,4 +56,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

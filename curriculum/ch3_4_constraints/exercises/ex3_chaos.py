@@ -6,7 +6,7 @@ The double pendulum, by rk4 with Baumgarte's spring, from starts that are equal,
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 
 import numpy as np
 
@@ -60,4 +60,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

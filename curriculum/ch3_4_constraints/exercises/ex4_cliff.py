@@ -9,7 +9,7 @@ has half the damping, gddot = -w gdot - w^2 g, and no table knows its cliffs.
 from functools import partial
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 
 import numpy as np
 
@@ -60,4 +60,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

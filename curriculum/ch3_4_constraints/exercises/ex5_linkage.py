@@ -9,7 +9,7 @@ baumgarte, impulse, soft and project holds it and another does not. `none` would
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 from curriculum.ch3_4_constraints.studies import _runs
 
 SCENE = Path(__file__).with_name("my_linkage.json")
@@ -45,4 +45,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)
