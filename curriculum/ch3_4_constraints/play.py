@@ -31,7 +31,8 @@ STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
 STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
 TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s
 SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
-KNOBS = "dt", "whole", "w", "T"  # `whole`: the step that a Hold is for, where dt may be a half
+# of a step, as JavaScript has them; `whole`: the step that a Hold is for, where dt may be a half
+KNOBS = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
 
 
 class Tracer:
@@ -47,12 +48,9 @@ class Tracer:
         self.writer, self.inexact = Writer(), set()
         count = len(system["q0"])
         self.still = np.arange(3) >= np.full((count, 1), axes)
-        self.point = [f"hand_{axis}" for axis in range(axes)]
-        self.pulls = [f"pull_{i}" for i in range(count)]
-        self.knobs = [*KNOBS, *self.point, *self.pulls]
-        self.given = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
-        self.given |= {x: f"knobs.hand[{k}]" for k, x in enumerate(self.point)}
-        self.given |= {x: f"knobs.pull[{k}]" for k, x in enumerate(self.pulls)}
+        self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
+        self.pulls = {f"pull_{k}": f"knobs.pull[{k}]" for k in range(count)}
+        self.knobs = KNOBS | self.point | self.pulls
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
@@ -83,13 +81,12 @@ class Tracer:
         finally:
             self.chapter.external_force = own
 
-    def traced(self, function, knobs=()):
+    def program(self, function, knobs=()):
         """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""
         program = Program(function, self.still, self.still, knobs=knobs)
         self.inexact |= inexact(program)
         self.live = program.live
-        given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.given
-        return program, given
+        return program, {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.knobs
 
     def step(self, mode):
         """The name of the function (state, dt, knobs) -> state, an array."""
@@ -103,7 +100,7 @@ class Tracer:
         def step(q, v, dt, *_):
             return followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
 
-        program, given = self.traced(step, self.knobs)
+        program, given = self.program(step, self.knobs)
         for result, mask in zip(program.results, (self.still, self.still), strict=True):
             if any(s.x != 0.0 for s in result[mask]):
                 raise Leaves
@@ -117,7 +114,7 @@ class Tracer:
             joules = self.chapter.energy(self.system, q, v)
             return np.array([joules]), self.chapter.rod_errors(self.system, q)
 
-        program, given = self.traced(measure)
+        program, given = self.program(measure)
         return self.writer.program(program, ["state"], given)
 
     def tensions(self):
@@ -127,7 +124,7 @@ class Tracer:
             with self.hand():
                 return (self.chapter.tensions(self.system, q, v),)
 
-        program, given = self.traced(tensions, self.knobs)
+        program, given = self.program(tensions, self.knobs)
         return self.writer.program(program, ["state", "dt", "knobs"], given)
 
 
