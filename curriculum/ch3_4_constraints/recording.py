@@ -2,16 +2,8 @@
 
 import zlib
 
+from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
-from curriculum.ch3_4_constraints.svg import (
-    EXCESS,
-    GREY,
-    MISSING,
-    PULL,
-    PUSH,
-    RECORDED,
-    mode_colors,
-)
 
 import numpy as np
 
@@ -38,7 +30,7 @@ too long, whose too short? Whose energy left zero, and which way?
 def rgb(color, share=1.0):
     """[r, g, b] of a colour of svg as a recording has it, or what is `share` (...,) on the way to
     it from grey: (..., 3)."""
-    goal, grey = (np.array([*bytes.fromhex(RECORDED[x][1:])]) for x in (color, GREY))
+    goal, grey = (np.array([*bytes.fromhex(svg.RECORDED[x][1:])]) for x in (color, svg.GREY))
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
 
 
@@ -72,15 +64,15 @@ def draw(system, q, pulls, full, color, ball):
     error = rod_errors(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)
     share = np.clip(np.abs(pulls) / full, 0.0, 1.0)
-    glow = np.where(pulls[..., None] > 0.0, rgb(PULL, share), rgb(PUSH, share))
+    glow = np.where(pulls[..., None] > 0.0, rgb(svg.PULL, share), rgb(svg.PUSH, share))
     particles = rr.Points3D.columns(positions=q.reshape(-1, 3))
     particles = particles.partition([q.shape[1]] * len(q))
     path, thin = rr.Points3D.columns(positions=q[:, -1]), rr.Radius.ui_points(1.5)
     every = np.ones_like(error, dtype=bool)
     return {  # what is within a particle is hidden by it, and need not be there
         "rods": lines(tails, ends, every, 3.0, colors=glow.reshape(-1, 3)),
-        "excess": lines(marks, heads, error > ball, 4.0, rgb(EXCESS)),
-        "missing": dashed(heads, marks, error < -ball, 3.0, rgb(MISSING)),
+        "excess": lines(marks, heads, error > ball, 4.0, rgb(svg.EXCESS)),
+        "missing": dashed(heads, marks, error < -ball, 3.0, rgb(svg.MISSING)),
         "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),
         "path": (rr.Points3D.from_fields(radii=thin, colors=color), path),
     }
@@ -104,7 +96,7 @@ def record(found):
 
     system, runs, dt = found.system, found.runs, found.dt
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
-    colors = mode_colors(runs)
+    colors = svg.mode_colors(runs)
     low, high, bar = box(system, runs)
     ball = min(0.014 * np.max(high - low), 0.3 * float(np.min(system["lengths"])))
     states, pulls, curves = {}, {}, {FORCES: {}, RODS: {}, ENERGY: {}}
@@ -139,7 +131,7 @@ def record(found):
     line = [begin, begin + [bar, 0.0, 0.0]]
     send("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
     send("/", rr.ViewCoordinates.RIGHT_HAND_Y_UP)
-    send("anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(GREY)))
+    send("anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(svg.GREY)))
     send("bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL]))
     known = len(found.motion)
     if known:
@@ -147,7 +139,7 @@ def record(found):
         seconds = dt * np.append(found.shown[:known], found.shown[known - 1] + 1)
         tails, _, heads = rod_ends(system, q)
         shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
-        send("truth", *lines(tails, heads, shown, 1.0, rgb(GREY)), seconds)
+        send("truth", *lines(tails, heads, shown, 1.0, rgb(svg.GREY)), seconds)
     for mode, run in runs.items():
         key, color = rr.escape_entity_path_part(mode), rgb(colors[mode])
         steps, q, _ = states[mode]

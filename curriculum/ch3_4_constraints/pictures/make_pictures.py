@@ -15,6 +15,7 @@ from pathlib import Path
 import constraints as c
 from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.pages import scene_page
+from curriculum.ch3_4_constraints.picture import DECADES
 from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
 from curriculum.ch3_4_constraints.studies import chaos as thousand
 from curriculum.ch3_4_constraints.studies import hard_cases as hard
@@ -33,7 +34,7 @@ METHODS += [("midpoint:8", "project"), ("gauss:12:1e-14", "project")]
 DASHES = {"semi_implicit": "none", "euler": "1 6", "rk4": "10 5"}  # modes are told by colours
 DASHES |= {"midpoint:8": "2 5", "gauss:12:1e-14": "14 4 2 4"}
 SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
-LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
+LENGTHS = DECADES | {1e-15: "1 fm"}
 
 
 def turned(degrees, length):
@@ -103,13 +104,13 @@ def forces():
 def drift():
     """The worst rod error of the five modes over the default run."""
     dt, steps, every, curves = 0.005, 4000, 20, {}
-    times, lengths = dt * every * np.arange(1, steps // every + 1), dict([*LENGTHS.items()][:-1])
+    times = dt * every * np.arange(1, steps // every + 1)
     for mode in c.hold_table():
         found = run(c.build_system("double"), "semi_implicit", mode, dt, steps).violations[1:]
         worst = np.maximum(np.max(found.reshape(-1, every), axis=1), 1e-12)  # its tolerance
         curves[mode] = MODES[mode], list(zip(times, worst, strict=True))
     x = "time, s", (0.0, 20.0), {float(t): f"{t}" for t in range(0, 21, 5)}
-    return svg.chart("What keeps the rods?", x, ("worst rod error", (1e-13, 3.0), lengths), curves)
+    return svg.chart("What keeps the rods?", x, ("worst rod error", (1e-13, 3.0), DECADES), curves)
 
 
 def cost():
@@ -163,11 +164,8 @@ def chaos():
         points = list(zip(np.clip(gained, -0.6, 1.0)[::10], share[::10], strict=True))
         name = mode if rule == "semi_implicit" else f"{rule} {mode}"
         curves[name] = MODES[mode], points, dashes[rule]
-    x = (
-        "energy gained, of m g L",
-        (-0.6, 1.0),
-        {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"},
-    )
+    shares = {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"}
+    x = "energy gained, of m g L", (-0.6, 1.0), shares
     y = "share of the seeds below", (0.0, 1.0), {0.0: "0", 0.5: "half", 1.0: "all"}
     return svg.chart("What do leaky rods do to a crowd?", x, y, curves, (560, 380), 110)
 

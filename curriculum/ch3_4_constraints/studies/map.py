@@ -89,12 +89,12 @@ def png(pixels):
     return found
 
 
-def sheet(pixels, size, seconds):
+def sheet(pixels, size, gap, seconds):
     """The text of an SVG: a map of palette entries (rows, size), its axes, and what colours mean.
 
-    Of its rows the first `size` are the map, and the last the strip by `none`.
+    Of its rows the first `size` are the map, then `gap` a line, and the last the strip by `none`.
     """
-    rows, gap = len(pixels), line_width(size)
+    rows = len(pixels)
     tall = EDGE * rows / size  # pixels of the sheet
     drawn = Drawing(LEFT + EDGE + 104, round(TOP + tall + 64), "When does it turn over?")
 
@@ -130,11 +130,6 @@ def sheet(pixels, size, seconds):
     return drawn.text()
 
 
-def line_width(size):
-    """Pixels of the line between the map and the strip."""
-    return max(1, size // 200)
-
-
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
     parser = _runs.study_parser("map", __doc__, {"size": 100, "seconds": 5.0})
@@ -157,7 +152,7 @@ def main(argv=None):
         row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER)}
         rows.append(row | {"without the energy": np.sum(seen[poor[: len(seen)]] > NEVER)})
     show(f"share of starts at rest that turn over within {seconds:g} s", rows)
-    line = np.full((line_width(size), size), WHITE, dtype=np.uint8)
+    line = np.full((max(1, size // 200), size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
-    write_whole(args.out, sheet(image, size, seconds))
+    write_whole(args.out, sheet(image, size, len(line), seconds))
     print(f"wrote {args.out}")
