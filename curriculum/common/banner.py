@@ -1,4 +1,4 @@
-"""The first line that a chapter prints, how long is left, and how long a default run took.
+"""The first line that a chapter prints, what is under way, and how long a default run took.
 
 python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run, and notes it
 """
@@ -14,7 +14,6 @@ from curriculum.common.files import check_writable, write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
 SOON, OFTEN = 0.5, 0.1  # s: what takes longer is told of, and no more often than that
-SURE = 1.0  # s of steps, after which one can tell how long the others will take
 
 
 def banner(chapter, title, device, default=False):
@@ -83,23 +82,15 @@ class Work:
             tick(k + 1)
 
     def ticker(self, steps):
-        """tick(step) tells which share of the steps of the part is done, and how long the others
-        take at the latest pace: the first ones are slow, for they are traced and compiled."""
-        marks = []  # times in s, and steps done by then
+        """tick(step) tells which share of the steps of the part is done."""
 
         def tick(step):
-            if step >= steps:
-                self.tell() if len(self.names) > 1 else self.wipe()
-                return
-            now = time.monotonic()
-            if not marks or now > marks[-1][0] + OFTEN:
-                marks.append((now, step))
-            first, share = marks[0][0], f", {step / steps:.0%}"
-            before, done = next(x for x in reversed(marks) if x[0] <= 0.5 * (first + now))
-            if now > first + SURE and step > done:
-                left = (steps - step) * (now - before) / (step - done)
-                share += f", {about(left)} left of it"
-            self.tell(share)
+            if step < steps:
+                self.tell(f", {step / steps:.0%}")
+            elif len(self.names) > 1:
+                self.tell()
+            else:
+                self.wipe()
 
         return tick
 
@@ -123,13 +114,6 @@ def progress(what, steps):
         work.plan(what)
         work.begin(what, runs=True)
     return work.ticker(steps)
-
-
-def about(seconds):
-    """A time in words, without more digits than an estimate has."""
-    units = (3600.0, "h"), (60.0, "min"), (1.0, "s")
-    size, unit = next((size, unit) for size, unit in units if seconds >= size - 1.0)
-    return f"about {max(1, round(seconds / size))} {unit}"
 
 
 def processor():

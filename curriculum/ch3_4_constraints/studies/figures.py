@@ -63,22 +63,18 @@ def listed(what):
     if part is None:
         raise ValueError("a listing is of FILE FUNCTION, from START, to START")
     file, name, start, last = part.groups()
-    lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
-    nodes = ast.walk(ast.parse("\n".join(lines)))
-    found = [x for x in nodes if isinstance(x, ast.FunctionDef) and x.name == name]
-    if not found:
-        raise ValueError(f"{file} has no function {name}")
-    function = found[0]
-    first, end = function, function
-    if start is not None:
-        statements = [x for x in ast.walk(function) if isinstance(x, ast.stmt)]
+    text = (ROOT / file).read_text(encoding="utf-8")
+    statements = [x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.stmt)]
+    lines = text.splitlines()
+    function = starting(statements, lines, f"def {name}(")
+    first, end, docstring = function, function, ast.get_docstring(function, clean=False)
+    if start:
         first = starting(statements, lines, start, function.lineno)
         end = starting(statements, lines, last, first.lineno) if last else first
-    wanted = set(range(first.lineno, end.end_lineno + 1))
-    if ast.get_docstring(function) is not None:
-        docstring = function.body[0]
-        wanted -= set(range(docstring.lineno, docstring.end_lineno + 1))
-    return textwrap.dedent("".join(f"{lines[k - 1]}\n" for k in sorted(wanted)))
+    shown = lines[first.lineno - 1 : end.end_lineno]
+    if docstring and not start:
+        del shown[1 : 1 + len(docstring.splitlines())]
+    return textwrap.dedent("\n".join(shown)) + "\n"
 
 
 def machine_free(text):
