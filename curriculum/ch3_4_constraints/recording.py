@@ -14,8 +14,11 @@ LABEL = [255, 255, 255]  # its ground is dark in the light theme, too
 LOOP = 8.0  # s at the end that are played again and again: there the modes differ
 LEGEND = 0.35  # room for the legend, as a share of the time shown
 FLOOR = 1e-9  # m: a rod error of less is drawn as 0
-FORCES, ENERGY = "pull of the first rod, N", "energy error, share of m g L"
-RODS = "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
+PLOTS = {  # titles
+    "pull": "pull of the first rod, N",
+    "rods": "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)",
+    "energy": "energy error, share of m g L",
+}
 GUIDE = """**{title}**
 
 **Rods** glow orange where they pull, violet where they push; full glow = {full:.3g} newtons.
@@ -99,13 +102,13 @@ def record(found):
     colors = svg.mode_colors(runs)
     low, high, bar = box(system, runs)
     ball = min(0.014 * np.max(high - low), 0.3 * float(np.min(system["lengths"])))
-    states, pulls, curves = {}, {}, {FORCES: {}, RODS: {}, ENERGY: {}}
+    states, pulls, curves = {}, {}, {plot: {} for plot in PLOTS}
     for mode, run in runs.items():
         steps, q, v = states[mode] = found.states(mode, [*found.shown, run.kept[-1]])
         pulls[mode] = found.tensions[mode](q, v)
-        curves[FORCES][mode] = pulls[mode][:, :1]
-        curves[RODS][mode] = decades(rod_errors(system, q))
-        curves[ENERGY][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
+        curves["pull"][mode] = pulls[mode][:, :1]
+        curves["rods"][mode] = decades(rod_errors(system, q))
+        curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
     checksum = zlib.crc32(repr((dt, found.rows)).encode())
@@ -151,8 +154,8 @@ def record(found):
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
             send(f"modes/{key}", None, rr.Clear.columns(is_recursive=[True]), seconds[-1:] + dt)
             send(f"lost/{key}", None, said, seconds[-1:] + dt)
-        for plot, name in zip(PLOTS, curves, strict=True):
-            curve = curves[name][mode]
+        for plot in PLOTS:
+            curve = curves[plot][mode]
             many = curve.shape[1]
             style = rr.SeriesLines(colors=[color] * many, names=[mode] * many)
             values = rr.Scalars.columns(scalars=curve.ravel()).partition([many] * len(curve))
@@ -160,12 +163,9 @@ def record(found):
     return memory.drain_as_bytes()
 
 
-PLOTS = "pull", "rods", "energy"  # the folders of their curves
-
-
 def blueprint(found, end, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
-    what to look at; beside them plots, whose axes fit `lively` {title: values}. `end`: in s."""
+    what to look at; beside them plots, whose axes fit `lively` {plot: values}. `end`: in s."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -189,14 +189,14 @@ def blueprint(found, end, low, high, lively):
         where = {"origin": f"modes/{key}", "contents": shared, "overrides": trails}
         left.append(rrb.Spatial3DView(name=name, **where, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    for plot, (name, values) in zip(PLOTS, lively.items(), strict=True):
-        part = (0.005, 0.995) if name == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+    for plot, values in lively.items():
+        part = (0.005, 0.995) if plot == "pull" else (0.0, 1.0)  # a spike of force may be cut off
         least, most = np.quantile(values, part).tolist()
         room = 0.05 * (most - least) + 1e-12
-        legend = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=name == ENERGY)
+        legend = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=plot == "energy")
         y = rrb.ScalarAxis(range=(least - room, most + room))
         axes = {"axis_x": time, "axis_y": y, "plot_legend": legend}
-        right.append(rrb.TimeSeriesView(name=name, origin=plot, **axes))
+        right.append(rrb.TimeSeriesView(name=PLOTS[plot], origin=plot, **axes))
     last = [round(1e9 * seconds) for seconds in (max(0.0, end - LOOP), end)]
     loop = {"loop_mode": "selection", "time_selection": rrb.components.AbsoluteTimeRange(*last)}
     panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing", **loop)
