@@ -76,23 +76,18 @@ class Work:
         """Each of the items, in turn, of a program of one part."""
         self.plan(name)
         self.begin(name)
-        tick = self.ticker(len(items))
         for k, item in enumerate(items):
             yield item
-            tick(k + 1)
+            self.share(k + 1, len(items))
 
-    def ticker(self, steps):
-        """tick(step) tells which share of the steps of the part is done."""
-
-        def tick(step):
-            if step < steps:
-                self.tell(f", {step / steps:.0%}")
-            elif len(self.names) > 1:
-                self.tell()
-            else:
-                self.wipe()
-
-        return tick
+    def share(self, step, steps):
+        """Tell which share of the steps of the part is done."""
+        if step < steps:
+            self.tell(f", {step / steps:.0%}")
+        elif len(self.names) > 1:
+            self.tell()
+        else:
+            self.wipe()
 
 
 work = Work()
@@ -113,7 +108,7 @@ def progress(what, steps):
     if not work.names:
         work.plan(what)
         work.begin(what, runs=True)
-    return work.ticker(steps)
+    return lambda step: work.share(step, steps)
 
 
 def processor():
