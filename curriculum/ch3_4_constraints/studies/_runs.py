@@ -84,8 +84,8 @@ def energy_scale(system):
 
 
 def drift(system, run):
-    """The largest energy error (...) of a run, as a share of that."""
-    return np.max(np.abs(run.energies - run.energies[0]), axis=0) / energy_scale(system)
+    """The largest energy error of a run, as a share of that."""
+    return np.max(np.abs(run.energies - run.energies[0])) / energy_scale(system)
 
 
 def host(**more):
