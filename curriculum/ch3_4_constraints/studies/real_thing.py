@@ -159,11 +159,17 @@ def show_race(title, rows, bars):
 
     `title`: its braces are for the error.
     """
-    columns = "error", "us", "build, ms", "in all, ms", "ours/it", "setting"
+    times = "us", "build, ms", "in all, ms"
     for error in dict.fromkeys(row["to"] for row in rows):
         own = [row for row in rows if row["to"] == error]
         of_this = [bar for bar in bars if bar[0].startswith(f"{error}: ")]
-        shown = [{"engine": row["who"]} | {key: row[key] for key in columns} for row in own]
+        shown = []
+        for row in own:
+            cells = {"engine": row["who"], "error": f"{row['error']:.1e}"}
+            cells |= {key: row[key] for key in times}
+            share = row["ours/it"]
+            cells["ours/it"] = share if share == "-" else f"{share:.2g}"
+            shown.append(cells | {"setting": row["setting"]})
         show(title.format(error), shown, of_this)
 
 
