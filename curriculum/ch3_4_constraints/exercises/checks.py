@@ -204,7 +204,7 @@ def judge(main):
         except (Blank, Wrong, SceneError) as message:
             print(message)
             return int(not isinstance(message, Blank))
-        print(f"{name}.py: solved. One question is left, and solutions/README.md answers it:")
+        print(f"{name}.py: solved. One question is left; solutions/README.md answers it:")
         print(exercise.WHY)
         return 0
 

@@ -24,7 +24,7 @@ def ship():
     See what the modes make of it: python constraints.py --system jansen_leg --no-rerun
     That is 20 s. The check goes by the first 2 s, and finds smaller errors.
     """
-    return blank("a mode for Jansen's leg: 'none', 'baumgarte', 'impulse', 'soft' or 'project'")
+    return blank("the mode you would ship, by its name, such as 'none'")
 
 
 def worst(system, mode):
