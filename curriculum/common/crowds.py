@@ -43,25 +43,25 @@ def code_of(traced, work):
 def run(code, program, state, count, *knobs):
     """`count` steps of members: their ends (entries, members), from `state`, and what was made.
 
-    That is (count, numbers, members), what the program makes beside the state at each step.
+    That is (numbers, members): the largest that the program has made beside the state at any step;
+    after one step just what it makes.
     """
     entries, members = state.shape
     some = -(-members // (native.CORES * code.lanes)) * code.lanes if code.lanes > 1 else members
     filled = -(-members // code.lanes) * code.lanes
     ends = np.empty((entries, filled))
     ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
-    made = len(program.out) - entries
-    rows = np.empty((count, made, filled)) if made else None
+    made = np.full((len(program.out) - entries, filled), -np.inf)
 
     def advance(first):  # threads run side by side: ctypes lets go of the interpreter
         piece = slice(first, first + some)
-        code(ends[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
+        code(ends[:, piece], count, made[:, piece], *knobs)
 
     if some < filled:
         list(pool().map(advance, range(0, members, some)))
     else:
         advance(0)
-    return ends[:, :members], None if rows is None else rows[:, :, :members]
+    return ends[:, :members], made[:, :members]
 
 
 class Crowd:
@@ -85,9 +85,9 @@ class Crowd:
         return self.traced.states(self.columns.T)
 
     def advance(self, count):
-        """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
-        self.columns, rows = run(self.code, self.traced.program, self.columns, count, self.dt)
-        return rows
+        """Take `count` steps; (numbers, R): the largest that was measured at any of them."""
+        self.columns, most = run(self.code, self.traced.program, self.columns, count, self.dt)
+        return most
 
 
 def stay(q, v, m, force, dt):
@@ -142,7 +142,7 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""
-        _, (rows,) = run(code, traced.program, traced.columns(q, v), 1, 0.0)
+        _, rows = run(code, traced.program, traced.columns(q, v), 1, 0.0)
         for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):
             rows[:, k] = np.concatenate([np.ravel(x) for x in self.measure(*self.state(q, v, k))])
         made, first = [], 0

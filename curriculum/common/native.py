@@ -358,40 +358,48 @@ def assembly(program, lanes):
     """i64 run(state, count, out, members, knobs, unsettled): how many steps were done.
 
     Of `lanes` members out of many. state (entries, members): where they begin, and then where they
-    end. out (count, rows, members), or null: every state, or what the program makes besides, if it
-    does. knobs (knobs, lanes). A single member ends with a step whose end is not finite, which is
-    not counted;
-    `unsettled` becomes 1 if a loop that came to no end is to blame, and else 0.
+    end. out (numbers, members), if the program makes numbers besides: the largest that were made,
+    or what stood there if that is larger. If it makes none, and for a single member only: out
+    (count, entries), every state, or null. knobs (knobs, lanes). A single member ends with a step
+    whose end is not finite, which is not counted; `unsettled` becomes 1 if a loop that came to no
+    end is to blame, and else 0.
     """
     w, tape, many = Writer(lanes, {}, lanes == 1), program.tape, len(program.inputs)
-    given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
-    state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
+    numbers = len(program.out) - many
+    state_at, most_at = (
+        [w.entry(array, w.new(f"mul i64 %members, {k}"), "double") for k in range(count)]
+        for array, count in (("%state", many), ("%out", numbers))
+    )
+    state = [w.variable(w.load(place)) for place in state_at]
+    most = [w.variable(w.load(place)) for place in most_at]
+    done = w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
-    silent = w.new("icmp eq ptr %out, null")
     w.store("false", UNSETTLED, "i1")
     w.begin("step")
     before = w.load(done, "i64")
     env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
     w.operations(tape, tape.needed(program.out), env)
     out = [w.value(env, s) for s in program.out]
-    for value, place in zip(out, state, strict=False):
+    for value, place in zip(out[:many], state, strict=True):
         w.store(value, place)
+    for value, place in zip(out[many:], most, strict=True):
+        w.store(w.compared("max", w.load(place), value), place)
     good = "true"
     for value in out[:many] if lanes == 1 else ():
         good = w.new(f"and i1 {good}, {w.finite(value)}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
-    w.begin("write", f"i1 {silent}, label %next, label %write")
-    rows = out[many:] or out
-    row = w.new(f"mul i64 {before}, {len(rows)}")
-    for k, value in enumerate(rows):
-        place = w.new(f"mul i64 {w.new(f'add i64 {row}, {k}')}, %members")
-        w.store(value, w.entry("%out", place, "double"))
-    w.begin("next")
+    if lanes == 1 and not numbers:
+        silent = w.new("icmp eq ptr %out, null")
+        w.begin("write", f"i1 {silent}, label %next, label %write")
+        row = w.new(f"mul i64 {before}, {many}")
+        for k, value in enumerate(out):
+            w.store(value, w.entry("%out", w.new(f"add i64 {row}, {k}"), "double"))
+        w.begin("next")
     more = w.new(f"icmp slt i64 {after}, %count")
     more = w.new(f"and i1 {more}, {good}")
     w.begin("end", f"i1 {more}, label %step, label %end")
-    for place, end in zip(state, given, strict=True):
+    for place, end in zip(state + most, state_at + most_at, strict=True):
         w.store(w.load(place), end)
     pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
     pointers += ", ptr noalias %unsettled"
@@ -450,9 +458,10 @@ class Native:
     def __call__(self, state, count, out, *knobs):
         """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
 
-        Members come by `lanes`. out (count, rows, members), or None, becomes all states, or what is
-        measured of them. A single member ends with a step whose end is not finite, which is not
-        counted; `unsettled`: whether a loop that came to no end is to blame.
+        Members come by `lanes`. out (numbers, members), part of an array like it, or None: see
+        `assembly`. Of a single member it may be (count, entries) and becomes all states; it ends
+        with a step whose end is not finite, which is not counted. `unsettled`: whether a loop that
+        came to no end is to blame.
         """
         many = self.lanes * len(knobs)
         given = (ctypes.c_double * many)(*[x for x in knobs for _ in range(self.lanes)])

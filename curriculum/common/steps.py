@@ -204,7 +204,7 @@ class Single:
         `unsettled`: whether a loop that came to no end is the trouble, as machine code can tell.
         """
         if self.machine:
-            return self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
+            return self.machine(np.array(state)[:, None], len(rows), rows, dt)
         done, entries = 0, rows.shape[1]
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
