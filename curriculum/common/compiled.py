@@ -13,9 +13,11 @@ import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# characters of code in all steps of the first block, and of a later one; loops count once
-SHORT, LONG = 1_000_000, 40_000_000
-LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
+# operations in all steps of the first block, and of a later one; loops count once
+SHORT, LONG = 75_000, 3_000_000
+QUICKER = 20  # times as many operations are in a block of machine code, which takes no longer
+LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
+DEAR = 5000  # operations: to write as many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
@@ -76,9 +78,14 @@ class Compiled:
         """Trace the step; or find out why that cannot be done."""
         try:
             self.alone = Single(Traced(*self.given, q, v, turns=self.steps))
-            self.way = "compiled to Python"
         except Untraceable as why:
             self.give_up(why)
+            return
+        self.way = "compiled to Python"
+        if self.alone.size > DEAR and self.steps > 1 and native.available():
+            with contextlib.suppress(native.Unavailable):
+                self.to_machine(best=False)
+        self.alone.prepare()
 
     def give_up(self, why):
         """Go on plainly."""
@@ -123,8 +130,10 @@ class Compiled:
 
     def count(self, entries):
         """How many steps the next block has; never by the clock, so that runs are alike."""
-        most, code = (self.steps, LONG) if self.done else (min(FIRST, self.steps), SHORT)
-        return max(1, min(most, BLOCK // entries, code // len(self.source)))
+        most, work = (self.steps, LONG) if self.done else (min(FIRST, self.steps), SHORT)
+        if self.alone.machine:
+            work *= QUICKER
+        return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
     def differs(self, start, rows):
         """Whether a step of a block (count, entries) is another than the plain one.
@@ -152,7 +161,7 @@ class Compiled:
         """Machine code, where the steps that are left are worth it: first what is soon made."""
         if self.best:
             return
-        cost = COMPILING * len(self.source) + LOADING * ("llvmlite.binding" not in sys.modules)
+        cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
         left, begun = self.steps * pace, self.alone.machine is not None
         if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is

@@ -14,6 +14,8 @@ from curriculum.common.trace import Untraceable
 import numpy as np
 
 WORTH = 3_000_000  # operations: from so many on machine code is worth its making
+LARGE = 5000  # operations of a function: making machine code is not dearer than to write Python
+NARROW = 4  # lanes of what is so large: more would take longer to make than they save
 
 
 @cache
@@ -28,15 +30,16 @@ if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads,
     os.register_at_fork(after_in_child=pool.cache_clear)
 
 
-def code_of(traced, work):
-    """What runs a Traced step for many members, called as native.Native is.
+def in_machine_code(traced, lanes, best):
+    """A Traced step for many members, side by side in vector registers; None if it cannot be."""
+    if native.available():
+        with contextlib.suppress(native.Unavailable):
+            return native.Native(traced.program, lanes, best)
+    return None
 
-    `work`: how many operations there are to do. Members go side by side, in vector registers or as
-    columns of numpy, or one by one where there is a loop and no machine code.
-    """
-    if native.available() and work > WORTH:
-        with contextlib.suppress(native.Unavailable):  # then as below
-            return native.Native(traced.program, native.LANES)
+
+def in_python(traced):
+    """The same without machine code: members as columns of numpy or, with a loop, one by one."""
     return OneByOne(traced.source) if traced.program.loops() else Columns(traced.source)
 
 
@@ -73,7 +76,7 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
-        self.code = code_of(self.traced, np.inf)
+        self.code = in_machine_code(self.traced, native.LANES, best=True) or in_python(self.traced)
         self.put(q, v)
 
     def put(self, q, v):
@@ -134,11 +137,15 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def choose(self, kind, many):
         """What runs it: where there is a loop, machine code once so many have been asked for."""
-        program = kind.traced.program
         kind.asked += many
-        work = kind.asked * program.size() if program.loops() else 0
-        if kind.code is None or (work > WORTH and isinstance(kind.code, OneByOne)):
-            kind.code = code_of(kind.traced, work)
+        if isinstance(kind.code, (Columns, native.Native)):
+            return
+        program = kind.traced.program
+        size = program.size()
+        if program.loops() and (size > LARGE or kind.asked * size > WORTH):
+            lanes = NARROW if size > LARGE else native.LANES
+            kind.code = in_machine_code(kind.traced, lanes, best=False) or kind.code
+        kind.code = kind.code or in_python(kind.traced)
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""

@@ -28,7 +28,6 @@ LANES = 16  # doubles: two or four vector registers, which is what keeps a proce
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FAILED = []  # why llvmlite cannot be used, once that has been found out
-FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -193,8 +192,9 @@ class Writer:
         return self.new(f"select {self.truth} {truth}, {first}, {second}")
 
     def finite(self, value):
-        called = f"@llvm.is.fpclass.{self.suffix}"
-        return self.new(f"call {self.truth} {called}({self.type} {value}, i32 {FINITE})")
+        """Whether it is a number, and not infinite: then less itself it is zero, and else NaN."""
+        nothing = self.new(f"fsub {self.type} {value}, {value}")
+        return self.new(f"fcmp oeq {self.type} {nothing}, {self.constant(0.0)}")
 
     def library(self, function, values):
         """A function of the C library, lane by lane."""
@@ -219,14 +219,16 @@ class Writer:
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 
     def call(self, call, env):
-        """A routine, which leaves its results in memory."""
+        """A routine, which finds its arguments in memory, and leaves its results there."""
         program, place = call.program, self.memory(self.type, len(call.names))
+        given = self.memory(self.type, len(call.arguments))
         name = f"@r{id(program)}_{self.lanes}"
         if name not in self.routines:
             self.routines[name] = []  # known to those that it calls
             self.routines[name] = routine(name, program, self.lanes, self.routines, self.alone)
-        given = [f"{self.type} {self.value(env, s)}" for s in call.arguments]
-        self.lines.append(f"  call void {name}({', '.join([*given, f'ptr {place}'])})")
+        for k, s in enumerate(call.arguments):
+            self.store(self.value(env, s), self.entry(given, k))
+        self.lines.append(f"  call void {name}(ptr {given}, ptr {place})")
         env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
 
     def side_by_side(self, lanes, env):
@@ -343,15 +345,15 @@ def vectors(loop):
 
 
 def routine(name, program, lanes, routines, alone):
-    """A Routine's program as a function of values, which writes its results to memory."""
+    """A Routine's program as a function, which reads and writes memory."""
     w = Writer(lanes, routines, alone)
-    env = {x: f"%in{k}" for k, x in enumerate(program.inputs)}
-    given = ", ".join([*(f"{w.type} {x}" for x in env.values()), "ptr %out"])
+    env = {x: w.load(w.entry("%in", k)) for k, x in enumerate(program.inputs)}
     w.operations(program.tape, program.tape.needed(program.made), env)
     for k, s in enumerate(program.made):
         w.store(w.value(env, s), w.entry("%out", k))
     inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    return w.function(f"internal void {name}({given}) {inline}", "void")
+    head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
+    return w.function(head, "void")
 
 
 def assembly(program, lanes):

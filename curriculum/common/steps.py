@@ -176,7 +176,16 @@ class Single:
 
     def __init__(self, traced):
         self.traced, self.machine, self.halved = traced, None, 0
-        self.function = traced.function  # made here, and not while steps are timed
+        self.size = max(1, traced.program.size())
+
+    def prepare(self):
+        """Make the code that steps need, unless there is some: not while they are timed."""
+        return self.machine or self.function
+
+    @property
+    def function(self):
+        """A step of Python's floats, made when first asked for."""
+        return self.traced.function
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
