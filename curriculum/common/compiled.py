@@ -15,9 +15,9 @@ BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
 # operations in all steps of the first block, and of a later one; loops count once
 SHORT, LONG = 75_000, 3_000_000
-QUICKER = 20  # times as many operations are in a block of machine code, which takes no longer
+QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
-DEAR = 5000  # operations: to write as many in Python takes longer than to load llvmlite
+LARGE = 5000  # operations: to write so many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
@@ -82,9 +82,10 @@ class Compiled:
             self.give_up(why)
             return
         self.way = "compiled to Python"
-        if self.alone.size > DEAR and self.steps > 1 and native.available():
+        if self.alone.size > LARGE and native.available():
             with contextlib.suppress(native.Unavailable):
-                self.to_machine(best=False)
+                self.alone.to_bytecode()
+                self.way = "compiled to bytecode"
         self.alone.prepare()
 
     def give_up(self, why):
@@ -162,7 +163,7 @@ class Compiled:
         if self.best:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        left, begun = self.steps * pace, self.alone.machine is not None
+        left, begun = self.steps * pace, isinstance(self.alone.machine, native.Native)
         if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 from curriculum.common import native
 from curriculum.common.arrays import ordered
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
 from curriculum.common.trace import Untraceable
@@ -14,8 +15,8 @@ from curriculum.common.trace import Untraceable
 import numpy as np
 
 WORTH = 3_000_000  # operations: from so many on machine code is worth its making
-LARGE = 5000  # operations of a function: making machine code is not dearer than to write Python
-NARROW = 4  # lanes of what is so large: more would take longer to make than they save
+LARGE = 5000  # operations of a function: to write so many in Python takes longer
+NARROW = 8  # lanes of it: more would be far from the processor
 
 
 @cache
@@ -30,11 +31,14 @@ if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads,
     os.register_at_fork(after_in_child=pool.cache_clear)
 
 
-def in_machine_code(traced, lanes, best):
-    """A Traced step for many members, side by side in vector registers; None if it cannot be."""
+def in_machine_code(kind, traced, lanes):
+    """A Traced step for many members, side by side in vector registers; None if it cannot be.
+
+    `kind`: Native, or Bytecode, which is made sooner.
+    """
     if native.available():
         with contextlib.suppress(native.Unavailable):
-            return native.Native(traced.program, lanes, best)
+            return kind(traced.program, lanes)
     return None
 
 
@@ -76,7 +80,9 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
-        self.code = in_machine_code(self.traced, native.LANES, best=True) or in_python(self.traced)
+        self.code = in_machine_code(native.Native, self.traced, native.LANES) or in_python(
+            self.traced
+        )
         self.put(q, v)
 
     def put(self, q, v):
@@ -138,13 +144,12 @@ class mapped:  # noqa: N801 - it is called as a function is
     def choose(self, kind, many):
         """What runs it: where there is a loop, machine code once so many have been asked for."""
         kind.asked += many
-        if isinstance(kind.code, (Columns, native.Native)):
+        if isinstance(kind.code, (Columns, Bytecode)):
             return
         program = kind.traced.program
         size = program.size()
         if program.loops() and (size > LARGE or kind.asked * size > WORTH):
-            lanes = NARROW if size > LARGE else native.LANES
-            kind.code = in_machine_code(kind.traced, lanes, best=False) or kind.code
+            kind.code = in_machine_code(Bytecode, kind.traced, NARROW) or kind.code
         kind.code = kind.code or in_python(kind.traced)
 
     def by_code(self, traced, code, q, v):

@@ -409,9 +409,13 @@ def assembly(program, lanes):
     w.store(never, "%unsettled", "i64")
     lines = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
     lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
-    for name in LIBRARY.values():
-        lines.append(f"declare double @c_{name}({'double, double' if name == 'pow' else 'double'})")
-    return "\n".join(sum(w.routines.values(), lines))
+    return "\n".join(sum(w.routines.values(), lines + declared()))
+
+
+def declared():
+    """Lines that name the functions of the C library."""
+    given = {name: "double, double" if name == "pow" else "double" for name in LIBRARY.values()}
+    return [f"declare double @c_{name}({kinds})" for name, kinds in given.items()]
 
 
 @cache
@@ -432,26 +436,32 @@ def address(array):
     return None if array is None else array.__array_interface__["data"][0]
 
 
+def compiled(text, best=True):
+    """The engine that has the functions of a text in LLVM's language, optimized if `best`."""
+    llvm = library()
+    module = llvm.parse_assembly(text)
+    host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
+    target = llvm.Target.from_default_triple()
+    machine = target.create_target_machine(opt=2 * best, jit=True, **host)
+    if best:
+        options = llvm.create_pipeline_tuning_options(speed_level=1)
+        builder = llvm.create_pass_builder(machine, options)
+        builder.getModulePassManager().run(module, builder)
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.finalize_object()
+    return engine
+
+
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
     `lanes` members go in step, others one after the other. `best`: LLVM optimizes it; else the code
-    is made a few times sooner. Raises Unavailable.
+    is made many times sooner. Raises Unavailable.
     """
 
     @asking_llvm()
     def __init__(self, program, lanes=1, best=True):
-        llvm = library()
-        module = llvm.parse_assembly(assembly(program, lanes))
-        host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
-        target = llvm.Target.from_default_triple()
-        machine = target.create_target_machine(opt=2 * best, jit=True, **host)
-        if best:
-            options = llvm.create_pipeline_tuning_options(speed_level=1)
-            builder = llvm.create_pass_builder(machine, options)
-            builder.getModulePassManager().run(module, builder)
-        self.engine = llvm.create_mcjit_compiler(module, machine)
-        self.engine.finalize_object()
+        self.engine = compiled(assembly(program, lanes), best)
         word, pointer = ctypes.c_int64, ctypes.c_void_p
         kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer, pointer)
         self.function = kind(self.engine.get_function_address("run"))

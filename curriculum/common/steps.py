@@ -11,9 +11,10 @@ from itertools import chain
 
 from curriculum.common import native
 from curriculum.common.arrays import ordered
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable
+from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable, effort
 
 import numpy as np
 
@@ -102,7 +103,7 @@ class Traced:
 
     def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
         with Tape.lock:
-            Tape.turns = turns
+            effort.turns = turns
             memory = Memory(step_fn, force, measure)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
@@ -189,6 +190,9 @@ class Single:
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
+
+    def to_bytecode(self):
+        self.machine = Bytecode(self.traced.program)
 
     def __call__(self, state, count, dt):
         """Rows (count, entries) after `state` (entries,), or fewer; and the Stop that is why."""
