@@ -13,6 +13,7 @@ import numpy as np
 SMALL = 1 << 18  # terms of a product that are made at once
 FEW = 8  # entries of an array in which zeros are not worth looking for
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
+CALLS = [0]  # of numpy, and products, so far with arrays of symbols
 NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
 
@@ -89,6 +90,7 @@ class Symbols(Ordered):
 def symbolic(ufunc, method, given, out=None, how=None):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
     how = how or {}
+    CALLS[0] += 1
     arrays = [np.asarray(x) for x in given]
     if ufunc is np.matmul:
         made = product(*arrays)
@@ -171,6 +173,7 @@ def product(a, b):
 
 def few_terms(a, b):
     """The product of two short vectors, lists of numbers or of symbols."""
+    CALLS[0] += 1
     total = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
         total = total + x * y
@@ -196,9 +199,10 @@ def sparse_product(a, b):
 
 def filled(a):
     """(row, column, entry) of what is not zero for certain in a matrix, row by row."""
-    mask = certain(a)
-    i, k = mask.nonzero()
-    return zip(i.tolist(), k.tolist(), a[mask].tolist(), strict=True)
+    flat = a.ravel()
+    at = np.flatnonzero(flat if a.dtype != object else certain(flat))
+    i, k = np.divmod(at, a.shape[1])
+    return zip(i.tolist(), k.tolist(), flat[at].tolist(), strict=True)
 
 
 def norm(x, ord=None, axis=None, keepdims=False):

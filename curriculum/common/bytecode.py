@@ -55,12 +55,13 @@ class Assembler:
 
     def register(self, x):
         """The register of a name, or of a number that is known."""
-        key = float(x).hex() if isinstance(x, float) else x
-        if key not in self.known:
-            self.known[key] = len(self.known)
+        key = x.hex() if type(x) is float else x  # 0.0 and -0.0 are equal
+        found = self.known.get(key)
+        if found is None:
+            found = self.known[key] = len(self.known)
             if key is not x:
-                self.constants[self.known[key]] = x
-        return self.known[key]
+                self.constants[found] = x
+        return found
 
     def row(self, sign, result, *operands):
         """A row more; its number."""

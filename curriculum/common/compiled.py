@@ -19,6 +19,7 @@ QUICKER = 8  # times as many operations are in a block of machine code, which ta
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 LARGE = 5000  # operations: to write so many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
+AGAIN = 32  # times as many steps: then what is compiled is compared again
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -26,7 +27,7 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step in the first block, whenever the steps are four times as many, and in the
+    with the plain step in the first block, whenever the steps are AGAIN times as many, and in the
     end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is no
     comparison, and no plain step: a Stop instead, since that would take too long. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
@@ -37,7 +38,8 @@ class Compiled:
         self.given, self.only = (step_fn, m, force), only
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure, steps, watch), None, ""
         self.watch, self.best = watch, False
-        self.ask = mapped(lambda q, v: (*measure(q, v), watch(q, v)) if watch else measure(q, v))
+        asked = (lambda q, v: (*measure(q, v), watch(q, v))) if watch else measure
+        self.ask = mapped(asked, turns=steps)
         self.start(dt, steps)
 
     def start(self, dt, steps):
@@ -111,7 +113,7 @@ class Compiled:
             raise why
         self.done += count
         if self.done >= self.due or count >= self.steps:  # the last block, too
-            self.due = 4 * self.done
+            self.due = AGAIN * self.done
             if not self.only and self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)

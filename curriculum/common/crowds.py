@@ -6,7 +6,7 @@ from functools import cache
 from types import SimpleNamespace
 
 from curriculum.common import native
-from curriculum.common.arrays import ordered
+from curriculum.common.arrays import CALLS, ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
@@ -16,6 +16,7 @@ import numpy as np
 
 WORTH = 3_000_000  # operations: from so many on machine code is worth its making
 LARGE = 5000  # operations of a function: to write so many in Python takes longer
+SHARE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -108,11 +109,13 @@ class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), for many: q, v (K, N, 3).
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
-    leading axis (K, ...). It is traced once, or done one by one if it cannot be.
+    leading axis (K, ...). It is traced once; or done one by one if it cannot be, or if that is soon
+    done, as for few states and few calls of numpy on long arrays. `turns`: how many states are to
+    come, if that is known.
     """
 
-    def __init__(self, function):
-        self.function, self.known, self.single = function, {}, False
+    def __init__(self, function, turns=0):
+        self.function, self.turns, self.known, self.single = function, turns, {}, False
 
     def measure(self, q, v):
         """The function's results, as a tuple."""
@@ -135,9 +138,12 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def traced(self, q, v):
         """The function on symbols, of states that are zero in the same places; or None."""
+        turns, calls = max(self.turns, len(q)), CALLS[0]
         try:
-            traced = Traced(stay, None, None, q, v, self.measure, turns=len(q))
+            traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
         except Untraceable:
+            return None
+        if (CALLS[0] - calls) * turns < SHARE * traced.program.size():
             return None
         return SimpleNamespace(traced=traced, code=None, asked=0)
 
