@@ -27,7 +27,7 @@ class Run(SimpleNamespace):
     watched: float  # the largest of what the stepper was to watch
     seconds: float  # of the steps alone
     way: str  # how the steps were computed
-    source: str  # the code that a step has become
+    step: object  # what took the steps
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -40,6 +40,11 @@ class Run(SimpleNamespace):
             f"  energies: from {self.energies[0]:.6g} to {self.energies[-1]:.6g} J\n"
             f"  q, v: kept at {len(self.kept)} steps; {self.pace:.3g} us a step, {self.way}"
         )
+
+    @property
+    def source(self):
+        """The code that a step has become."""
+        return self.step.source
 
     @property
     def pace(self):
@@ -175,5 +180,5 @@ class Log:
             watched=step.watched,
             seconds=step.seconds * self.done / max(1, step.taken),
             way=step.way,
-            source=step.source,
+            step=step,
         )
