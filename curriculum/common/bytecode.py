@@ -7,6 +7,7 @@ bits are, too.
 """
 
 import ctypes
+import math
 from functools import cache
 
 from curriculum.common import native
@@ -14,44 +15,39 @@ from curriculum.common.trace import Call, Lanes
 
 import numpy as np
 
-# What there is besides the tape's operations: -a; the same number; going on elsewhere if a is zero
-# in all lanes; calling what stands elsewhere; coming back from there; the end of a step.
-SIGNS = ["+", "-", "*", "/", "<", "<=", "max", "min", "where", "abs", "sqrt", *native.LIBRARY]
-SIGNS += ["neg", "copy", "unless", "call", "return", "end"]
-OPERANDS = dict.fromkeys(SIGNS, 1) | dict.fromkeys(["+", "-", "*", "/", "**"], 2)
-OPERANDS |= dict.fromkeys(["<", "<=", "max", "min"], 2) | {"where": 3}
-NUMBER = {sign: k for k, sign in enumerate(SIGNS)}
-DEEP = 64  # calls in calls
-WIDTH = 5  # numbers in a row: what to do, the result, and up to three operands
+# How many operands there are. Besides the tape's operations: minus a; a itself; go on elsewhere if
+# a is zero in all lanes; go on where a says; the end of a step.
+OPERANDS = dict.fromkeys(["+", "-", "*", "/", "<", "<=", "max", "min"], 2) | {"where": 3}
+OPERANDS |= dict.fromkeys(["abs", "sqrt", *native.LIBRARY], 1) | {"**": 2}
+OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}
+NUMBER = {sign: k for k, sign in enumerate(OPERANDS)}
+WIDTH = 5  # numbers in a row
 
 
 class Assembler:
-    """The `rows` of a Program, and `registers`, how many it needs.
+    """The `rows` of a Program, and the registers that it needs.
 
-    The first ones hold the state, then the largest of what the program makes besides, then knobs;
-    `constants` {register: number} are there from the start.
+    `known` {what is in it: its number}: first the state, then the largest of what the program makes
+    besides, then knobs. `constants` {register: number} are there from the start.
     """
 
     def __init__(self, program):
         self.rows, self.known, self.constants = [], {}, {}
-        self.asked, self.routines = [], {}  # programs; and {program: its first row}
+        self.routines = []  # programs that are called
+        self.calls = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
         most = [self.register(f"most {k}") for k in range(len(program.out) - len(state))]
         for name in [*program.knobs, "unsettled", "trouble"]:
             self.register(name)
         self.operations(program.tape, program.tape.needed(program.out))
         self.end(state, most, [self.number(s) for s in program.out])
-        for routine in self.asked:  # which may call others: the list grows
-            self.routines[routine] = len(self.rows)
+        first = []
+        for k, routine in enumerate(self.routines):  # which may call others: the list grows
+            first.append(len(self.rows))
             self.operations(routine.tape, routine.tape.needed(routine.made))
-            self.row("return", 0)
-        for row in self.rows:
-            if SIGNS[row[0]] == "call":
-                row[1] = self.routines[row[1]]
-
-    @property
-    def registers(self):
-        return len(self.known)
+            self.row("go", 0, self.register(f"back {k}"))
+        for row, k in self.calls:
+            self.rows[row][1] = first[k]
 
     def register(self, x):
         """The register of a name, or of a number that is known."""
@@ -79,13 +75,12 @@ class Assembler:
         """The register of a Symbol."""
         if s.minus and isinstance(s.x, float):
             return self.register(-s.x)
-        return self.made("neg", self.register(s.x)) if s.minus else self.register(s.x)
+        return self.made("minus", self.register(s.x)) if s.minus else self.register(s.x)
 
     def end(self, state, most, ends):
         """The registers of a step's ends become its state; what else it makes is compared."""
-        nothing = self.register(0.0)
         trouble = self.register("trouble")  # not zero if an end is infinite or no number
-        self.row("copy", trouble, nothing)
+        self.row("copy", trouble, self.register(0.0))
         for end in ends[: len(state)]:
             self.row("+", trouble, trouble, self.made("-", end, end))
         for register, end in zip(most, ends[len(state) :], strict=True):
@@ -122,9 +117,12 @@ class Assembler:
         given = [self.number(s) for s in arguments]
         for name, register in zip(program.inputs, given, strict=True):
             self.row("copy", self.register(name), register)
-        if program not in self.asked:
-            self.asked.append(program)
-        self.row("call", program)
+        if program not in self.routines:
+            self.routines.append(program)
+        k = self.routines.index(program)
+        back = float(len(self.rows) + 2)  # the row after these two
+        self.row("copy", self.register(f"back {k}"), self.register(back))
+        self.calls.append((self.row("unless", None, self.register(0.0)), k))
         for name, s in zip(names, program.made, strict=True):
             self.row("copy", self.register(name), self.number(s))
 
@@ -133,12 +131,11 @@ class Assembler:
         names = [self.register(name) for name in loop.names]
         turn, done, last = (self.register(f"{x} {loop.names[0]}") for x in ("turn", "done", "last"))
         zero, one = self.register(0.0), self.register(1.0)
-        self.exchange(
-            [*names, turn, done, last],
-            [*map(self.number, loop.start), zero, zero, self.register(np.inf)],
-        )
+        start = [self.number(s) for s in loop.start]
+        self.exchange([*names, turn, done, last], [*start, zero, zero, self.register(math.inf)])
         head = len(self.rows)
-        leave = [self.row("unless", None, self.made("<", turn, self.register(float(loop.most))))]
+        more = self.made("<", turn, self.register(float(loop.most)))
+        leave = [self.row("unless", None, more)]
         self.row("+", turn, turn, one)
         self.operations(loop.tape, loop.test)
         size = self.number(loop.size)
@@ -149,14 +146,13 @@ class Assembler:
         leave.append(self.row("unless", None, self.made("-", one, done)))
         self.operations(loop.tape, loop.rest)
         following = [self.number(s) for s in loop.following]
-        self.exchange(
-            names, [self.made("where", done, *x) for x in zip(names, following, strict=True)]
-        )
+        kept = [self.made("where", done, *x) for x in zip(names, following, strict=True)]
+        self.exchange(names, kept)
         self.row("unless", head, zero)
-        for k in leave:
-            self.rows[k][1] = len(self.rows)
+        for row in leave:
+            self.rows[row][1] = len(self.rows)
         for name in names:
-            self.row("where", name, done, name, self.register(np.nan))
+            self.row("where", name, done, name, self.register(math.nan))
         finite = self.made("<=", self.made("-", last, last), zero)  # else it has another cause
         never, unsettled = self.made("-", one, done), self.register("unsettled")
         self.row("max", unsettled, unsettled, self.made("*", never, finite))
@@ -170,44 +166,38 @@ def reader_lines(lanes):
     never does.
     """
     w = native.Writer(lanes, {}, lanes == 1)
-    done, at, depth = (w.variable("0", "i64") for _ in range(3))
-    stack = w.memory("i64", DEEP)
+    done, at = w.variable("0", "i64"), w.variable("0", "i64")
     silent = w.new("icmp eq ptr %out, null")
     w.begin("step")
     w.store("0", at, "i64")
     w.begin("next")
     here = w.load(at, "i64")
+    after = w.new(f"add i64 {here}, 1")
+    w.store(after, at, "i64")
     row = w.new(f"getelementptr [{WIDTH} x i32], ptr %rows, i64 {here}")
     sign, *numbers = [w.load(w.entry(row, k, "i32"), "i32") for k in range(WIDTH)]
     numbers = [w.new(f"zext i32 {x} to i64") for x in numbers]
     result, *given = [w.entry("%registers", x, w.type) for x in numbers]
-    after = w.new(f"add i64 {here}, 1")
-    w.store(after, at, "i64")
-    cases = " ".join(f"i32 {k}, label %do{k}" for k in range(len(SIGNS)))
-    w.lines.append(f"  switch i32 {sign}, label %do{len(SIGNS) - 1} [{cases}]")
-    for k, sign in enumerate(SIGNS[:-1]):
+    cases = " ".join(f"i32 {k}, label %do{k}" for k in NUMBER.values())
+    w.lines.append(f"  switch i32 {sign}, label %do{NUMBER['end']} [{cases}]")
+    for sign, k in NUMBER.items():
         w.lines.append(f"do{k}:")
-        values = (
-            [w.load(x) for x in given[: OPERANDS[sign]]] if sign not in ("call", "return") else []
-        )
+        values = [w.load(x) for x in given[: OPERANDS[sign]]]
+        if sign == "end":
+            break
         if sign == "unless":
             some = w.reduced("or", w.new(f"fcmp une {w.type} {values[0]}, {w.constant(0.0)}"))
             w.store(w.new(f"select i1 {some}, i64 {after}, i64 {numbers[0]}"), at, "i64")
-        elif sign == "call":
-            level = w.load(depth, "i64")
-            w.store(after, w.entry(stack, level, "i64"), "i64")
-            w.store(w.new(f"add i64 {level}, 1"), depth, "i64")
-            w.store(numbers[0], at, "i64")
-        elif sign == "return":
-            level = w.new(f"sub i64 {w.load(depth, 'i64')}, 1")
-            w.store(level, depth, "i64")
-            w.store(w.load(w.entry(stack, level, "i64"), "i64"), at, "i64")
-        elif sign == "neg":
+        elif sign == "go":  # all lanes have the same
+            place = w.load(given[0], "double")
+            w.store(w.new(f"fptosi double {place} to i64"), at, "i64")
+        elif sign == "copy":
+            w.store(values[0], result)
+        elif sign == "minus":
             w.store(w.new(f"fneg {w.type} {values[0]}"), result)
         else:
-            w.store(values[0] if sign == "copy" else w.operation(sign, values), result)
+            w.store(w.operation(sign, values), result)
         w.lines.append("  br label %next")
-    w.lines.append(f"do{len(SIGNS) - 1}:")
     before, good = w.load(done, "i64"), "true"
     if lanes == 1:
         trouble = w.load(w.entry("%registers", "%trouble"))
@@ -217,13 +207,12 @@ def reader_lines(lanes):
     w.begin("write", f"i1 {silent}, label %following, label %write")
     place = w.entry("%out", w.new(f"mul i64 {before}, %many"), "double")
     size = w.new("mul i64 %many, 8")
-    w.lines.append(
-        f"  call void @llvm.memcpy.p0.p0.i64(ptr {place}, ptr %registers, i64 {size}, i1 false)"
-    )
+    copied = f"ptr {place}, ptr %registers, i64 {size}, i1 false"
+    w.lines.append(f"  call void @llvm.memcpy.p0.p0.i64({copied})")
     w.begin("following")
     more = w.new(f"and i1 {w.new(f'icmp slt i64 {now}, %count')}, {good}")
     w.begin("finish", f"i1 {more}, label %step, label %finish")
-    pointers = (f"ptr noalias %{x}" for x in ("registers", "rows", "out"))
+    pointers = [f"ptr noalias %{x}" for x in ("registers", "rows", "out")]
     head = f"i64 @run({', '.join(pointers)}, i64 %count, i64 %many, i64 %trouble)"
     return w.function(head, f"i64 {w.load(done, 'i64')}") + native.declared()
 
@@ -238,7 +227,7 @@ def reader(lanes):
 
 
 class Bytecode:
-    """A Program's function, iterated, as native.Native is and called as that; made much sooner.
+    """A Program's function, iterated: as native.Native, and called as that, but made much sooner.
 
     Raises native.Unavailable.
     """
@@ -247,14 +236,12 @@ class Bytecode:
         with native.asking_llvm():
             self.function, self.engine = reader(lanes)
         found = Assembler(program)
-        self.rows, self.lanes, self.registers = (
-            np.array(found.rows, np.int32),
-            lanes,
-            found.registers,
-        )
+        self.rows, self.lanes = np.array(found.rows, np.int32), lanes
+        self.registers = len(found.known)
         self.constants = np.array([*found.constants]), np.array([*found.constants.values()])
-        self.state, self.knobs = len(program.inputs), [found.register(x) for x in program.knobs]
-        self.numbers = len(program.out) - self.state
+        self.state = slice(0, len(program.inputs))
+        self.most = slice(len(program.inputs), len(program.out))
+        self.knobs = [found.register(name) for name in program.knobs]
         self.unsettled, self.trouble = found.register("unsettled"), found.register("trouble")
 
     def __call__(self, state, count, out, *knobs):
@@ -264,16 +251,16 @@ class Bytecode:
         registers[places] = constants[:, None]
         registers[self.knobs] = np.reshape(knobs, (-1, 1))
         registers[self.unsettled] = 0.0
-        most = slice(self.state, self.state + self.numbers)
-        rows = None if self.numbers or self.lanes > 1 else native.address(out)
-        given = native.address(self.rows), rows, count, self.state, self.trouble
+        entries, measured = len(state), self.most.stop > self.most.start
+        rows = None if measured or self.lanes > 1 else native.address(out)
+        given = native.address(self.rows), rows, count, entries, self.trouble
         for first in range(0, state.shape[1], self.lanes):
-            piece = slice(first, first + self.lanes)
-            registers[: self.state] = state[:, piece]
-            if self.numbers:
-                registers[most] = out[:, piece]
+            members = slice(first, first + self.lanes)
+            registers[self.state] = state[:, members]
+            if measured:
+                registers[self.most] = out[:, members]
             done = self.function(native.address(registers), *given)
-            state[:, piece] = registers[: self.state]
-            if self.numbers:
-                out[:, piece] = registers[most]
+            state[:, members] = registers[self.state]
+            if measured:
+                out[:, members] = registers[self.most]
         return done, bool(registers[self.unsettled, 0])

@@ -19,6 +19,7 @@ QUICKER = 8  # times as many operations are in a block of machine code, which ta
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 LARGE = 5000  # operations: to write so many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
+NONE = None, None, None  # no state that there is
 AGAIN = 32  # times as many steps: then what is compiled is compared again
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
@@ -46,7 +47,7 @@ class Compiled:
         """Begin a run of so many steps of so many seconds, of the same system."""
         self.dt = self.plain.dt = dt
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
-        self.state, self.ahead, self.block = (None, None, None), iter(()), None
+        self.state, self.ahead, self.block = NONE, iter(()), None
         self.begins = lambda: None  # called before a block
         self.plain.halved, self.plain.watched = 0, 0.0
         if self.alone:
@@ -67,14 +68,14 @@ class Compiled:
         return self.alone.traced.source if self.alone else f"# {self.way}"
 
     def __call__(self, q, v):
-        state = None
-        if q is self.state[0] and v is self.state[1]:  # else the reader has changed it
-            state = next(self.ahead, None)
-        if state is None:
-            self.begins()
-            state = self.compute(q, v)
-        self.state = state
-        return state
+        state = self.state
+        if q is state[0] and v is state[1]:  # else the reader has changed it
+            state = self.state = next(self.ahead, NONE)
+            if state is not NONE:
+                return state
+        self.begins()
+        self.state = self.compute(q, v)
+        return self.state
 
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""

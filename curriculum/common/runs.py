@@ -123,12 +123,15 @@ class Log:
 
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
-        state, block = self.step.state, self.step.block
-        if q is state[0] and v is state[1] and violation is state[2] and block is not None:
+        state = self.step.state
+        if q is state[0] and v is state[1] and violation is state[2]:
             if self.row < self.sane:  # as nearly always: a row more of the block
                 self.row += 1
                 return
+            block = self.step.block
         else:
+            block = None
+        if block is None:
             block = Block(q[None], v[None], np.array([[violation], [energy]]))
         if block is not self.block:
             self.close()
