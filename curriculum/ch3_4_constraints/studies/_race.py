@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import constraints as c
-from curriculum.ch3_4_constraints.tables import in_turns
+from curriculum.ch3_4_constraints.tables import in_turns, show
 from curriculum.common import rules
 
 import numpy as np
@@ -106,3 +106,22 @@ def race(task, racers, targets):
                 text = f"{error:.0e}: {who}, {('its steps', 'in all')[k]}, over {peer}"
                 bars.append((text, best[who][k].min() / best[peer][k].min(), limit))
     return rows, bars
+
+
+def show_race(title, rows, bars):
+    """Print a table for each error, in columns that fit a terminal, and its bars below it.
+
+    `title`: its braces are for the error.
+    """
+    times = "us", "build, ms", "in all, ms"
+    for error in dict.fromkeys(row["to"] for row in rows):
+        own = [row for row in rows if row["to"] == error]
+        of_this = [bar for bar in bars if bar[0].startswith(f"{error}: ")]
+        shown = []
+        for row in own:
+            cells = {"engine": row["who"], "error": f"{row['error']:.1e}"}
+            cells |= {key: row[key] for key in times}
+            share = row["ours/it"]
+            cells["ours/it"] = share if share == "-" else f"{share:.2g}"
+            shown.append(cells | {"setting": row["setting"]})
+        show(title.format(error), shown, of_this)

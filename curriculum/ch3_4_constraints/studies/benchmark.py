@@ -34,13 +34,13 @@ LINKS = (10, 30, 100, 300, 1000)
 THEIRS = {"semi_implicit": "Euler", "rk4": "RK4"}  # MuJoCo's rules
 # (system, rule, mode): {column: what it may be at most, with llvmlite}
 CASES = {
-    ("double", "semi_implicit", "none"): {"us/plain": 0.05, "us/MuJoCo": 0.06},
-    ("double", "rk4", "none"): {"us/MuJoCo": 0.05},
-    ("triple", "semi_implicit", "none"): {"us/MuJoCo": 0.06},
-    ("triple", "rk4", "none"): {"us/MuJoCo": 0.05},
+    ("double", "semi_implicit", "none"): {"over plain": 0.05, "over MuJoCo": 0.06},
+    ("double", "rk4", "none"): {"over MuJoCo": 0.05},
+    ("triple", "semi_implicit", "none"): {"over MuJoCo": 0.06},
+    ("triple", "rk4", "none"): {"over MuJoCo": 0.05},
     **{("double", "semi_implicit", mode): {} for mode in list(c.hold_table())[1:]},
     ("jansen_leg", "semi_implicit", "impulse"): {},
-    ("jansen_leg", "semi_implicit", "project"): {"us/python": 0.08},
+    ("jansen_leg", "semi_implicit", "project"): {"over python": 0.08},
     ("windows", "semi_implicit", "impulse"): {},
     ("windows", "semi_implicit", "project"): {},
 }
@@ -67,7 +67,7 @@ def beside(cases, repeats):
         found = in_turns(jobs, repeats)
         row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
         share = {who: np.median(np.divide(found["us"], found[who])) for who in found}  # in a turn
-        row |= {f"us/{who}": share.get(who, "-") for who in ("plain", "python", "MuJoCo")}
+        row |= {f"over {who}": share.get(who, "-") for who in ("plain", "python", "MuJoCo")}
         rows.append(row)
         for column, limit in limits.items():
             if NATIVE and row[column] != "-":

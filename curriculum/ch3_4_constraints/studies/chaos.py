@@ -173,7 +173,7 @@ def beside():
         return theirs | {mine: [climb(rule) for rule in _race.offered(error)]}
 
     targets = dict.fromkeys(ERRORS, [(OURS, who, STEPS, 1.0) for who in theirs])
-    title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m"
+    title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error of {{}} m"
     return title, *_race.race(task, racers, targets)
 
 
@@ -187,7 +187,7 @@ def main(argv=None):
     args = parser.parse_args(argv)
     if args.peers:
         _runs.host(seeds=CROWD, repeats=_race.REPEATS, **_race.engines())
-        show(*beside())
+        _race.show_race(*beside())
         return
     seeds = args.seeds
     steps, after = round(SECONDS / DT), f"{SECONDS:g} s"

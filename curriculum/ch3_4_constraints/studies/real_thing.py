@@ -34,6 +34,7 @@ from curriculum.ch3_4_constraints.studies._race import (
     STEPS,
     TAYLOR,
     race,
+    show_race,
     steps_ladder,
 )
 from curriculum.ch3_4_constraints.tables import say, show
@@ -149,26 +150,6 @@ def a01(seconds=2000.0):
 
     system = _runs.make_system([[1.0, 0, 0]], [[0.0, 0, 0]], [1.0], [(0, -1)])
     return _runs.Task(system, len(q), every, error)
-
-
-# --- what is printed ---
-def show_race(title, rows, bars):
-    """Print a table for each error, in columns that fit a terminal, and its bars below it.
-
-    `title`: its braces are for the error.
-    """
-    times = "us", "build, ms", "in all, ms"
-    for error in dict.fromkeys(row["to"] for row in rows):
-        own = [row for row in rows if row["to"] == error]
-        of_this = [bar for bar in bars if bar[0].startswith(f"{error}: ")]
-        shown = []
-        for row in own:
-            cells = {"engine": row["who"], "error": f"{row['error']:.1e}"}
-            cells |= {key: row[key] for key in times}
-            share = row["ours/it"]
-            cells["ours/it"] = share if share == "-" else f"{share:.2g}"
-            shown.append(cells | {"setting": row["setting"]})
-        show(title.format(error), shown, of_this)
 
 
 def main(argv=None):
