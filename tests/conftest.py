@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import constraints
@@ -60,11 +61,37 @@ def feel(monkeypatch, force):
     monkeypatch.setattr(constraints, "external_force", both)
 
 
-@pytest.fixture(scope="session")
-def smoke(tmp_path_factory):
+AHEAD = {}  # {name: work(folder)}, in the order in which it is begun
+
+
+def ahead(work):
+    """Makes a session's fixture of what work(folder) finds out by processes of its own.
+
+    It begins before the first test, if any test asks for it, and goes on beside them.
+    """
+    AHEAD[work.__name__] = work
+
+    @pytest.fixture(scope="session", name=work.__name__)
+    def found(at_work):
+        return at_work[work.__name__].result()
+
+    return found
+
+
+@pytest.fixture(scope="session", autouse=True)
+def at_work(request, tmp_path_factory):
+    """{name: Future} of such work."""
+    asked = {name for item in request.session.items for name in item.fixturenames}
+    names = [name for name in AHEAD if name in asked]
+    with ThreadPoolExecutor(1) as pool:
+        yield {name: pool.submit(AHEAD[name], tmp_path_factory.mktemp(name)) for name in names}
+
+
+@ahead
+def smoke(folder):
     """Two folders, one whose name has a space, each with all that --smoke writes."""
-    folders = [tmp_path_factory.mktemp(name) for name in ("one", "and two")]
-    for folder in folders:
-        done = python(constraints.__file__, "--smoke", "--out", folder)
+    folders = folder / "one", folder / "and two"
+    for place in folders:
+        done = python(constraints.__file__, "--smoke", "--out", place)
         assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
     return folders

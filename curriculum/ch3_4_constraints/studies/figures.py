@@ -86,7 +86,8 @@ def machine_free(text):
     where files went."""
     lines, header = [], []
     text = re.sub("^wrote .*", "", text, flags=re.M | re.S)
-    for line in re.sub(", compiled to .*", "", text).splitlines():
+    text = re.sub(r",\s+compiled to .*?(?=\n\n)", "", text, flags=re.S)  # on a line or two
+    for line in text.splitlines():
         cells = re.split(r" {2,}", line.strip())
         header = cells if any(cell in TIMES for cell in cells) else header
         if len(cells) == len(header):
