@@ -5,7 +5,9 @@ import re
 import subprocess
 import sys
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import constraints
@@ -16,6 +18,7 @@ from curriculum.common.ruler import nudged
 import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
+MANY = 50  # tests: fewer are all done here, for a debugger
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
@@ -61,33 +64,68 @@ def feel(monkeypatch, force):
     monkeypatch.setattr(constraints, "external_force", both)
 
 
-AHEAD = {}  # {name: work(folder)}, in the order in which it is begun
+# --- what another process does meanwhile, on the other core ---
+WORK, BEGUN = {}, {}  # {name: function without arguments}, {name: Future}; of a test its id
 
 
-def ahead(work):
-    """Makes a session's fixture of what work(folder) finds out by processes of its own.
+def do(name):
+    """Work that was there when the other process was forked off."""
+    return WORK[name]()
 
-    It begins before the first test, if any test asks for it, and goes on beside them.
-    """
-    AHEAD[work.__name__] = work
 
-    @pytest.fixture(scope="session", name=work.__name__)
+def shared(find):
+    """Makes a fixture of what find(folder) finds, once, which is begun before the first test."""
+
+    @pytest.fixture(scope="session", name=find.__name__)
     def found(at_work):
-        return at_work[work.__name__].result()
+        future = BEGUN.get(find.__name__)
+        return future.result() if future else WORK[find.__name__]()
 
+    WORK[find.__name__] = find
     return found
+
+
+def pytest_collection_modifyitems(items):
+    """Tests that need nothing but their numbers, and what `shared` finds, come last."""
+
+    def late(item):
+        given = getattr(item, "callspec", None)
+        numbers = given.params if given else {}
+        asked = set(item.fixturenames) - set(numbers) - {"at_work", "request", "tmp_path_factory"}
+        if not asked:
+            WORK[item.nodeid] = partial(item.function, **numbers)
+        return not asked or not asked.isdisjoint(WORK)
+
+    items.sort(key=late)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def at_work(request, tmp_path_factory):
-    """{name: Future} of such work."""
-    asked = {name for item in request.session.items for name in item.fixturenames}
-    names = [name for name in AHEAD if name in asked]
-    with ThreadPoolExecutor(1) as pool:
-        yield {name: pool.submit(AHEAD[name], tmp_path_factory.mktemp(name)) for name in names}
+    """Begins what `shared` finds, if tests ask for it, and then such tests, if there are many."""
+    items = request.session.items
+    asked = {name for item in items for name in item.fixturenames}
+    for name in asked & WORK.keys():
+        WORK[name] = partial(WORK[name], tmp_path_factory.mktemp(name))
+    if len(items) < MANY or not hasattr(os, "fork"):
+        yield
+        return
+    names = [name for name in WORK if name in asked] + [x.nodeid for x in items if x.nodeid in WORK]
+    with ProcessPoolExecutor(1, get_context("fork")) as pool:
+        BEGUN.update((name, pool.submit(do, name)) for name in names)
+        yield
+        pool.shutdown(cancel_futures=True)
 
 
-@ahead
+def pytest_pyfunc_call(pyfuncitem):
+    """True for a test that has been done meanwhile, as an assertion that fails does here, too."""
+    future = BEGUN.get(pyfuncitem.nodeid)
+    if future is None or future.cancel():  # it has not been begun yet: it is done here
+        return None
+    future.result()
+    return True
+
+
+@shared
 def smoke(folder):
     """Two folders, one whose name has a space, each with all that --smoke writes."""
     folders = folder / "one", folder / "and two"

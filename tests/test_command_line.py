@@ -259,7 +259,7 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
 
     # a job in the background is born ignoring the signal
     heed, pipe = partial(signal.signal, signal.SIGINT, signal.SIG_DFL), subprocess.PIPE
-    command = [sys.executable, "-u", c.__file__, "--steps", "1000000000", "--out", tmp_path / "x"]
+    command = [sys.executable, "-u", c.__file__, "--steps", "1" + "0" * 11, "--out", tmp_path / "x"]
     with subprocess.Popen(command, preexec_fn=heed, stdout=pipe, stderr=pipe, text=True) as process:
         process.stdout.readline()  # imports done, main at work
         process.send_signal(signal.SIGINT)

@@ -20,7 +20,7 @@ from curriculum.ch3_4_constraints.systems import SceneError
 
 import numpy as np
 import pytest
-from conftest import MISTAKES, ahead, python
+from conftest import MISTAKES, python, shared
 
 CODE = re.compile(r"^```.*?^```$", re.S | re.M)
 TEXTS = {x.relative_to(figures.ROOT).as_posix(): x.read_text("utf-8") for x in figures.TEXTS}
@@ -142,7 +142,7 @@ def load(name, right="\n", wrong="\n"):
     return solved(importlib.reload(importlib.import_module(f"{PACKAGE}.{name}")), answers)
 
 
-@ahead
+@shared
 def ended(_):
     """{command: what each exercise prints as it is, and what it prints with its answers}."""
     commands = [f"python -m {PACKAGE}.{name}" for name in CHECKS] + SOLVED
