@@ -48,12 +48,15 @@ def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
 
 
 # --- what the command writes and prints ---
+NUMBERS = "--no-rerun", "--no-picture", "--no-page"
+
+
 @cache
 def results(flags="", steps=200):
     """The metrics of a short run with these flags, and the lines that it prints."""
     printed = StringIO()
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(printed):
-        c.main(["--no-rerun", "--steps", str(steps), "--out", folder, *flags.split()])
+        c.main([*NUMBERS, "--steps", str(steps), "--out", folder, *flags.split()])
         text = Path(folder, "metrics.json").read_text(encoding="utf-8")
     found = json.loads(text, parse_constant=lambda name: pytest.fail(name))
     assert text == json.dumps(found, indent=2, sort_keys=True) + "\n"
@@ -79,7 +82,7 @@ def test_every_flag_reaches_the_result_and_stands_beside_it(flag, mode):
 
 
 def test_plain_is_the_same_run_to_the_byte_and_of_the_mode_that_was_asked_for():
-    flags = "--stabilization project --no-picture"
+    flags = "--stabilization project"
     (found, _), (plain, lines) = results(flags, 150), results(f"{flags} --plain", 150)
     assert " ".join(lines[1:3]).endswith("in plain numpy: the lines as   they stand")
     assert found["results"].keys() == plain["results"].keys() == {"project"}
@@ -144,6 +147,15 @@ def test_energy_that_jumps_in_a_step_is_told_of():
     assert len(marked(lines, "* project: energy jumps by ")) == len(marked(lines, "project* ")) == 1
     quiet, lines = results()
     assert not any("jumps" in line for line in lines)
+
+
+def test_where_m_g_l_is_zero_an_error_of_energy_is_a_share_of_a_joule(monkeypatch):
+    monkeypatch.setattr(c, "GRAVITY", 0.0 * c.GRAVITY)
+    found, lines = results.__wrapped__("--system spin --stabilization none", 20)
+    joules = run(c.build_system("spin"), steps=20).energies
+    lost = np.abs(joules - joules[0]).max()
+    assert found["results"]["none"]["energy_rel_max"] == pytest.approx(lost) and lost > 1.0
+    assert f" {tables.per_cent(lost)} " in marked(lines, "none* ")[0]
 
 
 def test_a_length_has_two_digits_and_a_unit():

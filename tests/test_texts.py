@@ -7,6 +7,7 @@ import re
 import shlex
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -149,19 +150,24 @@ def ended(_):
     return {command: python(*shlex.split(command)[1:]) for command in commands}
 
 
+@cache
+def shown_by(name):
+    """What the main of an exercise shows with right answers; of an experiment 9 steps will do."""
+    exercise = load(name)
+    if name == FOUR:
+        exercise.STEPS = 9
+    return exercise.main() if name != TWO else None  # of whose run nothing is judged
+
+
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
 def test_a_wrong_answer_is_told_of(name, right, wrong, says):
-    exercise = load(name, right, wrong)
-    if name == FOUR:
-        exercise.STEPS = 9  # of an experiment that is shown, and not judged
-    ran = exercise.main() if name != TWO else None  # nor is its run
+    ran = shown_by(name)
     with pytest.raises(Wrong, match=says):
-        CHECKS[name](exercise, ran)
+        CHECKS[name](load(name, right, wrong), ran)
 
 
 def test_a_guess_is_understood_as_it_is_written():
-    exercise = load(ONE)
-    ran = exercise.main()
+    ran, exercise = shown_by(ONE), load(ONE)
     for guess in (("Grows", "16", "same"), (" grows ", 16.0, "The same")):
         answer = dict(zip(("rod", "factor", "heavy"), guess, strict=True))
         exercise.answer = answer.copy
