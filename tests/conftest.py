@@ -9,8 +9,10 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from types import SimpleNamespace
 
 import constraints
+from curriculum.ch3_4_constraints import publish
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import nudged
@@ -127,9 +129,15 @@ def pytest_pyfunc_call(pyfuncitem):
 
 @shared
 def smoke(folder):
-    """Two folders, one whose name has a space, each with all that --smoke writes."""
+    """Two folders with all that --smoke writes; what Rerun says of one recording and of both."""
     folders = folder / "one", folder / "and two"
     for place in folders:
         done = python(constraints.__file__, "--smoke", "--out", place)
         assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
-    return folders
+    one, two = (place / publish.RECORDING for place in folders)
+    verified, printed, compared = (
+        python("-m", "rerun", "rrd", *words)
+        for words in (("verify", one), ("print", one), ("compare", one, two))
+    )
+    assert verified.returncode == printed.returncode == 0
+    return SimpleNamespace(folders=folders, compared=compared, printed=printed.stdout)

@@ -348,11 +348,11 @@ def test_the_command_that_shows_a_recording_works_as_pasted(smoke, tmp_path, mon
     """With whichever python ran, and where there is no display, by opening a browser."""
     monkeypatch.chdir(Path(sys.executable).parents[2])
     monkeypatch.setenv("DISPLAY", ":0")
-    window = publish.look(smoke[1] / publish.RECORDING)
+    window = publish.look(smoke.folders[1] / publish.RECORDING)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-    browser = publish.look(smoke[1] / publish.RECORDING)
+    browser = publish.look(smoke.folders[1] / publish.RECORDING)
     assert window == browser.replace(" --web-viewer --new --web-viewer-port 0", "") != browser
     assert window[0] != "/"  # the way from here is shorter
     opened, opener = tmp_path / "opened", tmp_path / "browser"
