@@ -33,10 +33,7 @@ QUICK = {"benchmark", "chaos", "hard_cases", "map", "reference", "speed_vs_error
 REFUSED = MISTAKES["command_line"]["words"]
 for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"]["values"]):
     REFUSED.append(([f"{flag}={value}"], (f"argument {flag}: ", repr(value))))
-ENDS = dict(MISTAKES["command_line"]["ends"])
-for package, extra in cli.EXTRAS.items():
-    line = f"-c: error: {package} is not installed: pip install -e '.{extra}'"
-    ENDS[f"sys.modules[{package!r}] = None\nimport {package}"] = line
+ENDS = MISTAKES["command_line"]["ends"]
 
 
 @pytest.mark.parametrize(("words", "parts"), REFUSED)
@@ -152,18 +149,10 @@ def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(tmp_path)
 
 def test_numpy_may_lie_anywhere_and_is_no_code_of_the_readers(tmp_path):
     """As pip install --target has it, or a folder of one's own."""
-
-    def put(*paths):
-        try:
-            os.link(*paths)
-        except OSError:  # from another disk
-            shutil.copy(*paths)
-
-    for name in ("numpy", "numpy.libs"):
-        folder = Path(numpy.__file__).parents[1] / name
-        if folder.exists():
-            less = shutil.ignore_patterns("tests", "__pycache__")
-            shutil.copytree(folder, tmp_path / name, ignore=less, copy_function=put)
+    place = Path(numpy.__file__).parents[1]
+    for name in {"numpy", "numpy.libs"} & {path.name for path in place.iterdir()}:
+        less = shutil.ignore_patterns("tests", "__pycache__")
+        shutil.copytree(place / name, tmp_path / name, ignore=less, copy_function=os.symlink)
     path = f"{tmp_path}{os.pathsep}{c.HERE}"
     told, _ = table("--steps", "9", folder=tmp_path / "out", python_flags=["-S"], PYTHONPATH=path)
     assert told.endswith("compiled to Python")
@@ -216,14 +205,19 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
 
 
 @pytest.mark.parametrize(("lines", "line"), ENDS.items())
-def test_an_end_to_be_expected_is_one_line_that_names_what_brings_a_missing_package(lines, line):
+def test_an_end_to_be_expected_is_one_line(lines, line):
     done = script(lines)
     assert (done.returncode, done.stderr.strip()) == (1, line)
+
+
+def test_a_missing_package_is_named_beside_what_brings_it():
     project = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
     known = {"": project["dependencies"], **project["optional-dependencies"]}
-    if "import" in lines:
-        package, extra = re.fullmatch(r"-c: error: (\w+) .*-e '.\[?(\w*)]?'", line).groups()
-        assert any(x.startswith(package) for x in known[extra])
+    for package, extra in cli.EXTRAS.items():
+        assert any(x.startswith(package) for x in known[extra.strip("[]")])
+    done = script("sys.modules['mpmath'] = None\nimport mpmath")
+    line = "-c: error: mpmath is not installed: pip install -e '.[reference]'\n"
+    assert (done.returncode, done.stderr) == (1, line)
 
 
 @posix
@@ -273,9 +267,7 @@ def test_a_full_closed_or_narrow_terminal_and_a_reader_who_leaves(tmp_path):
     done = run(tmp_path, preexec_fn=closed)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     done = run(tmp_path / "\u00e4", variables={"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0 and done.stdout.rstrip().endswith(
-        "\\xe4:\n  metrics.json, motion.svg, play.html"
-    )
+    assert done.returncode == 0 and "\\xe4:\n  metrics.json" in done.stdout
     done = script("raise OSError(28, 'Full', 'a.json')", preexec_fn=partial(os.close, 1))
     assert (done.returncode, done.stderr) == (1, "-c: error: Full: a.json\n")
     assert script("import numpy; numpy.ones(1) / 0.0").stderr == ""  # a warning for nobody
