@@ -337,7 +337,7 @@ def test_colours_are_told_apart_by_all_and_can_be_read(eyes, colours, read, grou
 DRAWN = {name for name in PICTURES if isinstance(PICTURES[name], FunctionType)}
 
 
-def test_a_drawing_is_what_its_script_makes_and_has_a_title_and_the_colours_of_the_palette():
+def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_title():
     """Those that no script makes, too: a mode, a pull and an excess look the same in all."""
     palette = {*svg.LIGHT.values(), "none"}
     for path in FOLDER.glob("*.svg"):
@@ -347,9 +347,6 @@ def test_a_drawing_is_what_its_script_makes_and_has_a_title_and_the_colours_of_t
         assert {*colours} <= palette, path.name
         if path.name in DRAWN - {"cost.svg"}:  # which is slow
             assert PICTURES[path.name]() == stored, "make_pictures makes it again"
-
-
-def test_the_gallery_shows_each_scene():
     gallery = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\((\w+\.svg)\)", gallery)) == PICTURES.keys() - DRAWN
     assert sum((FOLDER / name).stat().st_size for name in PICTURES) < 1_500_000
