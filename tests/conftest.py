@@ -129,15 +129,15 @@ def pytest_pyfunc_call(pyfuncitem):
 
 @shared
 def smoke(folder):
-    """Two folders with all that --smoke writes; what Rerun says of one recording and of both."""
+    """Two folders with all that --smoke writes; how Rerun compares the two recordings, and the
+    lines in which it tells of the layout of one."""
     folders = folder / "one", folder / "and two"
     for place in folders:
         done = python(constraints.__file__, "--smoke", "--out", place)
         assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
     one, two = (place / publish.RECORDING for place in folders)
-    verified, printed, compared = (
-        python("-m", "rerun", "rrd", *words)
-        for words in (("verify", one), ("print", one), ("compare", one, two))
-    )
+    asked = ("verify", one), ("print", one), ("compare", one, two)
+    verified, printed, compared = (python("-m", "rerun", "rrd", *words) for words in asked)
     assert verified.returncode == printed.returncode == 0
-    return SimpleNamespace(folders=folders, compared=compared, printed=printed.stdout)
+    layout = [line for line in printed.stdout.splitlines() if "BlueprintActivation" in line]
+    return SimpleNamespace(folders=folders, compared=compared, layout=layout)
