@@ -260,3 +260,8 @@ def test_smoke_twice_is_the_same_files_and_the_same_recording(smoke):
     assert names == {publish.METRICS, publish.PICTURE, publish.PAGE}
     assert all((one / name).read_bytes() == (two / name).read_bytes() for name in names)
     assert smoke.compared.returncode == 0, smoke.compared.stderr
+
+
+def test_a_server_keeps_the_layout_of_a_recording(smoke):
+    """Or else a viewer in a browser makes up its own."""
+    assert any("make_active: true, make_default: true" in line for line in smoke.layout)
