@@ -251,8 +251,3 @@ def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
     for name in ("windows", "light_tip"):
         source = run(c.build_system(name), "rk4", "project", steps=1).source
         assert "__" not in source and "import" not in source and name not in source
-
-
-def test_nothing_where_an_array_must_be_is_told_of():
-    with pytest.raises(ValueError, match="None where an array must be"):
-        ordered(None, (2, 3))
