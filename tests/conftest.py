@@ -71,8 +71,11 @@ WORK, BEGUN = {}, {}  # {name: function without arguments}, {name: Future}; of a
 
 
 def do(name):
-    """Work that was there when the other process was forked off."""
-    return WORK[name]()
+    """In the other process, which was forked off with its WORK; of a test, why it is skipped."""
+    try:
+        return WORK[name]()
+    except pytest.skip.Exception as why:
+        return str(why)
 
 
 def shared(find):
@@ -108,7 +111,8 @@ def at_work(request, tmp_path_factory):
     asked = {name for item in items for name in item.fixturenames}
     for name in asked & WORK.keys():
         WORK[name] = partial(WORK[name], tmp_path_factory.mktemp(name))
-    if len(items) < MANY or not hasattr(os, "fork"):
+    alone = "PYTEST_XDIST_WORKER" not in os.environ  # or there are such processes already
+    if len(items) < MANY or not (alone and hasattr(os, "fork")):
         yield
         return
     names = [name for name in WORK if name in asked] + [x.nodeid for x in items if x.nodeid in WORK]
@@ -119,11 +123,13 @@ def at_work(request, tmp_path_factory):
 
 
 def pytest_pyfunc_call(pyfuncitem):
-    """True for a test that has been done meanwhile, as an assertion that fails does here, too."""
+    """True for a test that has been done meanwhile; what it raised there is raised here."""
     future = BEGUN.get(pyfuncitem.nodeid)
     if future is None or future.cancel():  # it has not been begun yet: it is done here
         return None
-    future.result()
+    why = future.result()
+    if why is not None:
+        pytest.skip(why)
     return True
 
 
