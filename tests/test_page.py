@@ -39,12 +39,11 @@ def node(*words, lines=b""):
     return done.stdout
 
 
-def compared(folder, name, rule, steps, only=None):
+def compared(folder, name, rule, steps):
     """{mode: (what node says, the Run of Python)}, once all their states are the same bits."""
     file, system = folder / "page.html", c.build_system(name)
     file.write_text(page(name, rule))
     modes = [mode for mode, hold in c.hold_table().items() if not misfit(hold, rule)]
-    modes = [mode for mode in modes if only in (None, mode)]
     said = json.loads(node(NODE, file, steps, *modes))
     for mode in modes:
         force = c.make_force(system, c.hold_table()[mode])
@@ -95,51 +94,37 @@ def test_every_mode_makes_pythons_bits_halves_included(name, rule, steps, tmp_pa
             assert run.halved > 0 and run.stopped  # or the test would not have seen either
 
 
-def add_row(monkeypatch, name, hold):
-    """Have the table of modes one more, which is hold(the rows there are)."""
+def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_path):
+    """Also of a row for a step's length: where its steps fail, halves keep the whole step's."""
     table = c.hold_table
 
-    def more(*given, **named):
+    def longer(*given, **named):
         rows = table(*given, **named)
-        return rows | {name: hold(rows)}
+        mended = rows["impulse"]._replace(after=c.project)
+        return rows | {"mine": c.Hold(1.0, 3.0, 5.0, 0.0), "mended": mended}
 
-    monkeypatch.setattr(c, "hold_table", more)
-
-
-def test_what_a_reader_writes_is_in_the_page(monkeypatch, tmp_path):
-    add_row(monkeypatch, "mine", lambda rows: c.Hold(1.0, 3.0, 5.0, 0.0))
+    monkeypatch.setattr(c, "hold_table", longer)
+    _, run = compared(tmp_path, "pendulum", "semi_implicit", 400)["mine"]
+    said, mended = compared(tmp_path, "heavy_tip", "semi_implicit", 800)["mended"]
+    assert said["halved"] == mended.halved > 0 and mended.way.startswith("compiled")
     feel(monkeypatch, lambda q, v: -0.3 * v)
-    found = compared(tmp_path, "pendulum", "semi_implicit", 400)
-    assert "mine" in found
-    energies = found["project"][1].energies
-    assert energies[-1] < energies[0] - 0.1  # drag is felt, there and here
-
-
-def test_halves_keep_the_hold_of_the_whole_step(monkeypatch, tmp_path):
-    """Of a row that is for a step's length, and whose steps fail."""
-    add_row(monkeypatch, "mended", lambda rows: rows["impulse"]._replace(after=c.project))
-    said, run = compared(tmp_path, "heavy_tip", "semi_implicit", 800, "mended")["mended"]
-    assert said["halved"] == run.halved > 0 and run.way.startswith("compiled")
+    _, dragged = compared(tmp_path, "pendulum", "semi_implicit", 400)["mine"]
+    assert dragged.energies[-1] < run.energies[-1] - 0.1
 
 
 def test_a_page_that_is_not_asked_for_or_cannot_be_made_is_not_there(monkeypatch, tmp_path, capsys):
     """The last is told of with a reason."""
-
-    def written(*flags):
-        words = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
-        c.main([*words, *flags])
-        return (tmp_path / play.PAGE).exists()
-
-    assert [written(), written("--no-page"), written()] == [True, False, True]
-    feel(monkeypatch, lambda q, v: q if q[0, 0] > 0.0 else -q)
-    assert not written()
-    assert re.search(r"\nplay\.html left out: it branches on a value", capsys.readouterr().out)
-
-
-def test_a_force_that_asks_the_clock_is_not_frozen_into_a_page(monkeypatch):
-    feel(monkeypatch, lambda q, v: time.time() * v)
-    with pytest.raises(Untraceable, match="the time"):
-        page("pendulum")
+    short = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
+    for flags, written in (([], True), (["--no-page"], False), ([], True)):
+        c.main([*short, *flags])
+        assert (tmp_path / play.PAGE).exists() == written
+    forces = {"branches on a value": lambda q, v: q if q[0, 0] > 0.0 else -q}
+    forces["asks for the time"] = lambda q, v: time.time() * v  # which is not to be frozen in
+    for why, force in forces.items():
+        feel(monkeypatch, force)
+        c.main(short)
+        assert f"\n{play.PAGE} left out: it {why}" in capsys.readouterr().out
+        assert not (tmp_path / play.PAGE).exists()
     with pytest.raises(Untraceable, match="120 rods"):
         play.page(c, "x", c.build_system("chain", links=121), "rk4", c.rk4_step, *USUAL)
 
