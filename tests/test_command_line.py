@@ -1,6 +1,7 @@
 """The command line: a mistake is answered by one line, a run by sentences that fit a terminal."""
 
 import contextlib
+import importlib
 import json
 import os
 import re
@@ -20,7 +21,7 @@ import constraints as c
 import curriculum
 from curriculum.ch3_4_constraints import publish, svg
 from curriculum.ch3_4_constraints.studies import __main__ as studies
-from curriculum.common import banner, cli
+from curriculum.common import banner, cli, pure
 
 import numpy
 import pytest
@@ -152,6 +153,16 @@ def test_numpy_may_lie_anywhere_and_is_no_code_of_the_readers(tmp_path):
     flags = "--steps", "9", "--out", tmp_path / "out"
     told = second_line(*flags, python_flags=["-S"], PYTHONPATH=f"{tmp_path}{os.pathsep}{c.HERE}")
     assert told.endswith("compiled to Python")
+
+
+def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):
+    """The reader's own module, in the very folder, is asked what it remembers."""
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("theirs", "mine"):
+        (tmp_path / f"{name}.py").touch()
+        importlib.import_module(name)
+    (tmp_path / "theirs-1.0.dist-info").mkdir()
+    assert [name for name in ("theirs", "mine", "json", "math") if pure.ours(name)] == ["mine"]
 
 
 def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_printed_and_drawn(tmp_path):
