@@ -208,7 +208,7 @@ def test_what_a_rod_has_too_much_is_red_and_what_it_lacks_is_dashed_and_blue(tmp
         assert colors(drawn[name]).tolist() == [recording.rgb(svg.LIGHT[name]).tolist()]
     paths = ElementTree.fromstring(picture.motion(found)).findall(f"{SVG}svg/{SVG}path")
     assert [path.get("stroke") for path in paths[1:]] == [svg.EXCESS, svg.MISSING]
-    assert paths[-1].get("stroke-dasharray") and geometry.worst_errors(rods, q)[1] == 0.5
+    assert paths[-1].get("stroke-dasharray")
 
 
 def test_a_recording_is_small_and_has_a_name_of_its_own_and_begins_where_modes_differ(recorded):
