@@ -6,8 +6,10 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import constraints
+from curriculum.ch3_4_constraints import publish
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import nudged
@@ -16,6 +18,16 @@ import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise."""
+    all_of_them = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    here = hasattr(config, "workerinput") or config.option.usepdb
+    if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
+        config.option.numprocesses = 2
+        config.option.dist = "worksteal"
 
 
 def complaint(capsys, *words):
@@ -60,11 +72,27 @@ def feel(monkeypatch, force):
     monkeypatch.setattr(constraints, "external_force", both)
 
 
-@pytest.fixture(scope="session")
-def smoke(tmp_path_factory):
-    """Two folders, one whose name has a space, each with all that --smoke writes."""
-    folders = [tmp_path_factory.mktemp(name) for name in ("one", "and two")]
-    for folder in folders:
-        done = python(constraints.__file__, "--smoke", "--out", folder)
+def shared(find):
+    """Makes a fixture of what find(folder) finds, once, in a folder of its own."""
+
+    @pytest.fixture(scope="session", name=find.__name__)
+    def found(tmp_path_factory):
+        return find(tmp_path_factory.mktemp(find.__name__))
+
+    return found
+
+
+@shared
+def smoke(folder):
+    """Two folders with all that --smoke writes; how Rerun compares the two recordings, and the
+    lines in which it tells of the layout of one."""
+    folders = folder / "one", folder / "and two"
+    for place in folders:
+        done = python(constraints.__file__, "--smoke", "--out", place)
         assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
-    return folders
+    one, two = (place / publish.RECORDING for place in folders)
+    asked = ("verify", one), ("print", one), ("compare", one, two)
+    verified, printed, compared = (python("-m", "rerun", "rrd", *words) for words in asked)
+    assert verified.returncode == printed.returncode == 0
+    layout = [line for line in printed.stdout.splitlines() if "BlueprintActivation" in line]
+    return SimpleNamespace(folders=folders, compared=compared, layout=layout)

@@ -34,6 +34,13 @@ def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
 
+def refused(capsys, flags, why):
+    """A run with these flags, before it begins."""
+    with pytest.raises(SystemExit, match="2"):
+        c.main(flags)
+    assert why in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL, ZeroDivisionError()])
 def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path, monkeypatch):
     def half(path, content):
@@ -47,6 +54,22 @@ def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(error, tmp_path, mon
         files.write_together(tmp_path, {"a": "new", "b": "new"})
     assert contents(tmp_path) == {"b": "old"}
     assert error is not FULL or raised.value.filename == str(tmp_path / "b")
+
+
+def test_a_file_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, monkeypatch):
+    """Whatever was replaced, made or removed before it."""
+
+    def refused(path, target, replace=Path.replace):
+        if target.name == "d" and path.parent.name.endswith("-new"):
+            raise PermissionError(1, "Operation not permitted", "a temporary name")
+        replace(path, target)
+
+    files.write_together(tmp_path, dict.fromkeys("abd", "old"))
+    monkeypatch.setattr(files.Path, "replace", refused)
+    with pytest.raises(PermissionError) as raised:
+        files.write_together(tmp_path, {"a": "new", "b": None, "c": "new", "d": "new"})
+    assert contents(tmp_path) == dict.fromkeys("abd", "old")
+    assert raised.value.filename == str(tmp_path / "d")
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
@@ -86,27 +109,9 @@ def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_p
     assert contents(tmp_path) == {"a": "whole"}
 
 
-def test_a_file_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, monkeypatch):
-    """Whatever was replaced, made or removed before it."""
-    for name in "abd":
-        (tmp_path / name).write_text("old")
-
-    def refused(path, target, replace=Path.replace):
-        if target.name == "d" and path.parent.name.endswith("-new"):
-            raise PermissionError(1, "Operation not permitted", "a temporary name")
-        replace(path, target)
-
-    monkeypatch.setattr(files.Path, "replace", refused)
-    with pytest.raises(PermissionError) as raised:
-        files.write_together(tmp_path, {"a": "new", "b": None, "c": "new", "d": "new"})
-    assert contents(tmp_path) == dict.fromkeys("abd", "old")
-    assert raised.value.filename == str(tmp_path / "d")
-
-
 def test_what_another_program_left_under_our_name_stops_no_tidying(tmp_path):
     (tmp_path / f"{files.UNFINISHED}77").touch()
-    (tmp_path / f"{files.UNFINISHED}78").mkdir()
-    (tmp_path / f"{files.UNFINISHED}78" / "folder").mkdir()
+    (tmp_path / f"{files.UNFINISHED}78/folder").mkdir(parents=True)
     files.write_whole(tmp_path / "a", "whole")
     assert contents(tmp_path) == {"a": "whole"}
 
@@ -120,30 +125,25 @@ def test_a_file_that_must_not_be_replaced_is_found_out_before_a_run(tmp_path, mo
     tmp_path.chmod(0o1777)
     with monkeypatch.context() as patch:
         patch.setattr(os, "geteuid", lambda: old.stat().st_uid + 1)  # as somebody else sees it
-        with pytest.raises(SystemExit, match="2"):
-            c.main(flags)
-    assert "is there and must not be replaced" in capsys.readouterr().err
-    if subprocess.run(["chattr", "+i", old], capture_output=True).returncode:
-        return  # only root may, and not on every disk
-    try:
-        with pytest.raises(SystemExit, match="2"):
-            c.main(flags)
-    finally:
-        subprocess.run(["chattr", "-i", old], check=True)
+        refused(capsys, flags, "is there and must not be replaced")
+    tmp_path.chmod(0o777)
+    if not subprocess.run(["chattr", "+i", old], capture_output=True).returncode:
+        try:  # only root may, and not on every disk
+            refused(capsys, flags, "is there and must not be replaced")
+        finally:
+            subprocess.run(["chattr", "-i", old], check=True)
 
 
 def test_each_file_of_a_run_is_looked_for_and_none_of_them_tells_where_it_was(tmp_path, capsys):
     scene, out = tmp_path / "mine.json", tmp_path / "out"
     scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
     c.main(["--system", str(scene), "--steps", "1", "--no-rerun", "--out", str(out)])
-    assert f'"{scene.name}"' in (out / publish.METRICS).read_text()
-    for name in (publish.METRICS, publish.PICTURE):
-        assert str(tmp_path) not in (out / name).read_text()
-    for name in (publish.METRICS, publish.PICTURE, publish.RECORDING):
+    written = contents(out)
+    assert f'"{scene.name}"' in written[publish.METRICS]
+    assert not any(str(tmp_path) in text for text in written.values())
+    for name in (publish.METRICS, publish.PICTURE, publish.PAGE, publish.RECORDING):
         (tmp_path / name / name).mkdir(parents=True)
-        with pytest.raises(SystemExit, match="2"):
-            c.main(["--steps", "1", "--out", str(tmp_path / name)])
-        assert f"{name} is a folder there" in capsys.readouterr().err
+        refused(capsys, ["--out", str(tmp_path / name)], f"{name} is a folder there")
 
 
 def test_what_measures_a_default_run_does_not_begin_where_it_cannot_write(tmp_path, monkeypatch):

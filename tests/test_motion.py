@@ -35,15 +35,6 @@ def test_the_published_script_finds_the_same_digits_of_the_worst_rod_error():
         assert {mode: f"{x:.12f}" for mode, x in worst.items()} == published
 
 
-@pytest.mark.parametrize(("name", "seed"), [*product(c.SYSTEMS, range(3))])
-def test_baumgarte_beats_none_threefold_and_impulse_it_tenfold(name, seed):
-    system = c.build_system(name, seed)
-    none, helped, impulse = (run(system, hold=mode) for mode in ("none", "baumgarte", "impulse"))
-    assert none.violations.max() > 3.0 * helped.violations.max()
-    assert helped.violations.max() > 10.0 * impulse.violations.max()
-    assert drift(system, helped) > 10.0 * drift(system, impulse)
-
-
 def test_neighbouring_seeds_part_and_a_generator_is_as_good_as_a_seed():
     starts = (c.build_system("double", seed) for seed in (0, np.random.default_rng(1), 1))
     one, drawn, other = (run(start, hold="baumgarte").tip[-1] for start in starts)
@@ -73,25 +64,22 @@ def test_halving_the_step_shows_the_order(rule, mode, dt, low, high):
     assert (low < found).all() and (found < high).all(), found
 
 
-@pytest.mark.parametrize(("rule", "dt"), [("rk4", 0.005), ("semi_implicit", 0.05), ("rk4", 0.1)])
-def test_project_holds_rods_and_their_rates_and_finds_back_from_long_steps(rule, dt):
-    system = c.build_system("double")
-    found = run(system, rule, "project", dt, round(20.0 / dt))
-    assert not found.stopped and not found.halved and found.violations.max() < 1e-10
-    assert np.abs(c.constraint_terms(system, found.q[-1], found.v[-1])[2]).max() < 1e-10
-
-
-def test_semi_implicit_with_project_keeps_energy_without_a_trend():
+def test_semi_implicit_with_project_keeps_rods_their_rates_and_energy_without_a_trend():
     """100 s: within 6e-3, no slope beyond the noise of block means, half at half the step."""
     system, worst = c.build_system("double"), []
     for dt in (0.005, 0.0025):
         found = run(system, hold="project", dt=dt, steps=round(100 / dt))
+        assert found.violations.max() < 1e-10 and not found.halved
+        assert np.abs(c.constraint_terms(system, found.q[-1], found.v[-1])[2]).max() < 1e-10
         worst.append(drift(system, found))
         error = found.energies[1:] / energy_scale(system)
         blocks = error.reshape(20, -1).mean(axis=1)  # 5 s each: their scatter is the noise
         (slope, _), spread = np.polyfit(np.arange(20), blocks, 1, cov=True)
         assert abs(slope) < 3.0 * np.sqrt(spread[0, 0])
     assert worst[0] < 6e-3 and 0.4 < worst[1] / worst[0] < 0.6
+    for rule, dt in (("semi_implicit", 0.05), ("rk4", 0.1)):  # from so far it finds back
+        found = run(system, rule, "project", dt, 200)
+        assert found.violations.max() < 1e-10 and not found.stopped and not found.halved
 
 
 @pytest.mark.parametrize("rule", c.STABILITY_LIMIT)
@@ -199,7 +187,7 @@ def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     runs = [held("double", "none")]
     q, _ = true_position(held("double", "project"), 2.0)
     costs = {}
-    for order in (4, 6, 8, 10, 12):
+    for order in (4, 8, 12):
         rule = rules.named(f"midpoint:{order}", c.INTEGRATORS)
         error, dt, (found, states) = climb(1e-7, 2.0, q, runs, rule)
         forces = cost(found, rule, dt, states)

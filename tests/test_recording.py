@@ -2,8 +2,6 @@
 
 import itertools
 import re
-import subprocess
-import sys
 from collections import defaultdict
 from types import FunctionType, SimpleNamespace
 from unittest import mock
@@ -49,21 +47,21 @@ def chunks(reader, **store):
 def made(folder, *flags):
     """The Comparison that a run has found, and its files read again: `seen` {entity: {column:
     rows}}, `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
-    views = {}
     with mock.patch.object(publish, "record", wraps=recording.record) as noted:
         c.main([*flags, "--out", str(folder)])
     (comparison,) = noted.call_args.args
     reader = RrdReader(str(folder / publish.RECORDING))
     (store,), (blueprint,) = reader.recordings(), reader.blueprints()
-    pages = chunks(reader, store=blueprint)
+    pages, views = chunks(reader, store=blueprint), {}
     for entity, page in pages.items():
         if "space_origin" in page:
             inside = [some for name, some in pages.items() if name.startswith(f"{entity}/")]
             view = {name: x[0] for some in (*inside, page) for name, x in some.items()}
             views[f"/{view['space_origin'][0]}"] = view
     what = {"seen": chunks(reader), "views": views, "id": store.recording_id, "pages": pages}
-    what |= {"drawn": ElementTree.parse(folder / publish.PICTURE), "path": reader.path}
-    return SimpleNamespace(**comparison._asdict(), comparison=comparison, **what)
+    what |= {"drawn": ElementTree.parse(folder / publish.PICTURE), "comparison": comparison}
+    what["size"] = (folder / publish.RECORDING).stat().st_size
+    return SimpleNamespace(**comparison._asdict(), **what)
 
 
 def colors(entity):
@@ -80,11 +78,10 @@ def recorded(tmp_path_factory):
 
 
 def test_a_curve_shows_what_its_title_says(recorded):
-    leg, short = recorded["leg"], recorded["default"]
-    rods = "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
-    titles = ["pull of the first rod, N", rods, "energy error, share of m g L"]
-    folders = "/pull", "/rods", "/energy"
-    assert titles == [leg.views[folder]["display_name"][0] for folder in folders]
+    leg, rods = recorded["leg"], "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
+    titles = {"/pull": "pull of the first rod, N", "/rods": rods}
+    titles["/energy"] = "energy error, share of m g L"
+    assert [leg.views[x]["display_name"][0] for x in titles] == [*titles.values()]
     for mode in leg.runs:
         _, q, v = leg.comparison.states(mode, leg.shown)
         errors = np.array([c.rod_errors(leg.system, state) for state in q])
@@ -93,14 +90,9 @@ def test_a_curve_shows_what_its_title_says(recorded):
         gained = (joule - joule[0]) / energy_scale(leg.system)
         pull = leg.tensions[mode](q, v)[:, 0]
         curves = pull[:, None], np.stack([over, -under], axis=1), gained[:, None]
-        for folder, curve in zip(folders, curves, strict=True):
+        for folder, curve in zip(titles, curves, strict=True):
             shown = np.array([*leg.seen[f"{folder}/{mode}"]["scalars"]])
             assert np.max(np.abs(shown - curve)[1:]) < 1e-6 * max(np.ptp(curve), 1e-3)
-    # the sign is so: in the default run `none` has rods too long, and `baumgarte` too short
-    over, under = np.array([*short.seen["/rods/none"]["scalars"]])[-1]
-    assert over > 8.0 and under == 0.0
-    under = np.array([*short.seen["/rods/baumgarte"]["scalars"]])[:, 1]
-    assert np.mean(under < -6.0) > 0.8
 
 
 def test_particles_rods_trail_and_the_true_motion_are_where_they_were(recorded):
@@ -134,19 +126,17 @@ def test_particles_rods_trail_and_the_true_motion_are_where_they_were(recorded):
 def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
     default = recorded["default"]
     assert len(default.motion) == len(default.shown)  # 20 s
-
     truth, _ = ruler.true_position(held("double", "project"), default.shown[133] * 0.005)
     assert ruler.distance(default.motion[133], truth) < 1e-5
-    triple = held("triple", "project")
-    shown, system, truth = frames(4000, 0.005, 3), c.build_system("triple"), ruler.Truth(0)
-    motion = ruler.true_motion(triple, system, 0.005, shown, truth)
+    triple, shown = held("triple", "project"), frames(4000, 0.005, 3)
+    sought = c.build_system("triple"), 0.005, shown, ruler.Truth(0)
+    motion = ruler.true_motion(triple, *sought)
     assert 5.0 < 0.005 * shown[len(motion)] < 20.0  # s
     other = triple("gauss:12:1e-14", 0.0075, 2667, range(0, 2667, 2))
     apart = [ruler.distance(*pair) for pair in zip(motion, other.q, strict=False)]
     assert max(apart[: 4 * len(apart) // 5]) < ruler.CLOSE and max(apart) < 0.1
     monkeypatch.setattr(ruler, "HORIZON", 3.0)  # it is sought step by step, further and further
-    assert np.array_equal(ruler.true_motion(triple, system, 0.005, shown, truth), motion)
-    assert not len(ruler.true_motion(triple, system, 0.005, shown[:1], truth))
+    assert np.array_equal(ruler.true_motion(triple, *sought), motion)
 
 
 def test_a_rod_glows_where_it_pulls_and_where_it_pushes(recorded):
@@ -154,12 +144,12 @@ def test_a_rod_glows_where_it_pulls_and_where_it_pushes(recorded):
     pulls = {m: leg.tensions[m](*leg.comparison.states(m, leg.shown)[1:]) for m in leg.runs}
     full = np.quantile(np.abs(np.concatenate([*pulls.values()])), 0.9)
     assert f"full glow = {full:.3g} newtons" in leg.seen["/panel"]["text"][0][0]
+    grey, *ends = (recording.rgb(x).astype(int) for x in (svg.GREY, svg.PULL, svg.PUSH))
     for mode, newtons in pulls.items():
-        shown, share = colors(leg.seen[f"/modes/{mode}/rods"]), newtons.ravel()
-        glow = np.clip(share / full, -1.0, 1.0)[:, None]
-        grey, *ends = (recording.rgb(x).astype(int) for x in (svg.GREY, svg.PULL, svg.PUSH))
+        glow = np.clip(newtons.ravel() / full, -1.0, 1.0)[:, None]
         expected = grey + abs(glow) * (np.where(glow > 0.0, *ends) - grey)
-        assert np.all(np.abs(shown - expected) <= 1.0) and {-1.0, 1.0} < {*glow.flat}
+        assert np.all(np.abs(colors(leg.seen[f"/modes/{mode}/rods"]) - expected) <= 1.0)
+        assert {-1.0, 1.0} < {*glow.flat}
 
 
 def test_the_eye_sees_the_whole_scene_from_the_front(recorded):
@@ -221,14 +211,10 @@ def test_what_a_rod_has_too_much_is_red_and_what_it_lacks_is_dashed_and_blue(tmp
     assert paths[-1].get("stroke-dasharray")
 
 
-def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(recorded):
-    default, command = recorded["default"], [sys.executable, "-m", "rerun", "rrd"]
+def test_a_recording_is_small_and_has_a_name_of_its_own_and_begins_where_modes_differ(recorded):
+    default = recorded["default"]
     assert default.id != recorded["lost"].id  # or a viewer that opens both takes them for one
-    assert default.path.stat().st_size < 2_000_000
-    subprocess.run([*command, "verify", default.path], check=True, capture_output=True)
-    text = subprocess.check_output([*command, "print", recorded["lost"].path], text=True)
-    # else a viewer in a browser makes up its own
-    assert re.search("BlueprintActivation.*make_active: true, make_default: true", text)
+    assert default.size < 2_000_000
     (said,) = default.seen["/panel"]["text"][0]
     assert said.startswith("**double, semi_implicit, steps of 0.005 s**")
     assert default.seen["/__properties"]["name"] == [[default.comparison.title]]
@@ -349,7 +335,7 @@ def test_colours_are_told_apart_by_all_and_can_be_read(eyes, colours, read, grou
 DRAWN = {name for name in PICTURES if isinstance(PICTURES[name], FunctionType)}
 
 
-def test_a_drawing_is_what_its_script_makes_and_has_a_title_and_the_colours_of_the_palette():
+def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_title():
     """Those that no script makes, too: a mode, a pull and an excess look the same in all."""
     palette = {*svg.LIGHT.values(), "none"}
     for path in FOLDER.glob("*.svg"):
@@ -359,9 +345,6 @@ def test_a_drawing_is_what_its_script_makes_and_has_a_title_and_the_colours_of_t
         assert {*colours} <= palette, path.name
         if path.name in DRAWN - {"cost.svg"}:  # which is slow
             assert PICTURES[path.name]() == stored, "make_pictures makes it again"
-
-
-def test_the_gallery_shows_each_scene():
     gallery = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\((\w+\.svg)\)", gallery)) == PICTURES.keys() - DRAWN
     assert sum((FOLDER / name).stat().st_size for name in PICTURES) < 1_500_000

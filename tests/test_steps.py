@@ -94,6 +94,17 @@ def test_what_has_no_number_in_the_lines_has_none_compiled(monkeypatch):
         assert found.stopped == "diverged at step 1"
 
 
+def motor(q, v):
+    """It acts on single particles, and out of the plane."""
+    f = 0.0 * q
+    f[-1, 2] = f[-1, 2] + 3.0 * v[0, 1]
+    return f
+
+
+def branching(q, v):
+    return motor(q, v) * (2.0 if q[0, 1] < -0.05 else 1.0)
+
+
 class Controller(SimpleNamespace):
     def __call__(self, q, v):
         gain, self.hold.gain = self.hold.gain, q[0, 0]
@@ -164,6 +175,7 @@ def forces():
         "when it is compiled: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
         "when it is compiled: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
+        "branches on a value": branching,
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),
@@ -177,7 +189,7 @@ def forces():
 
 FROZEN = [(name, "rk4", "none", 40) for name in forces()]
 FINE = [name for name in forces() if name.startswith("compiled")]
-FROZEN += [(name, "semi_implicit", "project", 200) for name in FINE]
+FROZEN += [(name, "semi_implicit", "project", 60) for name in FINE]
 
 
 @pytest.mark.parametrize(("name", "rule", "mode", "steps"), FROZEN)
@@ -194,42 +206,6 @@ def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, step
     assert same(found.q[-1], plain.q[-1])
     assert name.split(":")[0] in found.way
     assert ("slower: it" in found.way) == (name not in FINE)
-
-
-def motor(q, v):
-    """It acts on single particles, and out of the plane."""
-    f = 0.0 * q
-    f[-1, 2] = f[-1, 2] + 3.0 * v[0, 1]
-    return f
-
-
-def branching(q, v):
-    return motor(q, v) * (2.0 if q[0, 1] < -0.05 else 1.0)
-
-
-def in_place_step(q, v, m, force, dt):
-    v += dt * (force(q, v) / m)
-    q += dt * v
-    return q, v
-
-
-@pytest.mark.parametrize("force", [motor, lambda q, v: -0.1 * v])
-@pytest.mark.parametrize("mode", ["none", "project"])
-def test_members_of_a_crowd_are_as_if_alone_and_a_rule_may_work_in_place(mode, force, monkeypatch):
-    """Also where one alone is at rest, or in the plane."""
-    feel(monkeypatch, force)
-    v = np.random.default_rng(4).normal(size=(MEMBERS, 2, 3))
-    v[3] = 0.0
-    in_every_way(in_place_step, DOUBLE, mode, 0.005, 10)
-    q, _ = together(in_place_step, crowd_of(DOUBLE, v), mode, 0.005, 10)
-    for k, x in enumerate(v):
-        alone = run(DOUBLE | {"v0": x}, "semi_implicit", mode, 0.005, 10, range(11), Plain)
-        assert np.array_equal(q[:, k], alone.q)
-
-
-def test_a_force_that_branches_runs_plainly(monkeypatch):
-    feel(monkeypatch, branching)
-    assert "branches on a value" in in_every_way("rk4", DOUBLE, "none", 0.005, 5).way
 
 
 def too_long(v, dt):
@@ -295,7 +271,7 @@ def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypat
 @pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
 def test_a_loop_typed_by_hand_has_the_bits_of_simulate(rule):
     """And a run unpacks as the chapter has it."""
-    system, dt, steps = c.build_system("triple"), 0.005, 100
+    system, dt, steps = c.build_system("triple"), 0.005, 30
     step, force = c.INTEGRATORS[rule], c.make_force(system, 20.0)
     tip, violations, energies = c.simulate(step, system, force, dt, steps)
     q, v = system["q0"], system["v0"]
@@ -345,8 +321,7 @@ def test_a_state_changed_in_place_is_told_how_to_be_changed():
 
 def test_runs_in_threads_are_the_runs_in_turn():
     """While one traces, the others' plain steps are of numbers, whatever rule they are."""
-    rules = "semi_implicit", "rk4", "midpoint", "gauss"
-    cases = [(rule, mode) for rule in rules for mode in ("none", "project")] * 3
+    cases = [*product(("semi_implicit", "rk4", "gauss"), ("none", "project"))] * 2
 
     def one(case):
         return run(DOUBLE, *case, steps=300)
@@ -358,17 +333,25 @@ def test_runs_in_threads_are_the_runs_in_turn():
         assert np.array_equal(found.tip, one(case).tip)
 
 
+def in_place_step(q, v, m, force, dt):
+    v += dt * (force(q, v) / m)
+    q += dt * v
+    return q, v
+
+
 CASES = [  # name, rule, mode, dt, steps, how it ends
     ("pendulum", "gauss", "none", 1e4, 2, "settle"),
     ("triple", "rk4", "project", 0.3, 9, "no way back"),
     ("fourbar_coupler", "semi_implicit", "baumgarte", 0.1, 40, "diverged"),
     ("pendulum", "gauss", "none", 0.5, 12, None),
     ("braced", "semi_implicit", "none", 0.02, 90, None),
+    ("double", in_place_step, "project", 0.005, 10, None),
 ]
-SHORT = {(name, "semi_implicit", "project") for name in (*c.SYSTEMS, *SHIPPED)}
+SHORT = {(name, "semi_implicit", "project") for name in {*c.SYSTEMS, *SHIPPED} - {"long_chain"}}
 for rule, (mode, hold) in product(c.INTEGRATORS, c.hold_table().items()):
     if not misfit(hold, rule):
-        SHORT |= {("double", rule, mode), ("fourbar_coupler", rule, mode)}
+        SHORT |= {("double", rule, mode), ("fourbar_coupler", rule, "project")}
+        SHORT |= {("fourbar_coupler", rule, mode)} if rule == "semi_implicit" else set()
 CASES += [(*case, 0.005, 3, None) for case in sorted(SHORT)]
 
 
@@ -378,7 +361,7 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
     alone = in_every_way(rule, system, mode, dt, steps)
     assert alone.way.startswith("compiled")
     assert alone.stopped is why or why in alone.stopped
-    quick = name in c.SYSTEMS or rule in c.STABILITY_LIMIT and len(system["m"]) < 5
+    quick = len(system["m"]) < 5 and (rule not in ("midpoint", "gauss") or mode == "none")
     if quick and dt < 0.1 and not alone.halved:
         noise = 0.1 * np.random.default_rng(2).normal(size=system["q0"].shape)
         moved = system["v0"] + noise * (system["q0"] != 0.0)  # of which the rods let pass
@@ -387,8 +370,10 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
         assert np.array_equal(q[:, 0], alone.q) and np.array_equal(v[:, 0], alone.v)
 
 
-@pytest.mark.parametrize("stages", [3, 4, 8, 16])
-@pytest.mark.parametrize("name", ["double", "windows", "jansen_leg"])
+STAGES = [("double", 4), ("double", 8), ("double", 16), ("windows", 4), ("jansen_leg", 3)]
+
+
+@pytest.mark.parametrize(("name", "stages"), STAGES)
 def test_stages_side_by_side_have_the_bits_of_stages_in_turn(name, stages):
     """Where a register is full, where lanes are left over, and where it takes more than one."""
     found = in_every_way(make_gauss(stages, 1e-9), c.build_system(name), "none", 0.02, 3)

@@ -159,7 +159,7 @@ class Memory:
             yield from self.note(getattr(x, "__dict__", None), name, words)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
                 self.asks.append(f"it uses {name}, which cannot be put back")
-        elif hasattr(x, "__next__"):
+        elif hasattr(type(x), "__next__"):  # an iterator, not a class of them
             self.asks.append(f"it takes from {name}, which cannot be put back")
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)

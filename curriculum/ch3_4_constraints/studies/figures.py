@@ -82,7 +82,7 @@ def machine_free(text):
     where files went."""
     lines, header = [], []
     text = re.sub("^wrote .*", "", text, flags=re.M | re.S)
-    text = re.sub(r",\s+compiled\s+to .*?$(?=\n\n|\Z)", "", text, flags=re.M | re.S)
+    text = re.sub(r",\s+compiled to .*?(?=\n\n|\Z)", "", text, flags=re.S)  # on a line or two
     for line in text.splitlines():
         cells = re.split(r" {2,}", line.strip())
         header = cells if any(cell in TIMES for cell in cells) else header
