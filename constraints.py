@@ -149,7 +149,7 @@ def multipliers(system, q, v, hold, f=None):
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
-    lam = solve(system, A, b, v)  # np.linalg.solve(A, b), but faster; v is for loops of rods
+    lam = solve(system, A, b, v, jac)  # np.linalg.solve(A, b), but faster; v, jac: for loops
     return jac, lam, A, b
 
 
@@ -334,7 +334,7 @@ def tensions(system, q, v, hold="none"):
 def unheld(system, q, v, hold="none"):
     """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
     jac, lam, A, b = multipliers(system, q, v, hold)
-    return unanswered(system, jac, A, b - A @ lam, v)
+    return unanswered(system, jac, A, b, lam, v)
 
 
 def parse(argv):
