@@ -7,6 +7,7 @@ from curriculum.ch3_4_constraints.solving import INSTANT, TURN, solve, turned
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.tables import UNHELD
 from curriculum.common.crowds import mapped
+from curriculum.common.elimination import System, refined
 
 import numpy as np
 import pytest
@@ -182,6 +183,21 @@ def test_what_no_tension_can_hold_is_let_go_and_told():
     q, v = system["anchors"] + out, 4.0 * np.cross([0.0, 0.0, 1.0], out)
     assert_close(c.constraint_force(system, q, v) / system["m"], -16.0 * out, 1e-4)  # they fall
     assert 1e-12 < c.unheld(system, q, v) < 1e-3
+    bob, sideways = nearly_level(1e-7), np.array([[0.0, 0.0, 1e-3]])  # m/s, so that A < T
+    assert c.make_force(bob, "none")(bob["q0"], sideways)[0, 1] < -9.0  # N: not held by halves
+
+
+def test_rounds_of_refinement_end_where_1e_15_is_left():
+    rounds, b = [], np.array([1.0, 2.0])
+
+    def rough(left):  # a ten thousandth stays
+        rounds.append(left)
+        return left / 1.0001
+
+    asked = System(lambda x: x, np.ones(2), b, rough, 0.0, "no end")
+    x, left = refined(asked)
+    assert np.allclose(x, b, rtol=1e-15) and len(rounds) == 5
+    assert 1e-17 < np.abs(left).max() < 1e-15
 
 
 @pytest.mark.parametrize("mode", ["none", "baumgarte", "impulse", "project"])
