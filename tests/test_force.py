@@ -269,3 +269,21 @@ def test_what_tensions_leave_unanswered_is_measured(mode, monkeypatch):
     system = moving(tree(7, 2), 0.001)
     monkeypatch.setattr(c, "solve", lambda *terms: 0.9 * solve(*terms))
     assert c.unheld(system, system["q0"], system["v0"], mode) > 0.1
+
+
+def test_a_state_may_be_lists_and_one_of_another_shape_is_told():
+    system = c.build_system("double")
+    q, v = system["q0"], system["v0"] + [0.0, 0.5, 0.0]
+    typed = system | {"m": [[1], [1]]}
+
+    def jacobian(*given):
+        return c.constraint_terms(*given)[0]
+
+    for asked in (c.energy, jacobian, c.constraint_force, c.tensions, c.unheld):
+        assert np.array_equal(asked(typed, q.tolist(), v.tolist()), asked(system, q, v))
+        with pytest.raises(ValueError, match=r"shape \(1, 3\); must be \(2, 3\)"):
+            asked(system, q[:1], v[:1])
+    for measured in (c.rod_errors, c.constraint_violation):
+        assert np.array_equal(measured(typed, q.tolist()), measured(system, q))
+        with pytest.raises(ValueError, match=r"shape \(1, 3\); must be \(2, 3\)"):
+            measured(system, q[:1])
