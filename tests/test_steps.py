@@ -140,6 +140,13 @@ def forces():
         calls += 1
         return np.full(q.shape, calls // 5 % 2)
 
+    drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
+
+    def lottery(q, v):
+        import secrets
+
+        return 0.0 * secrets.randbelow(2) * v
+
     return {
         "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
         "changes the list recent": lambda q, v: recent.append(1) or -0.1 * len(recent) * v,
@@ -155,6 +162,7 @@ def forces():
         "the random generator of numpy": noise,
         "asks for the time": lambda q, v: -v if datetime.now() else v,
         "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
+        "asks for chance": lottery,
         "takes from ticks, which cannot be put back": lambda q, v: -0.01 * next(ticks) * v,
         "uses slotted, which cannot be put back": lambda q, v: slotted(q, v),
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
@@ -171,6 +179,7 @@ def forces():
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: in place": lambda q, v: halving(q)[0],
         # nothing that changes
+        "compiled: a name of its own": lambda q, v: -drag.time * v,
         "compiled: pure": lambda q, v, k=(0.1, [0.2]): -k[0] * np.cross(q, v) if endless else q,
     }
 
