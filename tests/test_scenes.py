@@ -244,3 +244,11 @@ def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
         assert np.abs(run(c.build_system("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
         if "soft" not in method:  # whose rods are longer under load
             assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9
+
+
+def test_two_bobs_on_a_rod_that_hangs_on_nothing_have_all_their_files(tmp_path):
+    scene, out = tmp_path / "free.json", tmp_path / "out"
+    bobs = [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "velocity": [0, 1, 0]}]
+    scene.write_text(json.dumps({"particles": bobs, "rods": [{"pair": [1, 0]}]}))
+    c.main(["--system", str(scene), "--steps", "20", "--no-rerun", "--out", str(out)])
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "motion.svg", "play.html"}
