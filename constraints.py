@@ -347,8 +347,7 @@ def parse(argv):
     scene("--links N", type=number(int, 1, 1001), help="rods of --system chain (10)")
     scene("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
     scene("--dt S", type=number(high=1e3), default=0.005, help="s; halve it: the rule's order")
-    rule = {"type": rules.known(INTEGRATORS), "default": "semi_implicit"}
-    method("--integrator RULE", **rule, help=orders)
+    method("--integrator RULE", default="semi_implicit", help=orders)
     method("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
     method("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
     method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
@@ -364,6 +363,7 @@ def parse(argv):
         parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
     if args.links is not None and args.system != "chain":
         parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
+    parser.attempt("--integrator", rules.named, args.integrator, INTEGRATORS)
     parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
     mode = args.stabilization
     why = run_checks.misfit(hold_table().get(mode), args.integrator)

@@ -219,7 +219,7 @@ def test_what_a_rod_has_too_much_is_red_and_what_it_lacks_is_dashed_and_blue(tmp
         assert colors(drawn[name]).tolist() == [recording.rgb(svg.LIGHT[name]).tolist()]
     paths = ElementTree.fromstring(picture.motion(found)).findall(f"{SVG}svg/{SVG}path")
     assert [path.get("stroke") for path in paths[1:]] == [svg.EXCESS, svg.MISSING]
-    assert paths[-1].get("stroke-dasharray") and geometry.worst_errors(rods, q)[1] == 0.5
+    assert paths[-1].get("stroke-dasharray")
 
 
 def test_the_recording_is_small_and_sound_and_a_server_keeps_its_layout(recorded):

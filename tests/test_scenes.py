@@ -24,9 +24,8 @@ WRONG += [
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
 ]
 STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
-NONE = np.zeros((0, 2, 3))
 TYPED = MISTAKES["scenes"]["typed"] | {
-    "the shape of q0 is [0, 2, 3]; must be of one member at least": {"q0": NONE, "v0": NONE},
+    "q0 is [[[0.0, 0.0, 0.0]]]; must be a list or an array (N, 3)": {"q0": np.zeros((1, 1, 3))},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0 is null; must be a list or an array (N, 3), each row three": {"q0": None},
     "meet is 489300; must be 10000 at most": c.build_system("chain", links=700) | STAR,

@@ -115,14 +115,15 @@ def run_heyoka(task, tol):
     return peers.heyoka(peers.heyoka_flow(task, tol), task)
 
 
-ANGLES = {"mujoco": (peers.run_hinges, 3, 2000), "heyoka": (run_heyoka, 1e-3, 1e-16)}
+ANGLES = {"mujoco": (peers.run_hinges, 60, 40_000), "heyoka": (run_heyoka, 1e-3, 1e-16)}
 
 
 @pytest.mark.parametrize("package", ANGLES)
 def test_joint_angles_give_the_same_motion_the_finer_they_go(package):
     pytest.importorskip(package, reason="the extras compare and peers bring them")
     engine, *settings = ANGLES[package]
-    far, near = (double().error(engine(double(), x)[1]) for x in settings)
+    task = double(end=True)
+    far, near = (task.error(engine(task, x)[1]) for x in settings)
     assert near < 1e-8 * far
 
 
@@ -150,17 +151,17 @@ def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_err
     assert [row["solves"] for row in found] == [4, 6, 9]
 
 
-CROWDS = {"mujoco": (chaos.rollout_ladder, [2000]), "heyoka": (chaos.taylor_ladder, 14.25)}
+CROWDS = {
+    "mujoco": lambda task: peers.hinges_crowd(peers.hinges_model(task), task, 2000),
+    "heyoka": lambda task: peers.heyoka_crowd(peers.heyoka_batch(task, 1e-14), task),
+}
 
 
 @pytest.mark.parametrize("package, near", [("mujoco", 1e-7), ("heyoka", 1e-9)])
 def test_a_peers_crowd_ends_where_ours_does(package, near):
     """The last register is not full; one member after the other is checked."""
     pytest.importorskip(package, reason="the extras compare and peers bring them")
-    system = chaos.ensemble("double", range(9))
-    ladder, settings = CROWDS[package]
-    *_, rung = ladder(system, settings)
-    _, found = rung.go(rung.build())
+    _, found = CROWDS[package](Task(chaos.ensemble("double", range(9)), 1, 5.0, None))
     for k in range(9):
         end = run(c.build_system("double", k), "gauss:12", "none", 0.05, 100).q[-1]
         assert np.abs(found[k] - end[:, :2]).max() < near

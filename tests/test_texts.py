@@ -12,7 +12,7 @@ from types import ModuleType
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.exercises.checks import Blank, Wrong, noted, solved
+from curriculum.ch3_4_constraints.exercises.checks import Blank, Wrong, first_guess, solved
 from curriculum.ch3_4_constraints.studies import __main__ as studies
 from curriculum.ch3_4_constraints.studies import figures, hard_cases, shown
 from curriculum.ch3_4_constraints.studies._runs import run
@@ -192,7 +192,7 @@ def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path):
     """A wrong one counts, however right the answer that stands there afterwards."""
     for answer in ('"factor": 2,', '"factor": 16,'):
         guess = load(ONE, '"factor": 16,', answer).answer()
-        assert noted(tmp_path / "outputs/note.json", guess)["factor"] == 2
+        assert first_guess(tmp_path / "outputs/note.json", guess)["factor"] == 2
 
 
 def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(tmp_path):
@@ -207,7 +207,7 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(t
         solution.SCENE.write_text(json.dumps(json.loads(scene) | changed), "utf-8")
         with pytest.raises(error, match=says):
             CHECKS[FIVE](solution, solution.main())
-    broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.run(x.main)")
+    broken = python("-c", f"import {FOLDER}.{FIVE} as x; x.SCENE = 'no.json'; x.judge(x.main)")
     assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
 
 

@@ -25,13 +25,6 @@ def rod_errors(system, q):
     return np.linalg.norm(heads - tails, axis=-1) - system["lengths"]
 
 
-def worst_errors(system, q):
-    """The rod error (F,) in m, with its sign, that is the largest at each of the states q."""
-    errors = rod_errors(system, q)
-    worst = np.argmax(np.abs(errors), axis=1)
-    return errors[np.arange(len(errors)), worst]
-
-
 def box(system, runs):
     """Two corners (3,) around the modes whose rods keep to half their length, or else around the
     best; and a length to compare with: 1 m, or another power of ten that fits."""

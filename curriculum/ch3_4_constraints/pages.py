@@ -16,13 +16,7 @@ from curriculum.common.files import write_together
 from curriculum.common.trace import Untraceable
 
 INDEX = "index.html"
-
-
-def scene_page(name):
-    """The page of a scene, as a default run of it has it."""
-    system = c.build_system(name)
-    rule = "semi_implicit"
-    return page(c, name, system, rule, c.INTEGRATORS[rule], 0.005, (20.0, 0.02, 0.95))
+RULE, DT, KNOBS = "semi_implicit", 0.005, (20.0, 0.02, 0.95)  # as a default run has them
 
 
 def main(argv=None):
@@ -37,7 +31,8 @@ def main(argv=None):
     files = {}
     for name in args.names or told:
         try:
-            files[f"{name}.html"] = scene_page(name)
+            system = c.build_system(name)
+            files[f"{name}.html"] = page(c, name, system, RULE, c.INTEGRATORS[RULE], DT, KNOBS)
         except (Untraceable, SceneError) as why:
             print(f"{name} left out: {why}")
     rows = "\n".join(

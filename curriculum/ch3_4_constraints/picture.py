@@ -1,7 +1,7 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors, worst_errors
+from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
 from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import Drawing, element
 from curriculum.ch3_4_constraints.tables import length
@@ -168,7 +168,8 @@ def figures(found, mode, total):
         if at == len(run.kept):
             words.append((found.outcome(mode), svg.EXCESS))
             continue
-        (worst,) = worst_errors(found.system, run.q[at : at + 1])
+        errors = rod_errors(found.system, run.q[at : at + 1])[0]
+        worst = errors[np.argmax(np.abs(errors))]
         if abs(worst) < LEAST:
             words.append((f"off {length(abs(worst))}", svg.INK))
         elif worst > 0.0:

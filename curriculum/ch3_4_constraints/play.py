@@ -31,35 +31,8 @@ STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
 STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
 TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s
 SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
-KNOBS = "dt", "whole", "w", "T"  # `whole`: the step that a Hold is for, where dt may be a half
-
-
-class Hand:
-    """Springs that pull particles to a point, one of stiffness 0 to each that is not pulled.
-
-    `point` (D,) m and `stiffness` (N,) N/m, of symbols.
-    """
-
-    def __init__(self, point, stiffness):
-        self.point, self.stiffness = point, stiffness
-
-    def force(self, q, v):
-        """(N, 3) in N, at one state."""
-        f = np.zeros(q.shape, object)
-        for i, k in enumerate(self.stiffness):
-            for axis, x in enumerate(self.point):
-                f[i, axis] = k * (x - q[i, axis] - DAMPING * v[i, axis])
-        return f
-
-    @contextmanager
-    def on(self, chapter):
-        """The chapter, whose external force has the hand's beside it for a while."""
-        own = chapter.external_force
-        chapter.external_force = lambda system, q, v=None: own(system, q, v) + self.force(q, v)
-        try:
-            yield
-        finally:
-            chapter.external_force = own
+# of a step, as JavaScript has them; `whole`: the step that a Hold is for, where dt may be a half
+KNOBS = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
 
 
 class Tracer:
@@ -75,12 +48,9 @@ class Tracer:
         self.writer, self.inexact = Writer(), set()
         count = len(system["q0"])
         self.still = np.arange(3) >= np.full((count, 1), axes)
-        self.point = [f"hand_{axis}" for axis in range(axes)]
-        self.pulls = [f"pull_{i}" for i in range(count)]
-        self.knobs = [*KNOBS, *self.point, *self.pulls]
-        self.given = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
-        self.given |= {x: f"knobs.hand[{k}]" for k, x in enumerate(self.point)}
-        self.given |= {x: f"knobs.pull[{k}]" for k, x in enumerate(self.pulls)}
+        self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
+        self.pulls = {f"pull_{k}": f"knobs.pull[{k}]" for k in range(count)}
+        self.knobs = KNOBS | self.point | self.pulls
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
@@ -92,17 +62,31 @@ class Tracer:
         hold = self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
         return self.chapter.make_force(self.system, hold)
 
+    @contextmanager
     def hand(self):
-        """A context in which the chapter's external force has the hand's beside it."""
-        return Hand(self.inputs(self.point), self.inputs(self.pulls)).on(self.chapter)
+        """A context in which the chapter's external force has the hand's beside it: springs that
+        pull particles to a point, one of stiffness 0 to each that is not pulled."""
+        own = self.chapter.external_force
 
-    def traced(self, function, knobs=()):
+        def both(system, q, v=None):
+            f = np.zeros(q.shape, object)
+            for i, stiffness in enumerate(self.inputs(self.pulls)):  # N/m
+                for axis, x in enumerate(self.inputs(self.point)):  # m
+                    f[i, axis] = stiffness * (x - q[i, axis] - DAMPING * v[i, axis])
+            return own(system, q, v) + f
+
+        self.chapter.external_force = both
+        try:
+            yield
+        finally:
+            self.chapter.external_force = own
+
+    def program(self, function, knobs=()):
         """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""
         program = Program(function, self.still, self.still, knobs=knobs)
         self.inexact |= inexact(program)
         self.live = program.live
-        given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.given
-        return program, given
+        return program, {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.knobs
 
     def step(self, mode):
         """The name of the function (state, dt, knobs) -> state, an array."""
@@ -116,7 +100,7 @@ class Tracer:
         def step(q, v, dt, *_):
             return followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
 
-        program, given = self.traced(step, self.knobs)
+        program, given = self.program(step, self.knobs)
         for result, mask in zip(program.results, (self.still, self.still), strict=True):
             if any(s.x != 0.0 for s in result[mask]):
                 raise Leaves
@@ -130,7 +114,7 @@ class Tracer:
             joules = self.chapter.energy(self.system, q, v)
             return np.array([joules]), self.chapter.rod_errors(self.system, q)
 
-        program, given = self.traced(measure)
+        program, given = self.program(measure)
         return self.writer.program(program, ["state"], given)
 
     def tensions(self):
@@ -140,7 +124,7 @@ class Tracer:
             with self.hand():
                 return (self.chapter.tensions(self.system, q, v),)
 
-        program, given = self.traced(tensions, self.knobs)
+        program, given = self.program(tensions, self.knobs)
         return self.writer.program(program, ["state", "dt", "knobs"], given)
 
 

@@ -2,16 +2,8 @@
 
 import zlib
 
+from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
-from curriculum.ch3_4_constraints.svg import (
-    EXCESS,
-    GREY,
-    MISSING,
-    PULL,
-    PUSH,
-    RECORDED,
-    mode_colors,
-)
 
 import numpy as np
 
@@ -22,8 +14,11 @@ LABEL = [255, 255, 255]  # its ground is dark in the light theme, too
 LOOP = 8.0  # s at the end that are played again and again: there the modes differ
 LEGEND = 0.35  # room for the legend, as a share of the time shown
 FLOOR = 1e-9  # m: a rod error of less is drawn as 0
-FORCES, ENERGY = "pull of the first rod, N", "energy error, share of m g L"
-RODS = "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
+PLOTS = {  # titles
+    "pull": "pull of the first rod, N",
+    "rods": "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)",
+    "energy": "energy error, share of m g L",
+}
 GUIDE = """**{title}**
 
 **Rods** glow orange where they pull, violet where they push; full glow = {full:.3g} newtons.
@@ -38,7 +33,7 @@ too long, whose too short? Whose energy left zero, and which way?
 def rgb(color, share=1.0):
     """[r, g, b] of a colour of svg as a recording has it, or what is `share` (...,) on the way to
     it from grey: (..., 3)."""
-    goal, grey = (np.array([*bytes.fromhex(RECORDED[x][1:])]) for x in (color, GREY))
+    goal, grey = (np.array([*bytes.fromhex(svg.RECORDED[x][1:])]) for x in (color, svg.GREY))
     return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
 
 
@@ -72,15 +67,15 @@ def draw(system, q, pulls, full, color, ball):
     error = rod_errors(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)
     share = np.clip(np.abs(pulls) / full, 0.0, 1.0)
-    glow = np.where(pulls[..., None] > 0.0, rgb(PULL, share), rgb(PUSH, share))
+    glow = np.where(pulls[..., None] > 0.0, rgb(svg.PULL, share), rgb(svg.PUSH, share))
     particles = rr.Points3D.columns(positions=q.reshape(-1, 3))
     particles = particles.partition([q.shape[1]] * len(q))
     path, thin = rr.Points3D.columns(positions=q[:, -1]), rr.Radius.ui_points(1.5)
     every = np.ones_like(error, dtype=bool)
     return {  # what is within a particle is hidden by it, and need not be there
         "rods": lines(tails, ends, every, 3.0, colors=glow.reshape(-1, 3)),
-        "excess": lines(marks, heads, error > ball, 4.0, rgb(EXCESS)),
-        "missing": dashed(heads, marks, error < -ball, 3.0, rgb(MISSING)),
+        "excess": lines(marks, heads, error > ball, 4.0, rgb(svg.EXCESS)),
+        "missing": dashed(heads, marks, error < -ball, 3.0, rgb(svg.MISSING)),
         "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),
         "path": (rr.Points3D.from_fields(radii=thin, colors=color), path),
     }
@@ -119,16 +114,16 @@ def fill(recording, found):
 
     system, runs, dt = found.system, found.runs, found.dt
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
-    colors = mode_colors(runs)
+    colors = svg.mode_colors(runs)
     low, high, bar = box(system, runs)
     ball = min(0.014 * np.max(high - low), 0.3 * float(np.min(system["lengths"])))
-    states, pulls, curves = {}, {}, {FORCES: {}, RODS: {}, ENERGY: {}}
+    states, pulls, curves = {}, {}, {plot: {} for plot in PLOTS}
     for mode, run in runs.items():
         steps, q, v = states[mode] = found.states(mode, [*found.shown, run.kept[-1]])
         pulls[mode] = found.tensions[mode](q, v)
-        curves[FORCES][mode] = pulls[mode][:, :1]
-        curves[RODS][mode] = decades(rod_errors(system, q))
-        curves[ENERGY][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
+        curves["pull"][mode] = pulls[mode][:, :1]
+        curves["rods"][mode] = decades(rod_errors(system, q))
+        curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
     end = max(run.kept[-1] for run in runs.values()) * dt
@@ -150,7 +145,7 @@ def fill(recording, found):
     line = [begin, begin + [bar, 0.0, 0.0]]
     send("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
     send("/", rr.ViewCoordinates.RIGHT_HAND_Y_UP)
-    send("anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(GREY)))
+    send("anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(svg.GREY)))
     send("bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL]))
     known = len(found.motion)
     if known:
@@ -158,7 +153,7 @@ def fill(recording, found):
         seconds = dt * np.append(found.shown[:known], found.shown[known - 1] + 1)
         tails, _, heads = rod_ends(system, q)
         shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
-        send("truth", *lines(tails, heads, shown, 1.0, rgb(GREY)), seconds)
+        send("truth", *lines(tails, heads, shown, 1.0, rgb(svg.GREY)), seconds)
     for mode, run in runs.items():
         key, color = rr.escape_entity_path_part(mode), rgb(colors[mode])
         steps, q, _ = states[mode]
@@ -170,20 +165,17 @@ def fill(recording, found):
             said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
             send(f"modes/{key}", None, rr.Clear.columns(is_recursive=[True]), seconds[-1:] + dt)
             send(f"lost/{key}", None, said, seconds[-1:] + dt)
-        for plot, name in zip(PLOTS, curves, strict=True):
-            curve = curves[name][mode]
+        for plot in PLOTS:
+            curve = curves[plot][mode]
             many = curve.shape[1]
             style = rr.SeriesLines(colors=[color] * many, names=[mode] * many)
             values = rr.Scalars.columns(scalars=curve.ravel()).partition([many] * len(curve))
             send(f"{plot}/{key}", style, values, seconds)
 
 
-PLOTS = "pull", "rods", "energy"  # the folders of their curves
-
-
 def blueprint(found, end, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
-    what to look at; beside them plots, whose axes fit `lively` {title: values}. `end`: in s."""
+    what to look at; beside them plots, whose axes fit `lively` {plot: values}. `end`: in s."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -207,14 +199,14 @@ def blueprint(found, end, low, high, lively):
         where = {"origin": f"modes/{key}", "contents": shared, "overrides": trails}
         left.append(rrb.Spatial3DView(name=name, **where, **seen))
     left.append(rrb.TextDocumentView(name="what to look at", origin="panel"))
-    for plot, (name, values) in zip(PLOTS, lively.items(), strict=True):
-        part = (0.005, 0.995) if name == FORCES else (0.0, 1.0)  # a spike of force may be cut off
+    for plot, values in lively.items():
+        part = (0.005, 0.995) if plot == "pull" else (0.0, 1.0)  # a spike of force may be cut off
         least, most = np.quantile(values, part).tolist()
         room = 0.05 * (most - least) + 1e-12
-        legend = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=name == ENERGY)
+        legend = rrb.PlotLegend(rrb.Corner2D.RightTop, visible=plot == "energy")
         y = rrb.ScalarAxis(range=(least - room, most + room))
         axes = {"axis_x": time, "axis_y": y, "plot_legend": legend}
-        right.append(rrb.TimeSeriesView(name=name, origin=plot, **axes))
+        right.append(rrb.TimeSeriesView(name=PLOTS[plot], origin=plot, **axes))
     last = [round(1e9 * seconds) for seconds in (max(0.0, end - LOOP), end)]
     loop = {"loop_mode": "selection", "time_selection": rrb.components.AbsoluteTimeRange(*last)}
     panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing", **loop)

@@ -17,7 +17,7 @@ import numpy as np
 
 FIT = 1e-6  # relative: how far a length in a file may be from the distance of the rod's ends
 ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
-CROWD = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
+MEETINGS = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
 MOST = 1000  # particles, rods or anchors in a file; rods of a chain
 HUGE = 1e12  # beyond (divisors: below 1 / HUGE; masses: times another) rods have no digits left
 
@@ -76,7 +76,7 @@ def states(system, *arrays):
 def check_system(system):
     """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
 
-    q0 and v0 (..., N, 3) may be many starts. A length may be a tenth off. Raises SceneError.
+    A length may be a tenth off. Raises SceneError.
     """
     need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
     typed = {key: column(key, system[key]) for key in COLUMNS}
@@ -90,14 +90,12 @@ def column(key, typed):
         array = np.asarray(typed)
     except ValueError:
         array = np.array(None)  # rows of several lengths
-    axes = array.ndim - len(row)  # one of rows; starts may have more, of members
-    right = axes == 1 or (axes > 1 and key in ("q0", "v0"))
-    right = right and array.shape[axes:] == row and array.dtype.kind in ("iuf", "iu")[dtype is int]
+    right = array.ndim == 1 + len(row) and array.shape[1:] == row
+    right = right and array.dtype.kind in ("iuf", "iu")[dtype is int]
     need(right, key, typed, f"a list or an array {shape}, each row {allowed}")
-    need(array.size or axes == 1, f"the shape of {key}", array.shape, "of one member at least")
     bad = ~((array > low) & (array < HUGE))
-    for at in np.argwhere(bad)[:1, :axes].tolist():  # of the first bad row
-        need(False, f"{key}{at}", array[tuple(at)], allowed)
+    for k in np.argwhere(bad)[:1, 0].tolist():  # the first bad row
+        need(False, f"{key}[{k}]", array[k], allowed)
     return array.astype(dtype)
 
 
@@ -108,11 +106,11 @@ def checked(system, fit, name, bare):
     def refuse(key, bad, allowed):
         """Raise SceneError for the first bad row of system[key]; allowed(its index): words."""
         if np.any(bad):
-            k = int(np.argwhere(bad)[0][-1])  # whatever start it is bad in
+            k = int(np.argmax(bad))
             need(False, name(key, k), np.squeeze(system[key][k]), allowed(k))
 
     q0, _, m, anchors, pairs, lengths = (system[key] for key in COLUMNS)
-    n, fixed, rods = q0.shape[-2], len(anchors), len(pairs)
+    n, fixed, rods = len(q0), len(anchors), len(pairs)
     need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
     for key, shape in ("v0", q0.shape), ("m", (n, 1)), ("lengths", (rods,)):
         need(system[key].shape == shape, f"the shape of {key}", system[key].shape, shape)
@@ -125,10 +123,10 @@ def checked(system, fit, name, bare):
     again = np.array([seen.setdefault(tie, k) < k for k, tie in enumerate(ties)])
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
     shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
-    need(shared <= CROWD, "the number of pairs of rods that meet", shared, f"{CROWD} at most")
-    found = np.linalg.norm(differences(q0.reshape(-1, n, 3), anchors, pairs), axis=-1)
+    need(shared <= MEETINGS, "the number of pairs of rods that meet", shared, f"{MEETINGS} at most")
+    found = np.linalg.norm(differences(q0, anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
-    lengths[bare] = found[0, bare]
+    lengths[bare] = found[bare]
     off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
-    refuse("lengths", off, lambda k: allowed.format(found[off[:, k], k][0], 100 * fit))
+    refuse("lengths", off, lambda k: allowed.format(found[k], 100 * fit))
     return system | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}

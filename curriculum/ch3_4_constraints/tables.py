@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from itertools import product
 
 from curriculum.common.banner import work
 
@@ -47,12 +48,12 @@ def comparison(found):
         if len(run.tip) == 1:  # not a single step
             worst = end = energy = "-"
         odd = row["unheld"] > UNHELD or (row["energy_step_max"] > JUMP and not run.stopped)
-        name = mode + "*" * bool(run.note or odd)
+        name = mode + "*" * bool(run.remark or odd)
         error = "-" if error is None else no_finer(error, truth.known)
         print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
     for mode, run in runs.items():
-        if run.note:
-            say(f"* {mode} {run.note}")
+        if run.remark:
+            say(f"* {mode} {run.remark}")
         left, jump = rows[mode]["unheld"], rows[mode]["energy_step_max"]
         if left > UNHELD:
             say(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")
@@ -79,13 +80,12 @@ def verdict(rows):
 
 def in_turns(jobs, repeats):
     """{name: [results]}: what jobs called A B A B return; a first round warms up only."""
-    rounds, tick = [], work.counted("timing", (repeats + 1) * len(jobs))
-    for turn in range(repeats + 1):
-        rounds.append({})
-        for k, (name, job) in enumerate(jobs.items()):
-            rounds[-1][name] = job()
-            tick(turn * len(jobs) + k + 1)
-    return {name: [found[name] for found in rounds[1:]] for name in jobs}
+    found = {name: [] for name in jobs}
+    for turn, name in work.through("timing", list(product(range(repeats + 1), jobs))):
+        result = jobs[name]()
+        if turn > 0:
+            found[name].append(result)
+    return found
 
 
 def spread(samples, unit):

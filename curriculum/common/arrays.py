@@ -11,7 +11,9 @@ import operator
 import numpy as np
 
 SMALL = 1 << 18  # terms of a product that are made at once
+FEW = 8  # entries of an array in which zeros are not worth looking for
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
+CALLS = [0]  # of numpy, and products, so far with arrays of symbols
 NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
 
@@ -88,10 +90,11 @@ class Symbols(Ordered):
 def symbolic(ufunc, method, given, out=None, how=None):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
     how = how or {}
+    CALLS[0] += 1
     arrays = [np.asarray(x) for x in given]
     if ufunc is np.matmul:
         made = product(*arrays)
-    elif method == "__call__" and ufunc in SPARSE and any(x.ndim for x in arrays):
+    elif method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
         made = SPARSE[ufunc](*arrays)
     elif ufunc in ENTRIES:
         if method == "reduce" and how.get("axis", 0) is None:
@@ -153,6 +156,8 @@ def less(a, b):
 def product(a, b):
     """a @ b of vectors and matrices, its terms added in order, without those that are zero."""
     a, b = np.asarray(a), np.asarray(b)
+    if a.shape == b.shape and a.ndim == 1 and 0 < len(a) <= FEW:
+        return few_terms(a.tolist(), b.tolist())
     rows = a[None] if a.ndim == 1 else a
     columns = b[:, None] if b.ndim == 1 else b
     if max(rows.ndim, columns.ndim) > 2 or rows.shape[1] != len(columns) or not len(columns):
@@ -164,6 +169,15 @@ def product(a, b):
     if a.ndim == b.ndim == 1:
         return made[0, 0]
     return ordered(made[0] if a.ndim == 1 else made[:, 0] if b.ndim == 1 else made)
+
+
+def few_terms(a, b):
+    """The product of two short vectors, lists of numbers or of symbols."""
+    CALLS[0] += 1
+    total = a[0] * b[0]
+    for x, y in zip(a[1:], b[1:], strict=True):
+        total = total + x * y
+    return np.float64(total) if isinstance(total, (float, int)) else total
 
 
 def sparse_product(a, b):
@@ -185,9 +199,10 @@ def sparse_product(a, b):
 
 def filled(a):
     """(row, column, entry) of what is not zero for certain in a matrix, row by row."""
-    mask = certain(a)
-    i, k = mask.nonzero()
-    return zip(i.tolist(), k.tolist(), a[mask].tolist(), strict=True)
+    flat = a.ravel()
+    at = np.flatnonzero(flat if a.dtype != object else certain(flat))
+    i, k = np.divmod(at, a.shape[1])
+    return zip(i.tolist(), k.tolist(), flat[at].tolist(), strict=True)
 
 
 def norm(x, ord=None, axis=None, keepdims=False):

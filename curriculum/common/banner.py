@@ -1,4 +1,4 @@
-"""The first line that a chapter prints, how long is left, and how long a default run took.
+"""The first line that a chapter prints, what is under way, and how long a default run took.
 
 python -m curriculum.common.banner CHAPTER COMMAND ...   measures a default run, and notes it
 """
@@ -14,7 +14,6 @@ from curriculum.common.files import check_writable, write_whole
 
 LEDGER = Path(__file__).with_name("wallclock.csv")
 SOON, OFTEN = 0.5, 0.1  # s: what takes longer is told of, and no more often than that
-SURE = 1.0  # s of steps, after which one can tell how long the others will take
 
 
 def banner(chapter, title, device, default=False):
@@ -29,7 +28,8 @@ def banner(chapter, title, device, default=False):
 class Work:
     """What a program does, part by part, in a line on a terminal that is gone in the end.
 
-    plan(names) what is to come, and begin(name) each part; or go through `each` of them.
+    plan(names) what is to come, and begin(name) each part; or go through `each` of them. What has
+    one part goes `through` the items of that.
     """
 
     def __init__(self):
@@ -72,32 +72,22 @@ class Work:
             print("\033[K", end="\r", file=sys.stderr, flush=True)
         self.visible = False
 
-    def counted(self, name, steps):
-        """tick(step), for a program of one part, which has so many steps."""
+    def through(self, name, items):
+        """Each of the items, in turn, of a program of one part."""
         self.plan(name)
         self.begin(name)
-        return self.ticker(steps)
+        for k, item in enumerate(items):
+            yield item
+            self.share(k + 1, len(items))
 
-    def ticker(self, steps):
-        """tick(step) tells which share of the steps of the part is done, and how long the others
-        take at the latest pace: the first ones are slow, for they are traced and compiled."""
-        marks = []  # times in s, and steps done by then
-
-        def tick(step):
-            if step >= steps:
-                self.tell() if len(self.names) > 1 else self.wipe()
-                return
-            now = time.monotonic()
-            if not marks or now > marks[-1][0] + OFTEN:
-                marks.append((now, step))
-            first, share = marks[0][0], f", {step / steps:.0%}"
-            before, done = next(x for x in reversed(marks) if x[0] <= 0.5 * (first + now))
-            if now > first + SURE and step > done:
-                left = (steps - step) * (now - before) / (step - done)
-                share += f", {about(left)} left of it"
-            self.tell(share)
-
-        return tick
+    def share(self, step, steps):
+        """Tell which share of the steps of the part is done."""
+        if step < steps:
+            self.tell(f", {step / steps:.0%}")
+        elif len(self.names) > 1:
+            self.tell()
+        else:
+            self.wipe()
 
 
 work = Work()
@@ -118,14 +108,7 @@ def progress(what, steps):
     if not work.names:
         work.plan(what)
         work.begin(what, runs=True)
-    return work.ticker(steps)
-
-
-def about(seconds):
-    """A time in words, without more digits than an estimate has."""
-    units = (3600.0, "h"), (60.0, "min"), (1.0, "s")
-    size, unit = next((size, unit) for size, unit in units if seconds >= size - 1.0)
-    return f"about {max(1, round(seconds / size))} {unit}"
+    return lambda step: work.share(step, steps)
 
 
 def processor():

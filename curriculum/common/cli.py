@@ -209,6 +209,7 @@ def prepare():
 def run_script(main):
     """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     prog, streams = Path(sys.argv[0]).name, prepare()
+    gc.set_threshold(100_000)  # what is traced is many small things that all last
     try:
         try:
             status = main()

@@ -13,10 +13,13 @@ import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# characters of code in all steps of the first block, and of a later one; loops count once
-SHORT, LONG = 1_000_000, 40_000_000
-LOADING, COMPILING = 0.06, 1.8e-6  # s: to load llvmlite, and for each character of Python
+# operations in all steps of the first block, and of a later one; loops count once
+SHORT, LONG = 75_000, 3_000_000
+QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
+LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
+LARGE = 5000  # operations: to write so many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
+AGAIN = 32  # times as many steps: then what is compiled is compared again
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -24,7 +27,7 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step in the first block, whenever the steps are four times as many, and in the
+    with the plain step in the first block, whenever the steps are AGAIN times as many, and in the
     end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is no
     comparison, and no plain step: a Stop instead, since that would take too long. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
@@ -35,7 +38,8 @@ class Compiled:
         self.given, self.only = (step_fn, m, force), only
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure, steps, watch), None, ""
         self.watch, self.best = watch, False
-        self.ask = mapped(lambda q, v: (*measure(q, v), watch(q, v)) if watch else measure(q, v))
+        asked = (lambda q, v: (*measure(q, v), watch(q, v))) if watch else measure
+        self.ask = mapped(asked, turns=steps)
         self.start(dt, steps)
 
     def start(self, dt, steps):
@@ -76,9 +80,15 @@ class Compiled:
         """Trace the step; or find out why that cannot be done."""
         try:
             self.alone = Single(Traced(*self.given, q, v, turns=self.steps))
-            self.way = "compiled to Python"
         except Untraceable as why:
             self.give_up(why)
+            return
+        self.way = "compiled to Python"
+        if self.alone.size > LARGE and native.available():
+            with contextlib.suppress(native.Unavailable):
+                self.alone.to_bytecode()
+                self.way = "compiled to bytecode"
+        self.alone.prepare()
 
     def give_up(self, why):
         """Go on plainly."""
@@ -103,7 +113,7 @@ class Compiled:
             raise why
         self.done += count
         if self.done >= self.due or count >= self.steps:  # the last block, too
-            self.due = 4 * self.done
+            self.due = AGAIN * self.done
             if not self.only and self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
@@ -123,8 +133,10 @@ class Compiled:
 
     def count(self, entries):
         """How many steps the next block has; never by the clock, so that runs are alike."""
-        most, code = (self.steps, LONG) if self.done else (min(FIRST, self.steps), SHORT)
-        return max(1, min(most, BLOCK // entries, code // len(self.source)))
+        most, work = (self.steps, LONG) if self.done else (min(FIRST, self.steps), SHORT)
+        if self.alone.machine:
+            work *= QUICKER
+        return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
     def differs(self, start, rows):
         """Whether a step of a block (count, entries) is another than the plain one.
@@ -152,8 +164,8 @@ class Compiled:
         """Machine code, where the steps that are left are worth it: first what is soon made."""
         if self.best:
             return
-        cost = COMPILING * len(self.source) + LOADING * ("llvmlite.binding" not in sys.modules)
-        left, begun = self.steps * pace, self.alone.machine is not None
+        cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
+        left, begun = self.steps * pace, isinstance(self.alone.machine, native.Native)
         if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)

@@ -6,7 +6,8 @@ from functools import cache
 from types import SimpleNamespace
 
 from curriculum.common import native
-from curriculum.common.arrays import ordered
+from curriculum.common.arrays import CALLS, ordered
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
 from curriculum.common.trace import Untraceable
@@ -14,6 +15,9 @@ from curriculum.common.trace import Untraceable
 import numpy as np
 
 WORTH = 3_000_000  # operations: from so many on machine code is worth its making
+LARGE = 5000  # operations of a function: to write so many in Python takes longer
+SHARE = 3  # calls of numpy take as long as it takes to compile an operation
+NARROW = 8  # lanes of it: more would be far from the processor
 
 
 @cache
@@ -28,40 +32,44 @@ if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads,
     os.register_at_fork(after_in_child=pool.cache_clear)
 
 
-def code_of(traced, work):
-    """What runs a Traced step for many members, called as native.Native is.
+def in_machine_code(kind, traced, lanes):
+    """A Traced step for many members, side by side in vector registers; None if it cannot be.
 
-    `work`: how many operations there are to do. Members go side by side, in vector registers or as
-    columns of numpy, or one by one where there is a loop and no machine code.
+    `kind`: Native, or Bytecode, which is made sooner.
     """
-    if native.available() and work > WORTH:
-        with contextlib.suppress(native.Unavailable):  # then as below
-            return native.Native(traced.program, native.LANES)
+    if native.available():
+        with contextlib.suppress(native.Unavailable):
+            return kind(traced.program, lanes)
+    return None
+
+
+def in_python(traced):
+    """The same without machine code: members as columns of numpy or, with a loop, one by one."""
     return OneByOne(traced.source) if traced.program.loops() else Columns(traced.source)
 
 
 def run(code, program, state, count, *knobs):
     """`count` steps of members: their ends (entries, members), from `state`, and what was made.
 
-    That is (count, numbers, members), what the program makes beside the state at each step.
+    That is (numbers, members): the largest that the program has made beside the state at any step;
+    after one step just what it makes.
     """
     entries, members = state.shape
     some = -(-members // (native.CORES * code.lanes)) * code.lanes if code.lanes > 1 else members
     filled = -(-members // code.lanes) * code.lanes
     ends = np.empty((entries, filled))
     ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
-    made = len(program.out) - entries
-    rows = np.empty((count, made, filled)) if made else None
+    made = np.full((len(program.out) - entries, filled), -np.inf)
 
     def advance(first):  # threads run side by side: ctypes lets go of the interpreter
         piece = slice(first, first + some)
-        code(ends[:, piece], count, None if rows is None else rows[:, :, piece], *knobs)
+        code(ends[:, piece], count, made[:, piece], *knobs)
 
     if some < filled:
         list(pool().map(advance, range(0, members, some)))
     else:
         advance(0)
-    return ends[:, :members], None if rows is None else rows[:, :, :members]
+    return ends[:, :members], made[:, :members]
 
 
 class Crowd:
@@ -73,7 +81,9 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
-        self.code = code_of(self.traced, np.inf)
+        self.code = in_machine_code(native.Native, self.traced, native.LANES) or in_python(
+            self.traced
+        )
         self.put(q, v)
 
     def put(self, q, v):
@@ -85,9 +95,9 @@ class Crowd:
         return self.traced.states(self.columns.T)
 
     def advance(self, count):
-        """Take `count` steps; what was measured at each: (count, numbers, R), or None."""
-        self.columns, rows = run(self.code, self.traced.program, self.columns, count, self.dt)
-        return rows
+        """Take `count` steps; (numbers, R): the largest that was measured at any of them."""
+        self.columns, most = run(self.code, self.traced.program, self.columns, count, self.dt)
+        return most
 
 
 def stay(q, v, m, force, dt):
@@ -99,11 +109,13 @@ class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), for many: q, v (K, N, 3).
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
-    leading axis (K, ...). It is traced once, or done one by one if it cannot be.
+    leading axis (K, ...). It is traced once; or done one by one if it cannot be, or if that is soon
+    done, as for few states and few calls of numpy on long arrays. `turns`: how many states are to
+    come, if that is known.
     """
 
-    def __init__(self, function):
-        self.function, self.known, self.single = function, {}, False
+    def __init__(self, function, turns=0):
+        self.function, self.turns, self.known, self.single = function, turns, {}, False
 
     def measure(self, q, v):
         """The function's results, as a tuple."""
@@ -126,23 +138,29 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def traced(self, q, v):
         """The function on symbols, of states that are zero in the same places; or None."""
+        turns, calls = max(self.turns, len(q)), CALLS[0]
         try:
-            traced = Traced(stay, None, None, q, v, self.measure, turns=len(q))
+            traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
         except Untraceable:
+            return None
+        if (CALLS[0] - calls) * turns < SHARE * traced.program.size():
             return None
         return SimpleNamespace(traced=traced, code=None, asked=0)
 
     def choose(self, kind, many):
         """What runs it: where there is a loop, machine code once so many have been asked for."""
-        program = kind.traced.program
         kind.asked += many
-        work = kind.asked * program.size() if program.loops() else 0
-        if kind.code is None or (work > WORTH and isinstance(kind.code, OneByOne)):
-            kind.code = code_of(kind.traced, work)
+        if isinstance(kind.code, (Columns, Bytecode)):
+            return
+        program = kind.traced.program
+        size = program.size()
+        if program.loops() and (size > LARGE or kind.asked * size > WORTH):
+            kind.code = in_machine_code(Bytecode, kind.traced, NARROW) or kind.code
+        kind.code = kind.code or in_python(kind.traced)
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""
-        _, (rows,) = run(code, traced.program, traced.columns(q, v), 1, 0.0)
+        _, rows = run(code, traced.program, traced.columns(q, v), 1, 0.0)
         for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):
             rows[:, k] = np.concatenate([np.ravel(x) for x in self.measure(*self.state(q, v, k))])
         made, first = [], 0

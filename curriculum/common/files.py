@@ -29,7 +29,9 @@ def write_together(folder, contents):
             handle = os.open(folder, os.O_RDONLY)
             stack.callback(os.close, handle)
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
-            tidy(folder)
+            for left in folder.glob(f"{UNFINISHED}*"):  # by processes that were killed
+                with contextlib.suppress(OSError):  # somebody else's: it is in nobody's way
+                    remove(left)
         new, old = (folder / f"{UNFINISHED}{os.getpid()}-{what}" for what in ("new", "old"))
         for aside in (new, old):
             aside.mkdir(exist_ok=True)
@@ -40,36 +42,25 @@ def write_together(folder, contents):
                     (new / name).write_bytes(content)
                 with contextlib.suppress(OSError):  # none is there, or the disk knows no links
                     os.link(folder / name, old / name)
+        replaced = []
         with undisturbed():
-            replace_all(folder, made, new, old)
+            try:
+                for name in made:
+                    with naming(folder / name):
+                        move(new / name, folder / name)
+                    replaced.append(name)
+            except OSError:
+                for name in replaced:
+                    move(old / name, folder / name)
+                raise
 
 
-def tidy(folder):
-    """Remove what processes that were killed have left in a folder."""
-    for left in folder.glob(f"{UNFINISHED}*"):
-        with contextlib.suppress(OSError):  # somebody else's: it is in nobody's way
-            remove(left)
-
-
-def replace_all(folder, made, new, old):
-    """Have the files of `made` be those in the folder `new`, or not be there, if their content is
-    None. If one cannot be replaced, all are those in the folder `old` again."""
-    done = []
-    try:
-        for name, content in made.items():
-            with naming(folder / name):
-                if content is None:
-                    (folder / name).unlink(missing_ok=True)
-                else:
-                    (new / name).replace(folder / name)
-            done.append(name)
-    except OSError:
-        for name in done:
-            if (old / name).exists():
-                (old / name).replace(folder / name)
-            else:
-                (folder / name).unlink(missing_ok=True)
-        raise
+def move(source, target):
+    """Have the file `target` be what `source` is, or not be there if that is not."""
+    if source.exists():
+        source.replace(target)
+    else:
+        target.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -28,7 +28,6 @@ LANES = 16  # doubles: two or four vector registers, which is what keeps a proce
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
 FAILED = []  # why llvmlite cannot be used, once that has been found out
-FINITE = 0x1F8  # LLVM's class of numbers: zero, subnormal or normal, of either sign
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -193,8 +192,9 @@ class Writer:
         return self.new(f"select {self.truth} {truth}, {first}, {second}")
 
     def finite(self, value):
-        called = f"@llvm.is.fpclass.{self.suffix}"
-        return self.new(f"call {self.truth} {called}({self.type} {value}, i32 {FINITE})")
+        """Whether it is a number, and not infinite: then less itself it is zero, and else NaN."""
+        nothing = self.new(f"fsub {self.type} {value}, {value}")
+        return self.new(f"fcmp oeq {self.type} {nothing}, {self.constant(0.0)}")
 
     def library(self, function, values):
         """A function of the C library, lane by lane."""
@@ -219,14 +219,16 @@ class Writer:
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 
     def call(self, call, env):
-        """A routine, which leaves its results in memory."""
+        """A routine, which finds its arguments in memory, and leaves its results there."""
         program, place = call.program, self.memory(self.type, len(call.names))
+        given = self.memory(self.type, len(call.arguments))
         name = f"@r{id(program)}_{self.lanes}"
         if name not in self.routines:
             self.routines[name] = []  # known to those that it calls
             self.routines[name] = routine(name, program, self.lanes, self.routines, self.alone)
-        given = [f"{self.type} {self.value(env, s)}" for s in call.arguments]
-        self.lines.append(f"  call void {name}({', '.join([*given, f'ptr {place}'])})")
+        for k, s in enumerate(call.arguments):
+            self.store(self.value(env, s), self.entry(given, k))
+        self.lines.append(f"  call void {name}(ptr {given}, ptr {place})")
         env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
 
     def side_by_side(self, lanes, env):
@@ -343,55 +345,63 @@ def vectors(loop):
 
 
 def routine(name, program, lanes, routines, alone):
-    """A Routine's program as a function of values, which writes its results to memory."""
+    """A Routine's program as a function, which reads and writes memory."""
     w = Writer(lanes, routines, alone)
-    env = {x: f"%in{k}" for k, x in enumerate(program.inputs)}
-    given = ", ".join([*(f"{w.type} {x}" for x in env.values()), "ptr %out"])
+    env = {x: w.load(w.entry("%in", k)) for k, x in enumerate(program.inputs)}
     w.operations(program.tape, program.tape.needed(program.made), env)
     for k, s in enumerate(program.made):
         w.store(w.value(env, s), w.entry("%out", k))
     inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    return w.function(f"internal void {name}({given}) {inline}", "void")
+    head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
+    return w.function(head, "void")
 
 
 def assembly(program, lanes):
     """i64 run(state, count, out, members, knobs, unsettled): how many steps were done.
 
     Of `lanes` members out of many. state (entries, members): where they begin, and then where they
-    end. out (count, rows, members), or null: every state, or what the program makes besides, if it
-    does. knobs (knobs, lanes). A single member ends with a step whose end is not finite, which is
-    not counted;
-    `unsettled` becomes 1 if a loop that came to no end is to blame, and else 0.
+    end. out (numbers, members), if the program makes numbers besides: the largest that were made,
+    or what stood there if that is larger. If it makes none, and for a single member only: out
+    (count, entries), every state, or null. knobs (knobs, lanes). A single member ends with a step
+    whose end is not finite, which is not counted; `unsettled` becomes 1 if a loop that came to no
+    end is to blame, and else 0.
     """
     w, tape, many = Writer(lanes, {}, lanes == 1), program.tape, len(program.inputs)
-    given = [w.entry("%state", w.new(f"mul i64 %members, {k}"), "double") for k in range(many)]
-    state, done = [w.variable(w.load(place)) for place in given], w.variable("0", "i64")
+    numbers = len(program.out) - many
+    state_at, most_at = (
+        [w.entry(array, w.new(f"mul i64 %members, {k}"), "double") for k in range(count)]
+        for array, count in (("%state", many), ("%out", numbers))
+    )
+    state = [w.variable(w.load(place)) for place in state_at]
+    most = [w.variable(w.load(place)) for place in most_at]
+    done = w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
-    silent = w.new("icmp eq ptr %out, null")
     w.store("false", UNSETTLED, "i1")
     w.begin("step")
     before = w.load(done, "i64")
     env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
     w.operations(tape, tape.needed(program.out), env)
     out = [w.value(env, s) for s in program.out]
-    for value, place in zip(out, state, strict=False):
+    for value, place in zip(out[:many], state, strict=True):
         w.store(value, place)
+    for value, place in zip(out[many:], most, strict=True):
+        w.store(w.compared("max", w.load(place), value), place)
     good = "true"
     for value in out[:many] if lanes == 1 else ():
         good = w.new(f"and i1 {good}, {w.finite(value)}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
-    w.begin("write", f"i1 {silent}, label %next, label %write")
-    rows = out[many:] or out
-    row = w.new(f"mul i64 {before}, {len(rows)}")
-    for k, value in enumerate(rows):
-        place = w.new(f"mul i64 {w.new(f'add i64 {row}, {k}')}, %members")
-        w.store(value, w.entry("%out", place, "double"))
-    w.begin("next")
+    if lanes == 1 and not numbers:
+        silent = w.new("icmp eq ptr %out, null")
+        w.begin("write", f"i1 {silent}, label %next, label %write")
+        row = w.new(f"mul i64 {before}, {many}")
+        for k, value in enumerate(out):
+            w.store(value, w.entry("%out", w.new(f"add i64 {row}, {k}"), "double"))
+        w.begin("next")
     more = w.new(f"icmp slt i64 {after}, %count")
     more = w.new(f"and i1 {more}, {good}")
     w.begin("end", f"i1 {more}, label %step, label %end")
-    for place, end in zip(state, given, strict=True):
+    for place, end in zip(state + most, state_at + most_at, strict=True):
         w.store(w.load(place), end)
     pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
     pointers += ", ptr noalias %unsettled"
@@ -399,9 +409,13 @@ def assembly(program, lanes):
     w.store(never, "%unsettled", "i64")
     lines = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
     lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
-    for name in LIBRARY.values():
-        lines.append(f"declare double @c_{name}({'double, double' if name == 'pow' else 'double'})")
-    return "\n".join(sum(w.routines.values(), lines))
+    return "\n".join(sum(w.routines.values(), lines + declared()))
+
+
+def declared():
+    """Lines that name the functions of the C library."""
+    given = {name: "double, double" if name == "pow" else "double" for name in LIBRARY.values()}
+    return [f"declare double @c_{name}({kinds})" for name, kinds in given.items()]
 
 
 @cache
@@ -422,26 +436,32 @@ def address(array):
     return None if array is None else array.__array_interface__["data"][0]
 
 
+def compiled(text, best=True):
+    """The engine that has the functions of a text in LLVM's language, optimized if `best`."""
+    llvm = library()
+    module = llvm.parse_assembly(text)
+    host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
+    target = llvm.Target.from_default_triple()
+    machine = target.create_target_machine(opt=2 * best, jit=True, **host)
+    if best:
+        options = llvm.create_pipeline_tuning_options(speed_level=1)
+        builder = llvm.create_pass_builder(machine, options)
+        builder.getModulePassManager().run(module, builder)
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.finalize_object()
+    return engine
+
+
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
     `lanes` members go in step, others one after the other. `best`: LLVM optimizes it; else the code
-    is made a few times sooner. Raises Unavailable.
+    is made many times sooner. Raises Unavailable.
     """
 
     @asking_llvm()
     def __init__(self, program, lanes=1, best=True):
-        llvm = library()
-        module = llvm.parse_assembly(assembly(program, lanes))
-        host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
-        target = llvm.Target.from_default_triple()
-        machine = target.create_target_machine(opt=2 * best, jit=True, **host)
-        if best:
-            options = llvm.create_pipeline_tuning_options(speed_level=1)
-            builder = llvm.create_pass_builder(machine, options)
-            builder.getModulePassManager().run(module, builder)
-        self.engine = llvm.create_mcjit_compiler(module, machine)
-        self.engine.finalize_object()
+        self.engine = compiled(assembly(program, lanes), best)
         word, pointer = ctypes.c_int64, ctypes.c_void_p
         kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer, pointer)
         self.function = kind(self.engine.get_function_address("run"))
@@ -450,9 +470,10 @@ class Native:
     def __call__(self, state, count, out, *knobs):
         """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
 
-        Members come by `lanes`. out (count, rows, members), or None, becomes all states, or what is
-        measured of them. A single member ends with a step whose end is not finite, which is not
-        counted; `unsettled`: whether a loop that came to no end is to blame.
+        Members come by `lanes`. out (numbers, members), part of an array like it, or None: see
+        `assembly`. Of a single member it may be (count, entries) and becomes all states; it ends
+        with a step whose end is not finite, which is not counted. `unsettled`: whether a loop that
+        came to no end is to blame.
         """
         many = self.lanes * len(knobs)
         given = (ctypes.c_double * many)(*[x for x in knobs for _ in range(self.lanes)])

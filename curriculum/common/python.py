@@ -154,29 +154,24 @@ class Columns:
         self.function = compiled(source, COLUMNS)
 
     def __call__(self, state, count, out, *knobs):
-        entries, members = state.shape
-        for first in range(0, members, PIECE):
-            self.piece(state[:, first : first + PIECE], count, out, first, *knobs)
+        for first in range(0, state.shape[1], PIECE):
+            some = slice(first, first + PIECE)
+            self.piece(state[:, some], count, out[:, some], *knobs)
 
-    def piece(self, state, count, out, first, *knobs):
+    def piece(self, state, count, out, *knobs):
         """Some members, whose columns stay near the processor."""
-        (entries, some), steps, values = state.shape, iter(range(count)), ()
+        entries, values = len(state), ()
 
         def keep(row):
             nonlocal values
-            values, step = row[:entries], next(steps)
-            if out is not None:
-                put(out[step, :, first : first + some], row[entries:] or values)
+            values = row[:entries]
+            for most, made in zip(out, row[entries:], strict=True):
+                np.maximum(most, made, out=most)
 
         with np.errstate(all="ignore"):
             self.function(tuple(state.copy()), count, keep, *knobs)
-        put(state, values)
-
-
-def put(places, values):
-    """Put arrays, or numbers, into the rows of an array."""
-    for place, value in zip(places, values, strict=True):
-        place[:] = value
+        for place, value in zip(state, values, strict=True):
+            place[:] = value
 
 
 class OneByOne:
@@ -194,11 +189,12 @@ class OneByOne:
         entries = len(state)
         for k, start in enumerate(state.T.tolist()):
             rows = self.rows(tuple(start), count, *knobs)
-            state[:, k] = rows[-1][:entries] if len(rows) == count else np.nan
-            if out is not None:
-                out[len(rows) :, :, k] = np.nan
-                for step, row in enumerate(rows):
-                    out[step, :, k] = row[entries:] or row
+            if len(rows) < count:
+                state[:, k] = out[:, k] = np.nan
+                continue
+            state[:, k] = rows[-1][:entries]
+            made = np.reshape([row[entries:] for row in rows], (count, len(out)))
+            out[:, k] = np.maximum.reduce(made, initial=-np.inf)
 
     def rows(self, start, count, *knobs):
         """What the program makes of a member, step by step, as far as it goes."""

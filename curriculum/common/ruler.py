@@ -183,10 +183,10 @@ def step_for(tol, seconds, q, runs, rules):
     """
     found = []
     for name, rule in rules.items():
-        error, dt, way_there = climb(tol, seconds, q, runs, rule)
+        error, dt, reached = climb(tol, seconds, q, runs, rule)
         forces = 0.0
-        if way_there and len(rules) > 1:
-            run, states = way_there
+        if reached and len(rules) > 1:
+            run, states = reached
             forces = cost(run, rule, dt, states) / dt
         found.append((max(error, tol), forces, name, dt))
     return min(found, key=lambda row: row[:2])[2:]

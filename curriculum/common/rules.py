@@ -66,16 +66,6 @@ def named(text, table):
     return made(name, int(size), float(tol))
 
 
-def known(table):
-    """An argparse type: the name of a rule, as `named` takes it."""
-
-    def parse(text):
-        named(text, table)
-        return text
-
-    return parse
-
-
 def offered(text, table, tol=None):
     """{name: rule} of the rules that `text` leaves open for an error of `tol` m.
 

@@ -27,7 +27,7 @@ class Run(SimpleNamespace):
     watched: float  # the largest of what the stepper was to watch
     seconds: float  # of the steps alone
     way: str  # how the steps were computed
-    source: str  # the code that a step has become
+    step: object  # what took the steps
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -42,20 +42,21 @@ class Run(SimpleNamespace):
         )
 
     @property
+    def source(self):
+        """The code that a step has become."""
+        return self.step.source
+
+    @property
     def pace(self):
         """Microseconds a step."""
         return 1e6 * self.seconds / max(1, len(self.tip) - 1)
 
     @property
-    def note(self):
+    def remark(self):
         """What is to be said of a run that did not go straight to its end."""
         many = "a step" if self.halved == 1 else f"{self.halved} steps"
         halved = f"took {many} in halves" if self.halved else ""
         return ", and ".join(filter(None, (halved, self.stopped)))
-
-    def every(self, steps):
-        """The kept states q, v (K, ..., N, 3) of each so many steps."""
-        return self.q[self.kept % steps == 0], self.v[self.kept % steps == 0]
 
     def summary(self, scale, truth):
         """What a run came to, rounded: m; its worst energy error, and the most that the energy
@@ -179,5 +180,5 @@ class Log:
             watched=step.watched,
             seconds=step.seconds * self.done / max(1, step.taken),
             way=step.way,
-            source=step.source,
+            step=step,
         )

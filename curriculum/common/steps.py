@@ -11,9 +11,10 @@ from itertools import chain
 
 from curriculum.common import native
 from curriculum.common.arrays import ordered
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable
+from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable, effort
 
 import numpy as np
 
@@ -102,7 +103,7 @@ class Traced:
 
     def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
         with Tape.lock:
-            Tape.turns = turns
+            effort.turns = turns
             memory = Memory(step_fn, force, measure)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
@@ -176,10 +177,22 @@ class Single:
 
     def __init__(self, traced):
         self.traced, self.machine, self.halved = traced, None, 0
-        self.function = traced.function  # made here, and not while steps are timed
+        self.size = max(1, traced.program.size())
+
+    def prepare(self):
+        """Make the code that steps need, unless there is some: not while they are timed."""
+        return self.machine or self.function
+
+    @property
+    def function(self):
+        """A step of Python's floats, made when first asked for."""
+        return self.traced.function
 
     def to_machine(self, best=True):
         self.machine = native.Native(self.traced.program, best=best)
+
+    def to_bytecode(self):
+        self.machine = Bytecode(self.traced.program)
 
     def __call__(self, state, count, dt):
         """Rows (count, entries) after `state` (entries,), or fewer; and the Stop that is why."""
@@ -204,7 +217,7 @@ class Single:
         `unsettled`: whether a loop that came to no end is the trouble, as machine code can tell.
         """
         if self.machine:
-            return self.machine(np.array(state)[:, None], len(rows), rows[:, :, None], dt)
+            return self.machine(np.array(state)[:, None], len(rows), rows, dt)
         done, entries = 0, rows.shape[1]
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)

@@ -47,6 +47,40 @@ class Current(local):
 current = Current()
 
 
+class Effort:
+    """How much has been traced: operations `noted`, and those of loops and rows again and again.
+
+    `turns`: how often what is traced will run. `factor`: how often in it what is traced now.
+    """
+
+    def __init__(self):
+        self.turns = math.inf
+        self.begin()
+
+    def begin(self):
+        self.noted, self.done, self.factor = 0, 0, 1
+
+    def note(self):
+        """An operation more. Raises Untraceable where compiling them would cost more than it saves:
+        about WORTH of them as they stand."""
+        self.noted += 1
+        self.done += self.factor
+        if self.noted > LARGE and self.done * self.turns < WORTH * self.noted:
+            raise Untraceable("it is too long to be compiled for so few steps")
+
+    @contextmanager
+    def repeated(self, times):
+        """What is traced meanwhile is done so many times."""
+        before, self.factor = self.factor, self.factor * times
+        try:
+            yield
+        finally:
+            self.factor = before
+
+
+effort = Effort()  # of the one thread that traces
+
+
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
@@ -56,8 +90,6 @@ class Tape:
     """
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
-    turns = math.inf  # how often what is traced will run
-    noted, done, factor = 0, 0, 1  # operations; those of loops and rows again and again; and now
 
     def __init__(self, outer=None, numbers=None):
         self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
@@ -70,29 +102,11 @@ class Tape:
         with Tape.lock:
             before, current.tape = current.tape, self
             if before is None:
-                Tape.noted, Tape.done, Tape.factor = 0, 0, 1
+                effort.begin()
             try:
                 return function(*args)
             finally:
                 current.tape, self.open = before, False
-
-    def count(self):
-        """An operation more. Raises Untraceable where compiling them would cost more than it saves:
-        about WORTH of them as they stand."""
-        Tape.noted += 1
-        Tape.done += Tape.factor
-        if Tape.noted > LARGE and Tape.done * Tape.turns < WORTH * Tape.noted:
-            raise Untraceable("it is too long to be compiled for so few steps")
-
-    @staticmethod
-    @contextmanager
-    def repeated(times):
-        """What is traced meanwhile is done so many times."""
-        before, Tape.factor = Tape.factor, Tape.factor * times
-        try:
-            yield
-        finally:
-            Tape.factor = before
 
     def sees(self, other):
         """Whether `other` is this tape or one around it."""
@@ -205,7 +219,7 @@ class Symbol:
                 return constant(sign, key[1:], minus)
             name = tape.names[key] = f"t{next(tape.numbers)}"
             tape.nodes[name] = key
-            tape.count()
+            effort.note()
         return Symbol(tape, name, minus)
 
     def inner(self, others):
@@ -476,7 +490,7 @@ class Lanes:
             self.several = isinstance(found, tuple)
             return found if self.several else (found,)
 
-        with Tape.repeated(len(rows)):
+        with effort.repeated(len(rows)):
             self.program = Program(as_tuple, *masks, tape=Tape(outer))
         self.rows = [[s for x in row for s in x.flat if s.x != 0.0] for row in rows]
         self.names = [outer.new_names(len(self.program.made)) for _ in rows]
@@ -535,7 +549,7 @@ class Loop:
         while True:
             self.tape, self.names = Tape(outer), outer.new_names(len(places))
             named = self.put(x, places, self.tape)
-            with Tape.repeated(ROUNDS):
+            with effort.repeated(ROUNDS):
                 following, size = self.tape.trace(lambda x=named: [lifted(y) for y in body(x)])
             grown = [place for place in np.ndindex(x.shape) if following[place].x != 0.0]
             if set(grown) <= set(places):

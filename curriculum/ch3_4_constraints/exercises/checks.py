@@ -170,7 +170,7 @@ CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check
 CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
 
 
-def noted(note, guess):
+def first_guess(note, guess):
     """What was guessed before the first run: the file `note` keeps it, whatever follows."""
     if not note.exists():
         write_whole(note, as_json(guess))
@@ -183,7 +183,7 @@ def solved(exercise, answers):
     return exercise
 
 
-def run(main):
+def judge(main):
     """As a script: the guess is noted, then it is run and judged, up to the first blank or mistake.
 
     With --solved it is done with the answers, and nothing is noted. The exit status is 1 after a
@@ -198,13 +198,13 @@ def run(main):
         try:
             if hasattr(exercise, "answer"):
                 note, guess = c.HERE / f"outputs/guess_{name}.json", exercise.answer()
-                print(f"you wrote down {guess if told else noted(note, guess)}")
+                print(f"you wrote down {guess if told else first_guess(note, guess)}")
                 print("" if told else f"(to guess again, delete {note.relative_to(c.HERE)})\n")
             CHECKS[name](exercise, exercise.main())
         except (Blank, Wrong, SceneError) as message:
             print(message)
             return int(not isinstance(message, Blank))
-        print(f"{name}.py: solved. One question is left, and solutions/README.md answers it:")
+        print(f"{name}.py: solved. One question is left; solutions/README.md answers it:")
         print(exercise.WHY)
         return 0
 

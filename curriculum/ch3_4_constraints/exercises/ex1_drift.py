@@ -6,7 +6,7 @@ All runs here are of the naive solve: gddot = 0, and nothing else.
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 from curriculum.ch3_4_constraints.studies import _runs
 
 import numpy as np
@@ -17,9 +17,9 @@ WHY = "Why can the error of the naive rod do nothing else?"
 def answer():
     """Guess before the first run: it is noted, and costs nothing. Then put right what was wrong."""
     return {
-        "rod": blank("guess how a pendulum's rod error goes on: 'stays', 'grows' or 'oscillates'"),
-        "factor": blank("guess: half the step divides the worst rod error under rk4 by what?"),
-        "heavy": blank("guess: a bob ten times as heavy makes it 'smaller', 'the same', 'larger'"),
+        "rod": blank("guess: the rod's error 'stays', 'grows' or 'oscillates'?"),
+        "factor": blank("guess: half the step divides the error of rk4 by what?"),
+        "heavy": blank("guess: a bob of 10 kg: 'smaller', 'the same', 'larger'?"),
     }
 
 
@@ -28,7 +28,7 @@ def expected_g(speeds, dt):
 
     The rod is 1 m long, the bob starts at rest, and semi_implicit moves it by dt v.
     """
-    return blank("g from the speeds; draw a step along the tangent: how far outside does it end?")
+    return blank("g from the speeds: how far outside does a tangent end?")
 
 
 def naive(system, rule, dt, seconds):
@@ -55,4 +55,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

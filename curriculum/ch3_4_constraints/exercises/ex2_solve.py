@@ -6,7 +6,7 @@ Find them on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what hol
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 
 import numpy as np
 
@@ -15,17 +15,17 @@ WHY = "How do the rods know of a drag that no line of the solve mentions?"
 
 def turning(d, rate):
     """Jdot v of one rod in m^2/s^2; d (3,) in m along the rod, rate (3,) in m/s its derivative."""
-    return blank("Jdot v of a rod: the part of gddot that holds no acceleration")
+    return blank("Jdot v of a rod: the part of gddot without acceleration")
 
 
 def mobility(jac, inverse_m):
     """A (C, C), for J (C, 3N) in m and 1/m (3N,) in 1/kg: how each gddot answers to each lambda."""
-    return blank("A = J M^-1 J^T; M^-1 is diagonal, and inverse_m lists its diagonal")
+    return blank("A = J M^-1 J^T; inverse_m lists the diagonal of M^-1")
 
 
 def wanted(g, gdot, w):
     """What gddot is to be, in m^2/s^2, so that an error in g dies like e^(-wt) without swinging."""
-    return blank("what Baumgarte asks gddot to be; at w = 0 that is nothing")
+    return blank("what Baumgarte asks gddot to be; at w = 0 it is zero")
 
 
 def rod_force(system, q, v, f, w):
@@ -56,4 +56,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

@@ -6,7 +6,7 @@ The double pendulum, by rk4 with Baumgarte's spring, from starts that are equal,
 """
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 
 import numpy as np
 
@@ -17,19 +17,19 @@ WHY = "Why does a thousand times the precision buy so little?"
 def answer():
     """Seconds until a launch angle so many rad off has become a metre: guess, run, put it right."""
     return {
-        "1e-12": blank("guess: an angle 1e-3 rad off takes 13.6 s, and one 1e-12 rad off?"),
-        "1e-24": blank("guess: and one 1e-24 off? No double has 24 digits: what does each buy?"),
+        "1e-12": blank("guess: 1e-3 rad off takes 13.6 s, and 1e-12 rad off?"),
+        "1e-24": blank("guess: and 1e-24 rad off? What does each digit buy?"),
     }
 
 
 def same(a, b):
     """Whether arrays a and b are equal to the last bit."""
-    return blank("True only if no bit differs: a tolerance would hide what this exercise is about")
+    return blank("True only if no bit differs: allow no tolerance here")
 
 
 def parted(gap, dt):
     """The time in s when a gap (steps + 1,) in m first passes a metre; np.inf if it never is."""
-    return blank("the first time at which the gap is over a metre; and if there is none?")
+    return blank("the first time the gap is over a metre; if it never is?")
 
 
 def turned(system, angle):
@@ -60,4 +60,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

@@ -9,7 +9,7 @@ has half the damping, gddot = -w gdot - w^2 g, and no table knows its cliffs.
 from functools import partial
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 
 import numpy as np
 
@@ -19,12 +19,12 @@ WHY = "What does a step do beyond the cliff that the spring would not?"
 
 def answer():
     """With half the damping, when does each rule fall off the cliff? Guess, run, put it right."""
-    return blank("guess {'euler': ..., 'semi_implicit': ..., 'rk4': ...}: 'sooner' or 'later'?")
+    return blank("guess: {'euler': 'sooner' or 'later', and so for each}")
 
 
 def bisect(holds, low, high, width):
     """x of the cliff to within `width`: holds(low) is True, holds(high) not, with one change."""
-    return blank("halve the interval until it is no longer than width; a half costs one holds(x)")
+    return blank("halve the interval, by one holds(x) each, down to width")
 
 
 def step_matrix(rule, z):
@@ -32,7 +32,7 @@ def step_matrix(rule, z):
 
     The rule is c.INTEGRATORS[rule], which takes (x, v, m, force, dt), numbers as well as arrays.
     """
-    return blank("its columns are what a step makes of (1, 0) and of (0, 1)")
+    return blank("its columns: what a step makes of (1, 0) and (0, 1)")
 
 
 def mends(rule, w):
@@ -60,4 +60,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

@@ -9,7 +9,7 @@ baumgarte, impulse, soft and project holds it and another does not. `none` would
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.exercises.checks import blank, run
+from curriculum.ch3_4_constraints.exercises.checks import blank, judge
 from curriculum.ch3_4_constraints.studies import _runs
 
 SCENE = Path(__file__).with_name("my_linkage.json")
@@ -24,7 +24,7 @@ def ship():
     See what the modes make of it: python constraints.py --system jansen_leg --no-rerun
     That is 20 s. The check goes by the first 2 s, and finds smaller errors.
     """
-    return blank("a mode for Jansen's leg: 'none', 'baumgarte', 'impulse', 'soft' or 'project'")
+    return blank("the mode you would ship, by its name, such as 'none'")
 
 
 def worst(system, mode):
@@ -45,4 +45,4 @@ def main():
 
 
 if __name__ == "__main__":
-    run(main)
+    judge(main)

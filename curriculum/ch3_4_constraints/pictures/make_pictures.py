@@ -1,20 +1,20 @@
 """Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures [NAME ...]
 
-They are computed, and are the same bytes each time, but for page.png, which a browser draws: it is
-made if it is named. Drawings without a number are not among them.
+They are computed, and are the same bytes each time. Drawings without a number are not among them;
+nor is page.png, which a browser of 1100 x 820 pixels shows of the page of `double` after 9 s, when
+a hand has pulled the first bob of the third tile for 0.7 s.
 """
 
 import contextlib
 import io
 import re
-import shutil
 import tempfile
 from functools import partial
 from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.pages import scene_page
+from curriculum.ch3_4_constraints.picture import DECADES
 from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
 from curriculum.ch3_4_constraints.studies import chaos as thousand
 from curriculum.ch3_4_constraints.studies import hard_cases as hard
@@ -33,7 +33,7 @@ METHODS += [("midpoint:8", "project"), ("gauss:12:1e-14", "project")]
 DASHES = {"semi_implicit": "none", "euler": "1 6", "rk4": "10 5"}  # modes are told by colours
 DASHES |= {"midpoint:8": "2 5", "gauss:12:1e-14": "14 4 2 4"}
 SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
-LENGTHS = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm", 1e-15: "1 fm"}
+LENGTHS = DECADES | {1e-15: "1 fm"}
 
 
 def turned(degrees, length):
@@ -103,13 +103,13 @@ def forces():
 def drift():
     """The worst rod error of the five modes over the default run."""
     dt, steps, every, curves = 0.005, 4000, 20, {}
-    times, lengths = dt * every * np.arange(1, steps // every + 1), dict([*LENGTHS.items()][:-1])
+    times = dt * every * np.arange(1, steps // every + 1)
     for mode in c.hold_table():
         found = run(c.build_system("double"), "semi_implicit", mode, dt, steps).violations[1:]
         worst = np.maximum(np.max(found.reshape(-1, every), axis=1), 1e-12)  # its tolerance
         curves[mode] = MODES[mode], list(zip(times, worst, strict=True))
     x = "time, s", (0.0, 20.0), {float(t): f"{t}" for t in range(0, 21, 5)}
-    return svg.chart("What keeps the rods?", x, ("worst rod error", (1e-13, 3.0), lengths), curves)
+    return svg.chart("What keeps the rods?", x, ("worst rod error", (1e-13, 3.0), DECADES), curves)
 
 
 def cost():
@@ -163,11 +163,8 @@ def chaos():
         points = list(zip(np.clip(gained, -0.6, 1.0)[::10], share[::10], strict=True))
         name = mode if rule == "semi_implicit" else f"{rule} {mode}"
         curves[name] = MODES[mode], points, dashes[rule]
-    x = (
-        "energy gained, of m g L",
-        (-0.6, 1.0),
-        {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"},
-    )
+    shares = {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"}
+    x = "energy gained, of m g L", (-0.6, 1.0), shares
     y = "share of the seeds below", (0.0, 1.0), {0.0: "0", 0.5: "half", 1.0: "all"}
     return svg.chart("What do leaky rods do to a crowd?", x, y, curves, (560, 380), 110)
 
@@ -180,47 +177,21 @@ def moving(name):
         return Path(folder, "motion.svg").read_text(encoding="utf-8")
 
 
-def page():
-    """A screenshot of the double pendulum's page, under a hand that pulls its first bob."""
-    from playwright.sync_api import sync_playwright  # here: no other picture needs a browser
-
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as api:
-        file = Path(folder, "double.html")
-        file.write_text(scene_page("double"), encoding="utf-8")
-        program = shutil.which("chromium") or shutil.which("google-chrome")
-        browser = api.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        tab = browser.new_page(viewport={"width": 1100, "height": 820})
-        tab.clock.install(time=0)  # a clock that is turned here: the same moment each time
-        tab.goto(file.as_uri())
-        tab.clock.pause_at(1_000)
-        tab.clock.run_for(9_000)
-        view = tab.locator("figure canvas.view").nth(2).bounding_box()
-        x, y = view["x"] + 0.5 * view["width"], view["y"] + 0.75 * view["height"]
-        tab.mouse.move(x, y)
-        tab.mouse.down()
-        tab.mouse.move(x + 60, y - 20, steps=5)
-        tab.clock.run_for(700)
-        shot = tab.screenshot()
-        browser.close()
-    return shot
-
-
 PICTURES = {f"{x.__name__}.svg": x for x in (two_pendulums, eigenvalue, forces, drift, cost)}
 PICTURES |= {f"{x.__name__}.svg": x for x in (hard_cases, chaos)}
 PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
 
 
 def main(argv=None):
-    """Make the pictures that `argv` names, or all but page.png."""
+    """Make the pictures that `argv` names, or all."""
     parser = Parser(prog="make_pictures", description=__doc__)
-    files = {Path(name).stem: name for name in PICTURES} | {"page": "page.png"}
+    files = {Path(name).stem: name for name in PICTURES}
     names = {"nargs": "*", "metavar": "NAME", "choices": [*files, []]}
     parser.add_argument("names", **names, help=f"some of {', '.join(files)}")
-    for stem in parser.parse_args(argv).names or [Path(name).stem for name in PICTURES]:
-        name = files[stem]
-        made = page() if name == "page.png" else PICTURES[name]().encode()
-        write_whole(FOLDER / name, made)
-        print(f"wrote {name}, {len(made) / 1e3:.0f} kB")
+    for stem in parser.parse_args(argv).names or files:
+        made = PICTURES[files[stem]]().encode()
+        write_whole(FOLDER / files[stem], made)
+        print(f"wrote {files[stem]}, {len(made) / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,10 @@ the seconds of its steps alone: models are built, and read, while that clock sta
 
 import time
 from functools import partial
+from unittest.mock import patch
 
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, make_system
+from curriculum.common import native
 from curriculum.common.steps import Single, Traced, followed
 
 import numpy as np
@@ -78,10 +80,22 @@ def run_ours(task, per, rule, mode, machine=NATIVE):
     return ours(step, task, per)
 
 
+def our_crowd(many, task, per):
+    """A run of a Crowd, on one core, whatever there are: (seconds, positions (R, N, 2))."""
+    many.dt = task.every / per
+
+    def again():
+        many.put(task.system["q0"], task.system["v0"])
+
+    with patch.object(native, "CORES", 1):
+        seconds = least(again, lambda: many.advance(per))
+    return seconds, many.states()[0][..., :2]
+
+
 def start_angles(system):
-    """The angles (N,) of a chain's rods from +x in rad."""
-    d = np.diff(system["q0"], axis=0, prepend=0.0)
-    return np.arctan2(d[:, 1], d[:, 0])
+    """The angles (..., N) of a chain's rods from +x in rad, of one start or many."""
+    d = np.diff(system["q0"], axis=-2, prepend=0.0)
+    return np.arctan2(d[..., 1], d[..., 0])
 
 
 def placed(system, angles):
@@ -194,24 +208,22 @@ def named(system, dt, fields):
     return found
 
 
-def hinges_crowd(model, starts, steps, dt):
-    """A run of many in one call of MuJoCo's rollout, on one core: (seconds, angles (R, N)).
-
-    `starts` (R, N): angles of the hinges, at rest.
-    """
+def hinges_crowd(model, task, per):
+    """A run of many in one call of MuJoCo's rollout, on one core: (seconds, positions)."""
     import mujoco
     from mujoco.rollout import Rollout
 
-    model.opt.timestep = dt
+    model.opt.timestep = task.every / per
     data, whole = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    starts = hinge_angles(start_angles(task.system))
     begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
     begin[:, 1 : 1 + model.nq] = starts  # after the time
-    kept = np.empty((len(starts), steps, begin.shape[1]))  # it keeps all states
-    sensed = np.empty((len(starts), steps, 0))
+    kept = np.empty((len(starts), per, begin.shape[1]))  # it keeps all states
+    sensed = np.empty((len(starts), per, 0))
     with Rollout(nthread=0) as alone:  # no thread but this one
-        how = {"nstep": steps, "skip_checks": False, "state": kept, "sensordata": sensed}
+        how = {"nstep": per, "skip_checks": False, "state": kept, "sensordata": sensed}
         seconds = least(lambda: None, lambda: alone.rollout(model, data, begin, **how))
-    return seconds, kept[:, -1, 1 : 1 + model.nq]
+    return seconds, placed(task.system, np.cumsum(kept[:, -1, 1 : 1 + model.nq], axis=-1))
 
 
 # --- heyoka ---
@@ -245,44 +257,36 @@ def uncached():
 
 def heyoka_flow(task, tol, **how):
     """heyoka's Taylor integrator, compiled; `how`: fast_math, opt_level and the like."""
-    start = [*start_angles(task.system).tolist(), 0.0, 0.0]
+    start = np.zeros(4)
     return uncached().taylor_adaptive(taylor_equations(task.system), start, tol=tol, **how)
 
 
 def heyoka(flow, task):
-    """A run of it: (seconds, positions). To the end, or by dense output where there are samples."""
-    start = [*start_angles(task.system).tolist(), 0.0, 0.0]
-    times, found = task.every * np.arange(task.samples + 1), []
+    """A run of it to the end of a Task that has one sample: (seconds, positions)."""
+    start = np.append(start_angles(task.system), [0.0, 0.0])
 
     def again():
         flow.time, flow.state[:] = 0.0, start
 
-    def go():
-        if task.samples == 1:
-            flow.propagate_until(times[-1])
-        else:
-            found[:] = [flow.propagate_grid(times)[-1][1:]]
-
-    seconds = least(again, go)
-    ends = found[0] if found else flow.state[None]
-    return seconds, placed(task.system, ends[:, :2])
+    seconds = least(again, lambda: flow.propagate_until(task.every))
+    return seconds, placed(task.system, flow.state[None, :2])
 
 
-def heyoka_batch(system, tol):
+def heyoka_batch(task, tol):
     """heyoka's integrator of a register of members at once, as many as it recommends."""
     hy = uncached()
     start = np.zeros((4, hy.recommended_simd_size()))
-    start[:2] = start_angles(system)[:, None]
     how = {"tol": tol, "fast_math": True}
-    return hy.taylor_adaptive_batch(taylor_equations(system), start, **how)
+    return hy.taylor_adaptive_batch(taylor_equations(task.system), start, **how)
 
 
-def heyoka_crowd(flow, starts, until):
-    """A run of many, register by register, on one core: (seconds, angles (R, 2)).
+def heyoka_crowd(flow, task):
+    """A run of many, register by register, on one core: (seconds, positions).
 
-    `starts` (R, 2): angles of the rods, at rest. The last register is filled with the last member.
+    The last register is filled with the last member.
     """
-    count, lanes = len(starts), flow.batch_size
+    starts, lanes = start_angles(task.system), flow.batch_size
+    count = len(starts)
     filled = np.concatenate([starts, np.repeat(starts[-1:], -count % lanes, axis=0)])
     registers = filled.reshape(-1, lanes, 2).transpose(0, 2, 1)
     ends = np.empty_like(registers)
@@ -291,8 +295,8 @@ def heyoka_crowd(flow, starts, until):
         for begin, end in zip(registers, ends, strict=True):
             flow.set_time(0.0)
             flow.state[:2], flow.state[2:] = begin, 0.0
-            flow.propagate_until(until)
+            flow.propagate_until(task.every)
             end[:] = flow.state[:2]
 
     seconds = least(lambda: None, go)
-    return seconds, ends.transpose(0, 2, 1).reshape(-1, 2)[:count]
+    return seconds, placed(task.system, ends.transpose(0, 2, 1).reshape(-1, 2)[:count])

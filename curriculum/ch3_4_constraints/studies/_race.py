@@ -18,7 +18,6 @@ from curriculum.common import rules
 import numpy as np
 
 REPEATS = 9  # timings
-HEAT = 1.3  # of a racer's ladders go on those that are at most so many times as slow as its best
 OURS, SOON, PYTHON = "ours", "ours, soon built", "ours, Python"
 HINGES, TAYLOR, QUICK = "MuJoCo hinges", "heyoka", "heyoka, soon built"
 SOONEST = SOON, PYTHON, QUICK  # they are judged in all, and others by their steps
@@ -89,11 +88,8 @@ def race(task, racers, targets):
         jobs = {}
         for who, climbs in racers(error).items():
             own = ALL if who in SOONEST else STEPS
-            there = filter(None, (first_there(task, rungs, error) for rungs in climbs))
-            heat = {rung: timed(task, rung)[own] for rung in there}
-            for rung, seconds in heat.items():
-                if seconds < HEAT * min(heat.values()):
-                    jobs[who, rung.setting, own] = partial(timed, task, rung)
+            for rung in filter(None, (first_there(task, rungs, error) for rungs in climbs)):
+                jobs[who, rung.setting, own] = partial(timed, task, rung)
         best = {}  # of the ladders of each
         for (who, setting, own), samples in in_turns(jobs, REPEATS).items():
             times = np.array(samples).T

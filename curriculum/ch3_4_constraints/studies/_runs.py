@@ -1,7 +1,9 @@
 """What studies and tests do again and again: systems, runs, crowds, and a command line."""
 
+import argparse
 import json
 import sys
+import textwrap
 from collections import namedtuple
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from curriculum.ch3_4_constraints.statics import differences
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import native, rules
 from curriculum.common.banner import processor
+from curriculum.common.cli import Parser
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
 from curriculum.common.steps import followed
@@ -21,9 +24,6 @@ NATIVE = native.available()  # whether steps are compiled to machine code, and n
 G = float(-c.GRAVITY[1])  # m/s^2
 SCENES = c.HERE / c.CHAPTER / "scenes"
 SHIPPED = sorted({path.stem for path in SCENES.glob("*.json")} - {"taut_cable"})  # it is refused
-RULES = [name for name in c.INTEGRATORS if name not in rules.FAMILIES]
-RULES += [f"midpoint:{order}" for order in (6, 8, 10, 12)]
-RULES += ["gauss:6:1e-8", "gauss:8:1e-10", "gauss:10:1e-12", "gauss:12:1e-14"]
 
 # A system from its start to time samples * every (s), and error(positions (samples, N, 2)).
 Task = namedtuple("Task", "system samples every error")
@@ -84,11 +84,32 @@ def energy_scale(system):
 
 
 def drift(system, run):
-    """The largest energy error (...) of a run, as a share of that."""
-    return np.max(np.abs(run.energies - run.energies[0]), axis=0) / energy_scale(system)
+    """The largest energy error of a run, as a share of that."""
+    return np.max(np.abs(run.energies - run.energies[0])) / energy_scale(system)
 
 
 def host(**more):
     """Print what ran on what."""
     what = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__}
     say(", ".join(f"{key} {value}" for key, value in (what | more).items()))
+
+
+class Preset(argparse.Action):
+    """A flag that stands for several; what is given after it counts."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        vars(namespace).update(self.const)
+
+
+def study_parser(name, doc, quick=None, **usual):
+    """The Parser of the study `name`; `usual`: what else it goes by, as attributes, without flags.
+
+    `quick`: what --quick has instead, of these or of its flags; a study without is quick enough.
+    """
+    about = "\n\n".join(textwrap.fill(paragraph, 80) for paragraph in doc.split("\n\n"))
+    parser = Parser(prog=f"python -m {__package__} {name}", description=about)
+    parser.set_defaults(**usual)
+    if quick:
+        told = "a small one, to see what it prints; its figures mean little"
+        parser.add_argument("--quick", action=Preset, nargs=0, const=quick, help=told)
+    return parser

@@ -20,10 +20,8 @@ from itertools import product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies._command import study_parser
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
-from curriculum.common.cli import run_script
 from curriculum.common.steps import Plain
 
 import numpy as np
@@ -48,23 +46,24 @@ CASES = {
 }
 
 
+def pace(engine, task, steps, *settings):
+    """Microseconds a step of an engine's run of a Task that has one sample."""
+    return 1e6 * engine(task, steps, *settings)[0] / steps
+
+
 def beside(cases, repeats):
     """(a) Rows and bars of a step beside the same lines in plain numpy, in Python, and MuJoCo's."""
     rows, bars = [], []
     for (name, rule, mode), limits in cases.items():
         system = c.build_system(name)
         task = Task(system, 1, DT * STEPS, None)
-
-        def pace(job, *settings, task=task):
-            return 1e6 * job(task, STEPS, *settings)[0] / STEPS
-
         jobs = {
-            "us": partial(pace, peers.run_ours, rule, mode),
+            "us": partial(pace, peers.run_ours, task, STEPS, rule, mode),
             "plain": lambda case=(system, rule, mode): run(*case, DT, PLAIN, way=Plain).pace,
-            "python": partial(pace, peers.run_ours, rule, mode, False),
+            "python": partial(pace, peers.run_ours, task, STEPS, rule, mode, False),
         }
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
-            jobs["MuJoCo"] = partial(pace, peers.run_hinges, THEIRS[rule])
+            jobs["MuJoCo"] = partial(pace, peers.run_hinges, task, STEPS, THEIRS[rule])
         found = in_turns(jobs, repeats)
         row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
         share = {who: np.median(np.divide(found["us"], found[who])) for who in found}  # in a turn
@@ -84,11 +83,7 @@ def growth(links, repeats):
         how = {"machine": kind == "machine", "best": False}
         step = peers.compiled_step(system, "semi_implicit", "none", DT, **how)
         task = Task(system, 1, DT * steps, None)
-
-        def pace(step=step, task=task, steps=steps):
-            return 1e6 * peers.ours(step, task, steps)[0] / steps
-
-        jobs[n, kind] = pace
+        jobs[n, kind] = partial(pace, partial(peers.ours, step), task, steps)
     found = in_turns(jobs, repeats)
     for n in links:
         us = {kind: found[n, kind] for kind in kinds}
@@ -162,7 +157,3 @@ def main(argv=None):
     if args.whole:
         show(*beginnings())
         show(*long_run())
-
-
-if __name__ == "__main__":
-    run_script(main)

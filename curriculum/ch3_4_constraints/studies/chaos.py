@@ -14,17 +14,14 @@ import time
 from collections import namedtuple
 from functools import partial
 from importlib.util import find_spec
-from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common import native
 from curriculum.common.banner import work
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import number
 from curriculum.common.crowds import mapped
 
 import numpy as np
@@ -54,10 +51,9 @@ def ensemble(name, seeds):
 def follow(system, rule, mode, steps):
     """The Ends of a run whose rods are measured at every step."""
     many = _runs.crowd(system, rule, mode, DT, lambda q, v: [np.abs(c.rod_errors(system, q))])
-    rods, tick = 0.0, work.counted(f"{len(system['q0'])} seeds, {rule} {mode}", steps)
-    for done in range(0, steps, BLOCK):
-        rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=(0, 1)))
-        tick(min(steps, done + BLOCK))
+    rods, name = 0.0, f"{len(system['q0'])} seeds, {rule} {mode}"
+    for done in work.through(name, range(0, steps, BLOCK)):
+        rods = np.maximum(rods, many.advance(min(BLOCK, steps - done)).max(axis=0))
     q, v = many.states()
     joules = mapped(partial(c.energy, system))
     gained = joules(q, v) - joules(system["q0"], system["v0"])
@@ -69,19 +65,19 @@ def speed(whole, repeats):
 
     `whole`: the steps of all of them.
     """
-    system, steps = ensemble("double", range(CROWD)), -(-whole // (BLOCK * CROWD)) * BLOCK
+    system, steps = ensemble("double", range(CROWD)), -(-whole // CROWD)
 
-    def measure(q, v):
-        return c.rod_errors(system, q), c.energy(system, q, v)
+    def measure(q, v):  # of each the largest over all steps: how far rods and energy ever are off
+        joules = c.energy(system, q, v)
+        return np.abs(c.rod_errors(system, q)), joules, -joules
 
-    def pace(many, block):
+    def pace(many):
         clock = time.perf_counter()
-        for _ in range(0, steps, block):
-            many.advance(block)
+        many.advance(steps)
         return 1e-6 * steps * CROWD / (time.perf_counter() - clock)
 
     alone, measured = (_runs.crowd(system, *RUNS[0], DT, asked) for asked in (None, measure))
-    jobs = {"alone": partial(pace, alone, steps), "measured": partial(pace, measured, BLOCK)}
+    jobs = {"alone": partial(pace, alone), "measured": partial(pace, measured)}
     row, bars = {"seeds": CROWD}, []
     for what, samples in in_turns(jobs, repeats).items():
         row |= spread(samples, what)
@@ -121,9 +117,8 @@ def growth(system, skip, span, dt):
     away = np.random.default_rng(0).standard_normal((2, *q.shape)) * [1.0, 1.0, 0.0]
     steps = _runs.crowd(system | {"q0": q + away[0]}, "rk4", 0.0, dt)
     onto_rods = mapped(lambda q, v: c.project(system, q, q, v, math.inf))
-    size, turns = np.ones(len(q)), round((skip + span) / RENEW)
-    tick = work.counted(f"neighbours, steps of {dt:g} s", turns)
-    for turn in range(turns):
+    size, turns = np.ones(len(q)), range(round((skip + span) / RENEW))
+    for _ in work.through(f"neighbours, steps of {dt:g} s", turns):
         near = away * (CLOSE / size)[:, None, None]
         both = np.concatenate([q, q + near[0]]), np.concatenate([v, v + near[1] / unit])
         steps.put(*onto_rods(*both))
@@ -132,7 +127,6 @@ def growth(system, skip, span, dt):
         away, q, v = np.stack([q[1] - q[0], unit * (v[1] - v[0])]), q[0], v[0]
         size = np.sqrt(np.sum(away * away, axis=(0, 2, 3)))
         rates.append(np.log(size / CLOSE) / RENEW)
-        tick(turn + 1)
     return np.array(rates[round(skip / RENEW) :]).T
 
 
@@ -152,73 +146,31 @@ def parting(pairs, span):
 
 
 # --- (d) beside peers ---
-def our_ladder(task, rule):
-    """Rungs of the crowd of a Task under a rule; on one core, whatever there are."""
-    system = task.system
-
-    def go(many, task, per):
-        many.dt = task.every / per
-
-        def again():
-            many.put(system["q0"], system["v0"])
-
-        with patch.object(native, "CORES", 1):
-            seconds = peers.least(again, lambda: many.advance(per))
-        return seconds, many.states()[0][..., :2]
-
-    build = partial(_runs.crowd, system, rule, "none", LONG)  # what is compiled takes any step
-    return _race.steps_ladder(task, 8, 400, build, go, rule)
-
-
-def taylor_ladder(system, finest=15.0):
-    """Rungs of heyoka, from the angles of all members' rods."""
-    one, angles = first_and_angles(system)
-
-    def go(flow):
-        seconds, found = peers.heyoka_crowd(flow, angles, LONG)
-        return seconds, peers.placed(one, found)
-
-    return _race.taylor_ladder(finest, partial(peers.heyoka_batch, one), go)
-
-
-def rollout_ladder(system, counts=ROLLED):
-    """Rungs of MuJoCo, in joint angles."""
-    one, angles = first_and_angles(system)
-    hinges = peers.hinge_angles(angles)
-
-    def go(model, steps):
-        seconds, found = peers.hinges_crowd(model, hinges, steps, LONG / steps)
-        return seconds, peers.placed(one, np.cumsum(found, axis=-1))
-
-    build = partial(peers.hinges_model, _runs.Task(one, 1, LONG, None))
-    return [Rung(f"steps {steps}", build, partial(go, steps=steps)) for steps in counts]
-
-
-def first_and_angles(system):
-    """The first member of a crowd as a system, and the angles (R, N) of all members' rods."""
-    angles = [peers.start_angles({"q0": q}) for q in system["q0"]]
-    return system | {"q0": system["q0"][0], "v0": system["v0"][0]}, np.array(angles)
-
-
 def beside():
     """(d) Rows and bars: who takes how long for the crowd to each error."""
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
     truth = true.states()[0][..., :2]
-    theirs = {}
-    if find_spec("heyoka"):
-        theirs[TAYLOR] = [taylor_ladder(system)]
-    if find_spec("mujoco"):
-        theirs[HINGES] = [rollout_ladder(system)]
 
     def off(q):
         return np.max(np.linalg.norm(q - truth, axis=-1))
 
     task, mine = _runs.Task(system, 1, LONG, off), OURS if _runs.NATIVE else PYTHON
+    theirs = {}
+    if find_spec("heyoka"):
+        build, go = partial(peers.heyoka_batch, task), partial(peers.heyoka_crowd, task=task)
+        theirs[TAYLOR] = [_race.taylor_ladder(15.0, build, go)]
+    if find_spec("mujoco"):
+        build, go = partial(peers.hinges_model, task), partial(peers.hinges_crowd, task=task)
+        theirs[HINGES] = [[Rung(f"steps {n}", build, partial(go, per=n)) for n in ROLLED]]
+
+    def climb(rule):  # what is compiled takes any step
+        build = partial(_runs.crowd, system, rule, "none", LONG)
+        return _race.steps_ladder(task, 8, 400, build, peers.our_crowd, rule)
 
     def racers(error):
-        return theirs | {mine: [our_ladder(task, rule) for rule in _race.offered(error)]}
+        return theirs | {mine: [climb(rule) for rule in _race.offered(error)]}
 
     targets = dict.fromkeys(ERRORS, [(OURS, who, STEPS, 1.0) for who in theirs])
     title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error in m"
@@ -229,7 +181,7 @@ def main(argv=None):
     """Ask and print."""
     quick = {"seeds": 100, "whole": WORK // 10, "repeats": 1, "pairs": 20, "span": 20.0}
     usual = {"whole": WORK, "repeats": REPEATS, "pairs": PAIRS, "span": SPAN}
-    parser = study_parser("chaos", __doc__, quick, **usual)
+    parser = _runs.study_parser("chaos", __doc__, quick, **usual)
     parser.add_argument("--seeds", type=number(int, 2, 10**6), default=1000, help="so many (1000)")
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
@@ -246,7 +198,3 @@ def main(argv=None):
     show(f"(b) worst rod error in {after}, none over baumgarte", [ordering(found)])
     show(f"and after {after}: medians, and worst; energy as a share of m g L", fates(found))
     show("(c) the largest Lyapunov exponent, rk4", parting(args.pairs, args.span))
-
-
-if __name__ == "__main__":
-    run_script(main)

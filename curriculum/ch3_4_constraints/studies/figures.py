@@ -24,7 +24,7 @@ import textwrap
 import time
 from pathlib import Path
 
-from curriculum.common.cli import Parser, run_script
+from curriculum.ch3_4_constraints.studies._runs import study_parser
 from curriculum.common.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -63,22 +63,18 @@ def listed(what):
     if part is None:
         raise ValueError("a listing is of FILE FUNCTION, from START, to START")
     file, name, start, last = part.groups()
-    lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
-    nodes = ast.walk(ast.parse("\n".join(lines)))
-    found = [x for x in nodes if isinstance(x, ast.FunctionDef) and x.name == name]
-    if not found:
-        raise ValueError(f"{file} has no function {name}")
-    function = found[0]
-    first, end = function, function
-    if start is not None:
-        statements = [x for x in ast.walk(function) if isinstance(x, ast.stmt)]
+    text = (ROOT / file).read_text(encoding="utf-8")
+    statements = [x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.stmt)]
+    lines = text.splitlines()
+    function = starting(statements, lines, f"def {name}(")
+    first, end, docstring = function, function, ast.get_docstring(function, clean=False)
+    if start:
         first = starting(statements, lines, start, function.lineno)
         end = starting(statements, lines, last, first.lineno) if last else first
-    wanted = set(range(first.lineno, end.end_lineno + 1))
-    if ast.get_docstring(function) is not None:
-        docstring = function.body[0]
-        wanted -= set(range(docstring.lineno, docstring.end_lineno + 1))
-    return textwrap.dedent("".join(f"{lines[k - 1]}\n" for k in sorted(wanted)))
+    shown = lines[first.lineno - 1 : end.end_lineno]
+    if docstring and not start:
+        del shown[1 : 1 + len(docstring.splitlines())]
+    return textwrap.dedent("\n".join(shown)) + "\n"
 
 
 def machine_free(text):
@@ -98,10 +94,9 @@ def machine_free(text):
 
 def main(argv=None):
     """Rewrite the blocks."""
-    parser = Parser(prog="figures", description=__doc__.partition("\n\n")[0])
-    parser.add_argument(
-        "--only", default="", metavar="WORD", help="blocks whose command contains it"
-    )
+    parser = study_parser("figures", __doc__.partition("\n\n")[0])
+    told = "blocks whose command contains it"
+    parser.add_argument("--only", default="", metavar="WORD", help=told)
     args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
@@ -124,7 +119,3 @@ def main(argv=None):
         texts[path] = text = texts[path].replace(match[0], new)
         write_whole(path, text)
     return int(failed)
-
-
-if __name__ == "__main__":
-    run_script(main)

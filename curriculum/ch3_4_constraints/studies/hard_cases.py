@@ -15,11 +15,10 @@ from multiprocessing import Pool
 from signal import SIG_IGN, SIGINT, signal
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._command import study_parser
-from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, run
+from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, run, study_parser
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
-from curriculum.common.cli import number, run_script
+from curriculum.common.cli import number
 from curriculum.common.ruler import once_for_all
 
 import numpy as np
@@ -97,16 +96,10 @@ def main(argv=None):
         parser.error(f"argument --methods: none contains {args.methods!r}; there are {known}")
     rows = {name: {"scene": name} for name in sorted(args.scenes or args.names)}
     jobs = list(product(rows, asked))
-    tick = work.counted("hard cases", len(jobs))
     # Ctrl-C is for this process alone
     with Pool(initializer=signal, initargs=(SIGINT, SIG_IGN)) as pool:
         cells = pool.imap(partial(job, args=args), jobs)
-        for k, ((name, title), found) in enumerate(zip(jobs, cells, strict=True)):
-            rows[name][title] = found
-            tick(k + 1)
+        for name, title in work.through("hard cases", jobs):
+            rows[name][title] = next(cells)
     about = f"{args.starts} starts of each scene, {args.seconds:g} s"
     show(f"largest step in s at which all are held: {about}", list(rows.values()))
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -18,11 +18,10 @@ import zlib
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing, position
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
-from curriculum.common.cli import number, run_script, writable
+from curriculum.common.cli import number, writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -62,14 +61,12 @@ def angle(size):
 def lights(size, rows, mode, seconds):
     """Palette entries (rows, size) of the lowest rows of a map, the lowest first."""
     pixels, looks = np.zeros(rows * size, dtype=np.uint8), round(seconds / (LOOK * DT))
-    tick = work.counted(f"turning, {mode}", rows * size)
-    for begin in range(0, rows * size, BATCH):
+    for begin in work.through(f"turning, {mode}", range(0, rows * size, BATCH)):
         place = np.arange(begin, min(begin + BATCH, rows * size))
         angles = angle(size)[np.stack([place // size, place % size], axis=1)]
         turns = first_turns(angles, mode, seconds)
         late = (WHITE - 2) * (turns - 1) // looks
         pixels[place] = np.where(turns > 0, WHITE - 1 - late, NEVER)
-        tick(begin + len(place))
     return pixels.reshape(rows, size)
 
 
@@ -92,12 +89,12 @@ def png(pixels):
     return found
 
 
-def sheet(pixels, size, seconds):
+def sheet(pixels, size, gap, seconds):
     """The text of an SVG: a map of palette entries (rows, size), its axes, and what colours mean.
 
-    Of its rows the first `size` are the map, and the last the strip by `none`.
+    Of its rows the first `size` are the map, then `gap` a line, and the last the strip by `none`.
     """
-    rows, gap = len(pixels), line_width(size)
+    rows = len(pixels)
     tall = EDGE * rows / size  # pixels of the sheet
     drawn = Drawing(LEFT + EDGE + 104, round(TOP + tall + 64), "When does it turn over?")
 
@@ -133,14 +130,9 @@ def sheet(pixels, size, seconds):
     return drawn.text()
 
 
-def line_width(size):
-    """Pixels of the line between the map and the strip."""
-    return max(1, size // 200)
-
-
 def main(argv=None):
     """Compute, print what share turns over, write the picture."""
-    parser = study_parser("map", __doc__, {"size": 100, "seconds": 5.0})
+    parser = _runs.study_parser("map", __doc__, {"size": 100, "seconds": 5.0})
     add = parser.add_argument
     add("--size", type=number(int, 8, 20_000), default=1000, help="pixels along an edge (1000)")
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
@@ -160,11 +152,7 @@ def main(argv=None):
         row = {"mode": mode, "rows": len(seen), "turned over": np.mean(seen > NEVER)}
         rows.append(row | {"without the energy": np.sum(seen[poor[: len(seen)]] > NEVER)})
     show(f"share of starts at rest that turn over within {seconds:g} s", rows)
-    line = np.full((line_width(size), size), WHITE, dtype=np.uint8)
+    line = np.full((max(1, size // 200), size), WHITE, dtype=np.uint8)
     image = np.concatenate([np.where(edge, WHITE, whole)[::-1], line, leaky]).astype(np.uint8)
-    write_whole(args.out, sheet(image, size, seconds))
+    write_whole(args.out, sheet(image, size, len(line), seconds))
     print(f"wrote {args.out}")
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -4,14 +4,15 @@
 given error: where the double pendulum is after 5 s, beside reference.json.  (c) Time to high
 precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
 Each engine climbs ladders of settings to the first that reaches the error, and still does at the
-next finer one: who is near by accident is not there. These are timed in turns, A B A B, and of each
-engine the quickest is shown: `us` is the least time of its steps, one call for a whole run of code
-that has been called before, with no state kept but the last. `build` is tracing, compiling, making
-a model; `in all` is both. `soon built`, and Python, are judged by that. Bars and `ours/it` are of
-least times, to which a busy machine can only add.
+next finer one: what is near by accident does not count. These are timed in turns, A B A B, and of
+each engine the quickest is shown: `us` is the least time of its steps, one call for a whole run of
+code that has been called before, with no state kept but the last. `build` is tracing, compiling,
+making a model; `in all` is both. What is soon built, or runs in Python, is judged by that. Bars and
+`ours/it`, our time over theirs, are of least times, to which a busy machine can only add.
 MuJoCo runs RK4 in joint angles, all else switched off. heyoka runs a Taylor series in angles, with
 and without `fast_math`, all optimized; soon built, it is not (`opt_level=0`). Ours are the rules
-among which --tol chooses. Who is missing at an error did not reach it.
+among which --tol chooses, with rods held by `none` where no mode is named. An engine that is
+missing at an error did not reach it.
 """
 
 import math
@@ -22,7 +23,6 @@ from importlib.util import find_spec
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._command import study_parser
 from curriculum.ch3_4_constraints.studies._race import (
     ALL,
     HINGES,
@@ -37,7 +37,6 @@ from curriculum.ch3_4_constraints.studies._race import (
     steps_ladder,
 )
 from curriculum.ch3_4_constraints.tables import say, show
-from curriculum.common.cli import run_script
 
 import numpy as np
 
@@ -83,7 +82,8 @@ def names(system, dt=DT):
 def our_ladder(task, low, high, rule, mode, **how):
     """Rungs of ours; `how` as compiled_step takes it. dt is no part of what is compiled."""
     build = partial(peers.compiled_step, task.system, rule, mode, 1.0, **how)
-    return steps_ladder(task, low, high, build, peers.ours, rule, mode)
+    words = [rule] if mode == "none" else [rule, mode]
+    return steps_ladder(task, low, high, build, peers.ours, *words)
 
 
 def hinge_ladder(task, low, high):
@@ -93,7 +93,7 @@ def hinge_ladder(task, low, high):
 
 def taylor_ladder(task, **how):
     """Rungs of heyoka; `how` as heyoka takes it."""
-    words = [f"{key} {value}" for key, value in how.items()]
+    words = ["fast_math"] if how.get("fast_math") else []
     build, go = partial(peers.heyoka_flow, task, **how), partial(peers.heyoka, task=task)
     return _race.taylor_ladder(16.0, build, go, *words)
 
@@ -151,9 +151,29 @@ def a01(seconds=2000.0):
     return _runs.Task(system, len(q), every, error)
 
 
+# --- what is printed ---
+def show_race(title, rows, bars):
+    """Print a table for each error, in columns that fit a terminal, and its bars below it.
+
+    `title`: its braces are for the error.
+    """
+    times = "us", "build, ms", "in all, ms"
+    for error in dict.fromkeys(row["to"] for row in rows):
+        own = [row for row in rows if row["to"] == error]
+        of_this = [bar for bar in bars if bar[0].startswith(f"{error}: ")]
+        shown = []
+        for row in own:
+            cells = {"engine": row["who"], "error": f"{row['error']:.1e}"}
+            cells |= {key: row[key] for key in times}
+            share = row["ours/it"]
+            cells["ours/it"] = share if share == "-" else f"{share:.2g}"
+            shown.append(cells | {"setting": row["setting"]})
+        show(title.format(error), shown, of_this)
+
+
 def main(argv=None):
     """Measure and print."""
-    parser = study_parser("real_thing", __doc__)
+    parser = _runs.study_parser("real_thing", __doc__)
     parser.add_argument("--names", action="store_true", help="(a) alone; without it, (b)")
     parser.add_argument("--a01", action="store_true", help="(c) alone")
     args = parser.parse_args(argv)
@@ -171,14 +191,10 @@ def main(argv=None):
             return mine | {HINGES: [hinge_ladder(task, 60, 110)]}
 
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})
-        show("(c) A01, the simple pendulum, 2000 s, time to high precision", *found)
+        show_race("(c) A01, the simple pendulum, 2000 s, time to high precision, {}", *found)
         return
     if not find_spec(TAYLOR):
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = _runs.double(end=True)
     found = race(task, partial(ladders, task), TARGETS)
-    show("(b) the double pendulum after 5 s, time to an error in m", *found)
-
-
-if __name__ == "__main__":
-    run_script(main)
+    show_race("(b) the double pendulum after 5 s, time to an error of {} m", *found)

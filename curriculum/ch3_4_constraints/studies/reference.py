@@ -18,9 +18,9 @@ import json
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._command import study_parser
+from curriculum.ch3_4_constraints.studies._runs import study_parser
 from curriculum.common.banner import work
-from curriculum.common.cli import run_script, writable
+from curriculum.common.cli import writable
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -108,15 +108,14 @@ def integrate(system, digits):
 
 def compute(names):
     """{name: its case}; prints a line a case."""
-    cases, tick = {}, work.counted("digits", len(names))
-    for k, name in enumerate(names):
+    cases = {}
+    for name in work.through("digits", names):
         (coarse, _), (fine, drift) = (integrate(c.build_system(name), d) for d in (COARSE, FINE))
         assert drift < 10.0**-COARSE, f"{name}: energy error {float(drift):.1e} J"
         error = np.max(np.abs(fine - coarse))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
         work.wipe()
         print(f"{name:15} error {error:.1e} m, energy error {float(drift):.1e} J", flush=True)
-        tick(k + 1)
     return cases
 
 
@@ -136,13 +135,12 @@ def main(argv=None):
         print(f"{FILE.name}: largest difference {gap:.1e} m, {TOLERANCE:g} is allowed")
         return int(gap > TOLERANCE)
     what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems "
-    document = {"what": f"{what}and of two of its scenes.", "made_by": f"python -m {__spec__.name}"}
+    document = {
+        "what": f"{what}and of two of its scenes.",
+        "made_by": f"python -m {__package__} reference",
+    }
     # "]], [[" stands between two samples and nowhere else: one line a sample
     text = json.dumps(document | {"times": TIMES, "cases": cases}).replace("]], [[", "]],\n[[")
     text = text.replace('"positions": [', '"positions": [\n') + "\n"
     write_whole(FILE, text)
     return 0
-
-
-if __name__ == "__main__":
-    run_script(main)

@@ -9,10 +9,9 @@ import math
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._command import study_parser
+from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.cli import run_script
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -167,7 +166,7 @@ def knob():
 
 @table("mode = {} | energy gained, J = {:+.1f} | work of the rods, J = {:+.1f}")
 def work():
-    """the double pendulum over 20 s, semi_implicit; work: lambda times each change of g, summed"""
+    """the double pendulum, 20 s, semi_implicit; work: lambda times each change of g"""
     system = c.build_system("double")
     for mode in ("none", "baumgarte"):
         hold = c.hold_table(DT)[mode]
@@ -182,7 +181,7 @@ def work():
 
 @table("rule = {} | g found, m^2 = {:+.6e} | dt d'.d' / w, m^2 = {:.6e} | rod error, mm = {:+.4f}")
 def turning():
-    """a dumbbell falls freely and spins: d' 4 m/s, baumgarte, w 20 rad/s, dt 0.001, after 3 s"""
+    """a dumbbell falls and spins: d' 4 m/s, baumgarte, w 20, dt 0.001, after 3 s"""
     q0, v0 = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]]
     dumbbell, dt, w = make_system(q0, v0, [1.0, 1.0], [(1, 0)]), 0.001, 20.0
     for rule in ("semi_implicit", "euler", "rk4"):
@@ -202,7 +201,7 @@ def farthest(system, rule, mode):
 
 @table("mode = {} | rule = {} | while = {} | by hand, mm = {:+.3f} | found, mm = {:+.3f}")
 def by_hand():
-    """error of a rod of 1 m, at its largest over 2 s, dt 0.005; what swings was let go level"""
+    """largest error of a rod of 1 m over 2 s, dt 0.005; what swings was let go level"""
     w, time_constant, impedance = 20.0, 0.02, 0.95  # rad/s, s
     squared = 2.0 * G  # m^2/s^2, at the bottom
     stands = (1.0 - impedance) * G * time_constant**2
@@ -222,7 +221,7 @@ def by_hand():
 
 @table("impulse under = {} | steps 0 to 7 = {} | later = {:.3f}")
 def nudge():
-    """a bob hangs at rest, its rod 1 mm too long: the error, mm; later: at most, steps 1995 on"""
+    """a bob hangs at rest, its rod 1 mm too long: |error|, mm; later: at most"""
     system = bobs((0.0, -1.001), lengths=[1.0])
     for rule in ("semi_implicit", "euler"):
         hold = c.hold_table(DT)["impulse"]._replace(rule=None)  # be it made for another rule
@@ -302,7 +301,7 @@ def hour():
 
 def main(argv=None):
     """Print the tables."""
-    parser = study_parser("shown", __doc__)
+    parser = _runs.study_parser("shown", __doc__)
     names = {"nargs": "*", "metavar": "NAME", "choices": [*SHOWN, []]}
     parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; all but hour")
     for name in parser.parse_args(argv).names or [name for name in SHOWN if name != "hour"]:
@@ -310,7 +309,3 @@ def main(argv=None):
         rows = [zip(columns, row, strict=True) for row in function()]
         rows = [{header: form.format(x) for (header, form), x in row} for row in rows]
         show(function.__doc__, rows)
-
-
-if __name__ == "__main__":
-    run_script(main)

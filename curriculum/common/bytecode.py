@@ -1,0 +1,279 @@
+"""A program as rows of numbers, which one small function of machine code reads: soon made.
+
+A row is an operation: what to do, in which register the result is to be, and in which the operands
+are. However long a program is, only its reader is compiled, once for all. A register has `lanes`
+numbers, of as many members that go in step. The operations and their order are the tape's, so the
+bits are, too.
+"""
+
+import ctypes
+from functools import cache
+
+from curriculum.common import native
+from curriculum.common.trace import Call, Lanes
+
+import numpy as np
+
+# What there is besides the tape's operations: -a; the same number; going on elsewhere if a is zero
+# in all lanes; calling what stands elsewhere; coming back from there; the end of a step.
+SIGNS = ["+", "-", "*", "/", "<", "<=", "max", "min", "where", "abs", "sqrt", *native.LIBRARY]
+SIGNS += ["neg", "copy", "unless", "call", "return", "end"]
+OPERANDS = dict.fromkeys(SIGNS, 1) | dict.fromkeys(["+", "-", "*", "/", "**"], 2)
+OPERANDS |= dict.fromkeys(["<", "<=", "max", "min"], 2) | {"where": 3}
+NUMBER = {sign: k for k, sign in enumerate(SIGNS)}
+DEEP = 64  # calls in calls
+WIDTH = 5  # numbers in a row: what to do, the result, and up to three operands
+
+
+class Assembler:
+    """The `rows` of a Program, and `registers`, how many it needs.
+
+    The first ones hold the state, then the largest of what the program makes besides, then knobs;
+    `constants` {register: number} are there from the start.
+    """
+
+    def __init__(self, program):
+        self.rows, self.known, self.constants = [], {}, {}
+        self.asked, self.routines = [], {}  # programs; and {program: its first row}
+        state = [self.register(name) for name in program.inputs]
+        most = [self.register(f"most {k}") for k in range(len(program.out) - len(state))]
+        for name in [*program.knobs, "unsettled", "trouble"]:
+            self.register(name)
+        self.operations(program.tape, program.tape.needed(program.out))
+        self.end(state, most, [self.number(s) for s in program.out])
+        for routine in self.asked:  # which may call others: the list grows
+            self.routines[routine] = len(self.rows)
+            self.operations(routine.tape, routine.tape.needed(routine.made))
+            self.row("return", 0)
+        for row in self.rows:
+            if SIGNS[row[0]] == "call":
+                row[1] = self.routines[row[1]]
+
+    @property
+    def registers(self):
+        return len(self.known)
+
+    def register(self, x):
+        """The register of a name, or of a number that is known."""
+        key = x.hex() if type(x) is float else x  # 0.0 and -0.0 are equal
+        found = self.known.get(key)
+        if found is None:
+            found = self.known[key] = len(self.known)
+            if key is not x:
+                self.constants[found] = x
+        return found
+
+    def row(self, sign, result, *operands):
+        """A row more; its number."""
+        row = [NUMBER[sign], result, *operands]
+        self.rows.append(row + [0] * (WIDTH - len(row)))
+        return len(self.rows) - 1
+
+    def made(self, sign, *operands):
+        """The register of what an operation makes."""
+        result = self.register(f"row {len(self.rows)}")
+        self.row(sign, result, *operands)
+        return result
+
+    def number(self, s):
+        """The register of a Symbol."""
+        if s.minus and isinstance(s.x, float):
+            return self.register(-s.x)
+        return self.made("neg", self.register(s.x)) if s.minus else self.register(s.x)
+
+    def end(self, state, most, ends):
+        """The registers of a step's ends become its state; what else it makes is compared."""
+        nothing = self.register(0.0)
+        trouble = self.register("trouble")  # not zero if an end is infinite or no number
+        self.row("copy", trouble, nothing)
+        for end in ends[: len(state)]:
+            self.row("+", trouble, trouble, self.made("-", end, end))
+        for register, end in zip(most, ends[len(state) :], strict=True):
+            self.row("max", register, register, end)
+        self.exchange(state, ends[: len(state)])
+        self.row("end", 0)
+
+    def exchange(self, registers, following):
+        """Copy all of `following`, some of which may be among the registers, to these."""
+        kept = [self.made("copy", x) for x in following]
+        for register, x in zip(registers, kept, strict=True):
+            self.row("copy", register, x)
+
+    def operations(self, tape, names):
+        for name in names:
+            sign, *operands = tape.nodes[name]
+            if sign == "part":
+                part = tape.parts[name]
+                write = {Call: self.call, Lanes: self.in_turn}.get(type(part), self.loop)
+                write(part)
+            elif sign != "of":
+                self.row(sign, self.register(name), *map(self.register, operands))
+
+    def call(self, call):
+        self.called(call.program, call.arguments, call.names)
+
+    def in_turn(self, lanes):
+        """Rows side by side, one after the other."""
+        for row, names in zip(lanes.rows, lanes.names, strict=True):
+            self.called(lanes.program, row, names)
+
+    def called(self, program, arguments, names):
+        """What a program makes of its arguments, Symbols, by these names."""
+        given = [self.number(s) for s in arguments]
+        for name, register in zip(program.inputs, given, strict=True):
+            self.row("copy", self.register(name), register)
+        if program not in self.asked:
+            self.asked.append(program)
+        self.row("call", program)
+        for name, s in zip(names, program.made, strict=True):
+            self.row("copy", self.register(name), self.number(s))
+
+    def loop(self, loop):
+        """A loop; lanes that are done keep their values, those that never are become NaN."""
+        names = [self.register(name) for name in loop.names]
+        turn, done, last = (self.register(f"{x} {loop.names[0]}") for x in ("turn", "done", "last"))
+        zero, one = self.register(0.0), self.register(1.0)
+        self.exchange(
+            [*names, turn, done, last],
+            [*map(self.number, loop.start), zero, zero, self.register(np.inf)],
+        )
+        head = len(self.rows)
+        leave = [self.row("unless", None, self.made("<", turn, self.register(float(loop.most))))]
+        self.row("+", turn, turn, one)
+        self.operations(loop.tape, loop.test)
+        size = self.number(loop.size)
+        small = self.made("<=", size, self.register(float(loop.nearly)))
+        near = self.made("*", self.made("<=", last, size), small)
+        self.row("max", done, done, self.made("max", self.made("<=", size, one), near))
+        self.row("copy", last, size)
+        leave.append(self.row("unless", None, self.made("-", one, done)))
+        self.operations(loop.tape, loop.rest)
+        following = [self.number(s) for s in loop.following]
+        self.exchange(
+            names, [self.made("where", done, *x) for x in zip(names, following, strict=True)]
+        )
+        self.row("unless", head, zero)
+        for k in leave:
+            self.rows[k][1] = len(self.rows)
+        for name in names:
+            self.row("where", name, done, name, self.register(np.nan))
+        finite = self.made("<=", self.made("-", last, last), zero)  # else it has another cause
+        never, unsettled = self.made("-", one, done), self.register("unsettled")
+        self.row("max", unsettled, unsettled, self.made("*", never, finite))
+
+
+def reader_lines(lanes):
+    """i64 run(registers, rows, out, count, many, trouble): how many steps were done.
+
+    The first `many` registers are the state. out (count, many): every state, or null. It ends with
+    a step after which register `trouble` is not zero, which is not counted; with several lanes it
+    never does.
+    """
+    w = native.Writer(lanes, {}, lanes == 1)
+    done, at, depth = (w.variable("0", "i64") for _ in range(3))
+    stack = w.memory("i64", DEEP)
+    silent = w.new("icmp eq ptr %out, null")
+    w.begin("step")
+    w.store("0", at, "i64")
+    w.begin("next")
+    here = w.load(at, "i64")
+    row = w.new(f"getelementptr [{WIDTH} x i32], ptr %rows, i64 {here}")
+    sign, *numbers = [w.load(w.entry(row, k, "i32"), "i32") for k in range(WIDTH)]
+    numbers = [w.new(f"zext i32 {x} to i64") for x in numbers]
+    result, *given = [w.entry("%registers", x, w.type) for x in numbers]
+    after = w.new(f"add i64 {here}, 1")
+    w.store(after, at, "i64")
+    cases = " ".join(f"i32 {k}, label %do{k}" for k in range(len(SIGNS)))
+    w.lines.append(f"  switch i32 {sign}, label %do{len(SIGNS) - 1} [{cases}]")
+    for k, sign in enumerate(SIGNS[:-1]):
+        w.lines.append(f"do{k}:")
+        values = (
+            [w.load(x) for x in given[: OPERANDS[sign]]] if sign not in ("call", "return") else []
+        )
+        if sign == "unless":
+            some = w.reduced("or", w.new(f"fcmp une {w.type} {values[0]}, {w.constant(0.0)}"))
+            w.store(w.new(f"select i1 {some}, i64 {after}, i64 {numbers[0]}"), at, "i64")
+        elif sign == "call":
+            level = w.load(depth, "i64")
+            w.store(after, w.entry(stack, level, "i64"), "i64")
+            w.store(w.new(f"add i64 {level}, 1"), depth, "i64")
+            w.store(numbers[0], at, "i64")
+        elif sign == "return":
+            level = w.new(f"sub i64 {w.load(depth, 'i64')}, 1")
+            w.store(level, depth, "i64")
+            w.store(w.load(w.entry(stack, level, "i64"), "i64"), at, "i64")
+        elif sign == "neg":
+            w.store(w.new(f"fneg {w.type} {values[0]}"), result)
+        else:
+            w.store(values[0] if sign == "copy" else w.operation(sign, values), result)
+        w.lines.append("  br label %next")
+    w.lines.append(f"do{len(SIGNS) - 1}:")
+    before, good = w.load(done, "i64"), "true"
+    if lanes == 1:
+        trouble = w.load(w.entry("%registers", "%trouble"))
+        good = w.new(f"fcmp oeq double {trouble}, {w.constant(0.0)}")
+    now = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
+    w.store(now, done, "i64")
+    w.begin("write", f"i1 {silent}, label %following, label %write")
+    place = w.entry("%out", w.new(f"mul i64 {before}, %many"), "double")
+    size = w.new("mul i64 %many, 8")
+    w.lines.append(
+        f"  call void @llvm.memcpy.p0.p0.i64(ptr {place}, ptr %registers, i64 {size}, i1 false)"
+    )
+    w.begin("following")
+    more = w.new(f"and i1 {w.new(f'icmp slt i64 {now}, %count')}, {good}")
+    w.begin("finish", f"i1 {more}, label %step, label %finish")
+    pointers = (f"ptr noalias %{x}" for x in ("registers", "rows", "out"))
+    head = f"i64 @run({', '.join(pointers)}, i64 %count, i64 %many, i64 %trouble)"
+    return w.function(head, f"i64 {w.load(done, 'i64')}") + native.declared()
+
+
+@cache
+def reader(lanes):
+    """What reads rows, for so many lanes; and the engine that keeps it in memory."""
+    engine = native.compiled("\n".join(reader_lines(lanes)))
+    word, pointer = ctypes.c_int64, ctypes.c_void_p
+    kind = ctypes.CFUNCTYPE(word, pointer, pointer, pointer, word, word, word)
+    return kind(engine.get_function_address("run")), engine
+
+
+class Bytecode:
+    """A Program's function, iterated, as native.Native is and called as that; made much sooner.
+
+    Raises native.Unavailable.
+    """
+
+    def __init__(self, program, lanes=1):
+        with native.asking_llvm():
+            self.function, self.engine = reader(lanes)
+        found = Assembler(program)
+        self.rows, self.lanes, self.registers = (
+            np.array(found.rows, np.int32),
+            lanes,
+            found.registers,
+        )
+        self.constants = np.array([*found.constants]), np.array([*found.constants.values()])
+        self.state, self.knobs = len(program.inputs), [found.register(x) for x in program.knobs]
+        self.numbers = len(program.out) - self.state
+        self.unsettled, self.trouble = found.register("unsettled"), found.register("trouble")
+
+    def __call__(self, state, count, out, *knobs):
+        """See native.Native."""
+        registers = np.empty((self.registers, self.lanes))
+        places, constants = self.constants
+        registers[places] = constants[:, None]
+        registers[self.knobs] = np.reshape(knobs, (-1, 1))
+        registers[self.unsettled] = 0.0
+        most = slice(self.state, self.state + self.numbers)
+        rows = None if self.numbers or self.lanes > 1 else native.address(out)
+        given = native.address(self.rows), rows, count, self.state, self.trouble
+        for first in range(0, state.shape[1], self.lanes):
+            piece = slice(first, first + self.lanes)
+            registers[: self.state] = state[:, piece]
+            if self.numbers:
+                registers[most] = out[:, piece]
+            done = self.function(native.address(registers), *given)
+            state[:, piece] = registers[: self.state]
+            if self.numbers:
+                out[:, piece] = registers[most]
+        return done, bool(registers[self.unsettled, 0])
