@@ -402,3 +402,11 @@ def test_stages_side_by_side_have_the_bits_of_stages_in_turn(name, stages):
     """Where a register is full, where lanes are left over, and where it takes more than one."""
     found = in_every_way(make_gauss(stages, 1e-9), c.build_system(name), "none", 0.02, 3)
     assert found.way.startswith("compiled") and not found.stopped
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_start_is_watched_like_what_follows(way):
+    """What is asked for and not made may be most at the start; here it is how far up a bob is."""
+    start = c.build_system("pendulum")
+    found = run(start, steps=20, way=partial(way, watch=lambda q, v: 2.0 + q[0, 1]))
+    assert found.watched == 2.0 + start["q0"][0, 1] > 2.0 + found.tip[1, 1]
