@@ -413,7 +413,7 @@ def main(argv=None):
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
-    sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
+    sought = not args.plain and run_checks.answerable(system, unheld)  # the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     settled = parser.attempt(
         "--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought
