@@ -21,7 +21,7 @@ from typing import NamedTuple
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
-from curriculum.ch3_4_constraints.systems import check_links, direction
+from curriculum.ch3_4_constraints.systems import check_links, direction, states
 from curriculum.common import banner, ruler, rules
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, installed, number, run_script
@@ -104,8 +104,7 @@ def applied_force(system, q, v):
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
 def constraint_terms(system, q, v):
     """J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
-    q = ordered(q)  # @ and sums add from first to last: the same bits on every processor
-    v = ordered(v)
+    q, v = states(system, q, v)  # @ and sums add from first to last: the same bits everywhere
     rods = len(system["pairs"])
     anchors = system.get("anchors", PIVOT[None])
     jac = np.zeros_like(q, shape=(rods, *q.shape))  # a row (N, 3) for each rod; flat at the end
@@ -137,6 +136,7 @@ def multipliers(system, q, v, hold, f=None):
 
     `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s. f (N, 3) in N: all other forces.
     """
+    q, v = states(system, q, v)
     if f is None:
         f = applied_force(system, q, v)
     hold = run_checks.chosen(hold, hold_table)  # now it is a Hold
@@ -149,14 +149,14 @@ def multipliers(system, q, v, hold, f=None):
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
-    lam = solve(system, A, b, v)  # np.linalg.solve(A, b), but faster; v is for loops of rods
+    lam = solve(system, A, b, v, jac)  # np.linalg.solve(A, b), but faster; v, jac: for loops
     return jac, lam, A, b
 
 
 def constraint_force(system, q, v, hold="none", f=None):
     """The rods' force J^T lambda (N, 3) in N; f: all other forces, or else external_force's."""
     jac, lam, _, _ = multipliers(system, q, v, hold, f)
-    return (jac.T @ lam).reshape(q.shape)
+    return (jac.T @ lam).reshape(np.shape(q))
 
 
 class Hold(NamedTuple):
@@ -230,8 +230,7 @@ class Force(NamedTuple):
     after: Callable | None  # (q_start, q, v, dt) -> (q, v): it mends a finished step
 
     def __call__(self, q, v):
-        q = ordered(q)
-        v = ordered(v)
+        q, v = states(self.system, q, v)
         f = applied_force(self.system, q, v)
         return f + constraint_force(self.system, q, v, self.hold, f)
 
@@ -283,12 +282,13 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "r
 # An honest run says at every step how far the worst rod is off, and how far the energy.
 def energy(system, q, v):
     """Kinetic and potential energy in J; U = -sum m GRAVITY . q."""
-    m = system["m"]
-    return np.sum(ordered(0.5 * m * v * v - m * q * GRAVITY))
+    q, v, m = *states(system, q, v), ordered(system["m"])
+    return np.sum(0.5 * m * v * v - m * q * GRAVITY)
 
 
 def rod_errors(system, q):
     """|d| - L (C,) in m: what a ruler would show."""
+    (q,) = states(system, q)
     d = statics.differences(q, system.get("anchors", PIVOT[None]), system["pairs"])
     return np.sqrt(np.sum(d * d, axis=1)) - system["lengths"]
 
@@ -334,7 +334,7 @@ def tensions(system, q, v, hold="none"):
 def unheld(system, q, v, hold="none"):
     """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
     jac, lam, A, b = multipliers(system, q, v, hold)
-    return unanswered(system, jac, A, b - A @ lam, v)
+    return unanswered(system, jac, A, b, lam, v)
 
 
 def parse(argv):
@@ -413,7 +413,7 @@ def main(argv=None):
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
-    sought = len(system["pairs"]) <= ruler.RODS and not args.plain  # the truth
+    sought = not args.plain and run_checks.answerable(system, unheld)  # the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     settled = parser.attempt(
         "--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought

@@ -1,6 +1,7 @@
 """Companion code of the course, one package a chapter."""
 
 import os
+import signal
 import sys
 from importlib.util import find_spec
 
@@ -15,15 +16,15 @@ def is_a_program_of_ours():
     return beside or sys.argv[0] == "-m" or os.path.basename(started).startswith(COMMAND)
 
 
-def tell(kind, error, trace, otherwise=sys.excepthook):
-    """A Ctrl-C while modules are loaded, before a program can answer it, is one line, too."""
-    if issubclass(kind, KeyboardInterrupt):
-        print(f"\n{os.path.basename(sys.argv[0])}: {INTERRUPTED}", file=sys.stderr)
-    else:
-        otherwise(kind, error, trace)
+def leave(number, frame):
+    """End as Ctrl-C ends a program, after one line."""
+    print(f"\n{os.path.basename(sys.argv[0])}: {INTERRUPTED}", file=sys.stderr, flush=True)
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
 
 
-if is_a_program_of_ours():
-    sys.excepthook = tell
+# while modules are loaded, of which some swallow a KeyboardInterrupt; run_script has its own answer
+if is_a_program_of_ours() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, leave)
 if not find_spec("numpy"):  # the usual reason: another python than the one README installs into
     raise SystemExit("numpy is not installed: pip install -e '.', or run .venv/bin/python")

@@ -249,13 +249,19 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
 
 @posix
 def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path):
-    """As if it came while numpy is loaded, which takes longest."""
-    (tmp_path / "numpy.py").write_text("raise KeyboardInterrupt")
-    for started in ([c.__file__], ["-m", studies.__package__, "chaos"]):
-        done = python(*started, variables={"PYTHONPATH": f"{tmp_path}{os.pathsep}{c.HERE}"})
+    """While numpy is loaded, say, which takes longest, and may make an ImportError of it."""
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job may be born ignoring it
+    paths, kill = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{c.HERE}"}, "os.kill(os.getpid(), 2)"
+    for answer, *started in (
+        ("raise ImportError", c.__file__),
+        ("raise", "-m", studies.__package__, "chaos"),
+    ):
+        lines = "import os", "try:", f"    {kill}", "except KeyboardInterrupt:", f"    {answer}", ""
+        (tmp_path / "numpy.py").write_text("\n".join(lines))
+        done = python(*started, variables=paths, preexec_fn=heed)
         assert done.returncode and re.fullmatch(rf"\n\S+: {curriculum.INTERRUPTED}\n", done.stderr)
-    mine = "sys.excepthook is sys.__excepthook__"  # a program of the reader's keeps its own
-    done = python("-c", f"import sys, curriculum; assert {mine}")
+    mine = "signal.getsignal(signal.SIGINT) is not curriculum.leave"  # the reader's keeps its own
+    done = python("-c", f"import signal, curriculum; assert {mine}")
     assert done.returncode == 0
 
 

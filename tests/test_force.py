@@ -7,6 +7,7 @@ from curriculum.ch3_4_constraints.solving import INSTANT, TURN, solve, turned
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.tables import UNHELD
 from curriculum.common.crowds import mapped
+from curriculum.common.elimination import System, refined
 
 import numpy as np
 import pytest
@@ -115,6 +116,9 @@ def test_a_function_of_one_state_is_mapped_over_many(monkeypatch):
             assert all(np.array_equal(x[k], y) for x, y in zip(many, alone, strict=True))
 
 
+SWING = [3.0, 0.0, 0.0]  # m/s
+
+
 def tight_cable(rods, slack, masses, sway):
     """Unit rods that hang at rest between level anchors, longer than their span by `slack`, nearly;
     or that sway out of their plane. Then masses by turns, 1 and `masses`."""
@@ -139,8 +143,26 @@ def cantilever(bays):
 NEEDED = [tight_cable(*x) for x in product((12, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
 NEEDED.append(TONNE := c.build_system("tonne"))  # a rod too many
 NEEDED.append(TONNE | {"m": TONNE["m"] ** 2})
-NEEDED += [cantilever(30), tight_cable(66, 1e-7, 1.0, 0.0), tight_cable(150, 1e-7, 1.0, 0.0)]
-LOST = tight_cable(150, 1e-9, 1.0, 0.0)  # so tight that A cannot be told from a singular matrix
+NEEDED += [cantilever(30), tight_cable(66, 1e-7, 1.0, 0.0), tight_cable(150, 1e-9, 1.0, 0.0)]
+
+
+def nearly_level(sag, others=(), speeds=(), rods=(), anchors=()):
+    """A bob of 1 kg at rest, so far in m under the middle of two anchors, on rods of 1 m, nearly;
+    and others."""
+    bobs, v = [[1.0, -sag, 0.0], *others], [[0.0, 0.0, 0.0], *speeds]
+    level = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), *anchors]
+    return make_system(bobs, v, np.ones(len(bobs)), [(0, -1), (0, -2), *rods], None, level)
+
+
+NEEDED += [nearly_level(1e-7), nearly_level(2e-8)]
+NEEDED.append(nearly_level(1e-7, [[100.0, -1.0, 0.0]], [SWING], [(1, -3)], [[100.0, 0.0, 0.0]]))
+NEEDED.append(nearly_level(1e-7, [[1.0, -1.0 - 1e-7, 0.0]], [SWING], [(1, 0)]))
+NEEDED.append(tight_cable(12, 1e-12, 1e3, 0.0))
+NET = [[1, -1e-7, 0], [2, -2e-7, 0], [3, -1e-7, 0], [2, -3e-7, 1], [2, -3e-7, -1]]
+CORDS = [(0, -1), (1, 0), (2, 1), (2, -2), (3, -3), (3, 1), (4, 1), (4, -4)]  # two, that cross
+CORNERS = [[0, 0, 0], [4, 0, 0], [2, 0, 2], [2, 0, -2]]
+NEEDED.append(make_system(NET, np.zeros((5, 3)), [1, 2, 3, 4, 5], CORDS, None, CORNERS))
+LOST = nearly_level(1e-8)  # so tight that A cannot be told from a singular matrix
 
 
 @pytest.mark.parametrize(("system", "met"), [*product(NEEDED, [True]), (LOST, False)])
@@ -151,7 +173,7 @@ def test_a_tension_that_is_needed_is_found_or_told(system, met):
     size, free = np.linalg.norm(jac * w, axis=1), np.tile(c.GRAVITY, len(q)) / w
     rows = jac * w / size[:, None]
     away, _, rank, sizes = np.linalg.lstsq(rows, -rows @ free - jdotv / size, rcond=1e-11)
-    a, condition = w * (free + away), (sizes[0] / sizes[rank - 1]) ** 2
+    a, condition = w * (free + away), sizes[0] / sizes[rank - 1]  # of J: A has its square
     off = np.abs(c.make_force(system, 0.0)(q, v) / system["m"] - a.reshape(-1, 3)).max()
     assert np.abs(gdot).max() < 1e-15
     assert met == (off <= max(1e-9, 1e-15 * condition) * max(9.81, np.abs(a).max()))
@@ -166,21 +188,38 @@ def test_what_no_tension_can_hold_is_let_go_and_told():
     q, v = system["anchors"] + out, 4.0 * np.cross([0.0, 0.0, 1.0], out)
     assert_close(c.constraint_force(system, q, v) / system["m"], -16.0 * out, 1e-4)  # they fall
     assert 1e-12 < c.unheld(system, q, v) < 1e-3
+    bob, sideways = nearly_level(1e-7), np.array([[0.0, 0.0, 1e-3]])  # m/s, so that A < T
+    assert c.make_force(bob, "none")(bob["q0"], sideways)[0, 1] < -9.0  # N: not held by halves
 
 
-SAG = 1e-7  # m, of two 1 m rods whose bob is at rest: they pull with 4.9e7 N
-SLACK_BOB, LEVEL = [1.0, -SAG, 0.0], [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
-AWAY, SWING = [100.0, 0.0, 0.0], [3.0, 0.0, 0.0]
+def test_rounds_of_refinement_end_where_1e_15_is_left():
+    rounds, b = [], np.array([1.0, 2.0])
+
+    def rough(left):  # a ten thousandth stays
+        rounds.append(left)
+        return left / 1.0001
+
+    asked = System(lambda x: x, np.ones(2), b, rough, 0.0, "no end")
+    x, left = refined(asked)
+    assert np.allclose(x, b, rtol=1e-15) and len(rounds) == 5
+    assert 1e-17 < np.abs(left).max() < 1e-15
+
+
+@pytest.mark.parametrize("mode", ["none", "baumgarte", "impulse", "project"])
+def test_a_bob_that_hardly_sags_stays_where_it_is(mode):
+    """Its rods pull with 4.9e7 N each; A has the square of 1e-7, beside 1, and J has it itself."""
+    system = nearly_level(1e-7)
+    pulls = c.tensions(system, system["q0"], system["v0"])
+    assert pulls == pytest.approx([9.81 / 2e-7] * 2, rel=1e-13)
+    found = run(system, "semi_implicit", mode, 0.005, 400)
+    assert not found.stopped and np.abs(found.tip - found.tip[0]).max() < 1e-8
 
 
 @pytest.mark.parametrize(
-    ("other", "pair", "anchors"),
-    [([100.0, -1.0, 0.0], (1, -3), [*LEVEL, AWAY]), ([1.0, -1.0 - SAG, 0.0], (1, 0), LEVEL)],
-    ids=["far away", "hung on it"],
+    ("other", "rod"), [([100.0, -1.0, 0.0], (1, -3)), ([1.0, -1.0 - 1e-8, 0.0], (1, 0))]
 )
-def test_a_fast_rod_does_not_hide_what_a_slow_one_lacks(other, pair, anchors):
-    bobs, pairs = [SLACK_BOB, other], [(0, -1), (0, -2), pair]
-    system = make_system(bobs, [[0.0, 0.0, 0.0], SWING], [1.0, 1.0], pairs, None, anchors)
+def test_a_fast_rod_does_not_hide_what_a_slow_one_lacks(other, rod):
+    system = nearly_level(1e-8, [other], [SWING], [rod], [[100.0, 0.0, 0.0]])
     falls = -c.make_force(system, "none")(system["q0"], system["v0"])[0, 1]  # m/s^2, of 1 kg
     assert falls > 1.0  # which is wrong: exactly, it hardly moves
     assert c.unheld(system, system["q0"], system["v0"]) > UNHELD
@@ -235,3 +274,21 @@ def test_what_tensions_leave_unanswered_is_measured(mode, monkeypatch):
     system = moving(tree(7, 2), 0.001)
     monkeypatch.setattr(c, "solve", lambda *terms: 0.9 * solve(*terms))
     assert c.unheld(system, system["q0"], system["v0"], mode) > 0.1
+
+
+def test_a_state_may_be_lists_and_one_of_another_shape_is_told():
+    system = c.build_system("double")
+    q, v = system["q0"], system["v0"] + [0.0, 0.5, 0.0]
+    typed = system | {"m": [[1], [1]]}
+
+    def jacobian(*given):
+        return c.constraint_terms(*given)[0]
+
+    for asked in (c.energy, jacobian, c.constraint_force, c.tensions, c.unheld):
+        assert np.array_equal(asked(typed, q.tolist(), v.tolist()), asked(system, q, v))
+        with pytest.raises(ValueError, match=r"shape \(1, 3\); must be \(2, 3\)"):
+            asked(system, q[:1], v[:1])
+    for measured in (c.rod_errors, c.constraint_violation):
+        assert np.array_equal(measured(typed, q.tolist()), measured(system, q))
+        with pytest.raises(ValueError, match=r"shape \(1, 3\); must be \(2, 3\)"):
+            measured(system, q[:1])

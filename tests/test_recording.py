@@ -1,5 +1,6 @@
 """The recording, read back with Rerun's own reader; the moving picture; the drawings."""
 
+import gc
 import itertools
 import re
 from collections import defaultdict
@@ -348,3 +349,13 @@ def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_tit
     gallery = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\((\w+\.svg)\)", gallery)) == PICTURES.keys() - DRAWN
     assert sum((FOLDER / name).stat().st_size for name in PICTURES) < 1_500_000
+
+
+def test_ctrl_c_while_it_is_recorded_is_no_warning_of_reruns(tmp_path, capfd):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with mock.patch.object(recording, "dashed", interrupted), pytest.raises(KeyboardInterrupt):
+        c.main(["--system", "pendulum", "--steps", "20", "--rerun", "--out", str(tmp_path)])
+    gc.collect()  # of the stream, which warns as it goes
+    assert capfd.readouterr().err == ""

@@ -11,6 +11,7 @@ from curriculum.ch3_4_constraints.statics import refusal
 from curriculum.ch3_4_constraints.studies._runs import SCENES, make_system, run
 from curriculum.ch3_4_constraints.studies.hard_cases import METHODS
 from curriculum.ch3_4_constraints.systems import MOST, SceneError, check_system
+from curriculum.ch3_4_constraints.tables import UNHELD
 from curriculum.common.elimination import has_loop
 
 import numpy as np
@@ -203,3 +204,24 @@ def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
         assert np.abs(run(c.build_system("upright"), *method, 0.005, 400).tip[:, 0]).max() < 1e-9
         if "soft" not in method:  # whose rods are longer under load
             assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9
+
+
+def test_two_bobs_on_a_rod_that_hangs_on_nothing_have_all_their_files(tmp_path):
+    scene, out = tmp_path / "free.json", tmp_path / "out"
+    bobs = [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "velocity": [0, 1, 0]}]
+    scene.write_text(json.dumps({"particles": bobs, "rods": [{"pair": [1, 0]}]}))
+    c.main(["--system", str(scene), "--steps", "20", "--no-rerun", "--out", str(out)])
+    assert {path.name for path in out.iterdir()} == {"metrics.json", "motion.svg", "play.html"}
+
+
+def test_a_motion_that_tensions_do_not_make_is_no_truth(tmp_path):
+    """The bob would circle at 3e4 rad/s; every rule would find the same other motion."""
+    scene, out = tmp_path / "taut.json", tmp_path / "out"
+    bob = {"position": [1, -1e-4, 0], "velocity": [0, 0, 3]}
+    rods = [{"pair": [0, -1]}, {"pair": [0, -2]}]
+    level = {"anchors": [[0, 0, 0], [2, 0, 0]], "particles": [bob], "rods": rods}
+    scene.write_text(json.dumps(level))
+    flags = ["--system", str(scene), "--steps", "400", "--no-page", "--no-picture", "--no-rerun"]
+    c.main([*flags, "--stabilization", "none", "--out", str(out)])
+    (row,) = json.loads((out / "metrics.json").read_text())["results"].values()
+    assert row["unheld"] > UNHELD and row["error"] is None

@@ -151,6 +151,13 @@ def forces():
         calls += 1
         return np.full(q.shape, calls // 5 % 2)
 
+    drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
+
+    def lottery(q, v):
+        import secrets
+
+        return 0.0 * secrets.randbelow(2) * v
+
     return {
         "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
         "changes the list recent": lambda q, v: recent.append(1) or -0.1 * len(recent) * v,
@@ -166,6 +173,7 @@ def forces():
         "the random generator of numpy": noise,
         "asks for the time": lambda q, v: -v if datetime.now() else v,
         "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
+        "asks for chance": lottery,
         "takes from ticks, which cannot be put back": lambda q, v: -0.01 * next(ticks) * v,
         "uses slotted, which cannot be put back": lambda q, v: slotted(q, v),
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
@@ -183,6 +191,7 @@ def forces():
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: in place": lambda q, v: halving(q)[0],
         # nothing that changes
+        "compiled: a name of its own": lambda q, v: -drag.time * v,
         "compiled: pure": lambda q, v, k=(0.1, [0.2]): -k[0] * np.cross(q, v) if endless else q,
     }
 
@@ -378,3 +387,11 @@ def test_stages_side_by_side_have_the_bits_of_stages_in_turn(name, stages):
     """Where a register is full, where lanes are left over, and where it takes more than one."""
     found = in_every_way(make_gauss(stages, 1e-9), c.build_system(name), "none", 0.02, 3)
     assert found.way.startswith("compiled") and not found.stopped
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_start_is_watched_like_what_follows(way):
+    """What is asked for and not made may be most at the start; here it is how far up a bob is."""
+    start = c.build_system("pendulum")
+    found = run(start, steps=20, way=partial(way, watch=lambda q, v: 2.0 + q[0, 1]))
+    assert found.watched == 2.0 + start["q0"][0, 1] > 2.0 + found.tip[1, 1]

@@ -163,8 +163,8 @@ def reach(system):
         if np.array_equal(far, before):
             break
     tied = np.isfinite(far).any(axis=0)
-    low = np.max(anchors[:, None] - far[..., None], axis=0)
-    high = np.min(anchors[:, None] + far[..., None], axis=0)
+    low = np.max(anchors[:, None] - far[..., None], axis=0, initial=-np.inf)
+    high = np.min(anchors[:, None] + far[..., None], axis=0, initial=np.inf)
     loose = np.sum(system["lengths"])  # a particle that hangs on no anchor may go where it likes
     low = np.where(tied[:, None], low, system["q0"] - loose)
     high = np.where(tied[:, None], high, system["q0"] + loose)

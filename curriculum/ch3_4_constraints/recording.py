@@ -97,6 +97,21 @@ def record(found):
     """
     import rerun as rr
 
+    checksum = zlib.crc32(repr((found.dt, found.rows)).encode())
+    settings = {"recording_id": f"{found.scene}-{checksum:08x}", "send_properties": False}
+    recording = rr.RecordingStream(f"constraints: {found.scene}", **settings)
+    memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
+    try:
+        fill(recording, found)
+    finally:  # after Ctrl-C, too, or rerun warns of what it drops
+        content = memory.drain_as_bytes()
+    return content
+
+
+def fill(recording, found):
+    """Send a Comparison, and how it is to be looked at, to a stream of Rerun's."""
+    import rerun as rr
+
     system, runs, dt = found.system, found.runs, found.dt
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
     colors = svg.mode_colors(runs)
@@ -111,10 +126,6 @@ def record(found):
         curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
-    checksum = zlib.crc32(repr((dt, found.rows)).encode())
-    settings = {"recording_id": f"{found.scene}-{checksum:08x}", "send_properties": False}
-    recording = rr.RecordingStream(f"constraints: {found.scene}", **settings)
-    memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
     end = max(run.kept[-1] for run in runs.values()) * dt
     layout = blueprint(found, end, low, high, lively)
     recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
@@ -160,7 +171,6 @@ def record(found):
             style = rr.SeriesLines(colors=[color] * many, names=[mode] * many)
             values = rr.Scalars.columns(scalars=curve.ravel()).partition([many] * len(curve))
             send(f"{plot}/{key}", style, values, seconds)
-    return memory.drain_as_bytes()
 
 
 def blueprint(found, end, low, high, lively):

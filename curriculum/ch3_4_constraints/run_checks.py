@@ -1,9 +1,10 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
 from curriculum.ch3_4_constraints.systems import check_system
-from curriculum.ch3_4_constraints.tables import say
+from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
+from curriculum.common.ruler import RODS
 
 import numpy as np
 
@@ -56,6 +57,19 @@ def watched(system, function):
     Elsewhere tensions answer whatever is asked, but for rounding.
     """
     return function if has_loop(system["pairs"]) else None
+
+
+def answerable(system, unheld):
+    """Whether a truth can be looked for: of no more rods than ruler's, whose tensions answer at the
+    start what is asked of them. Else all rules would agree on a motion that is not the true one.
+    """
+    if len(system["pairs"]) > RODS:
+        return False
+    watch = watched(system, unheld)
+    try:
+        return watch is None or watch(system, system["q0"], system["v0"]) <= UNHELD
+    except Exception:  # a mistake of the reader's shows in the run itself
+        return True
 
 
 def check_run(system, force, dt, steps, keep, step_fn, rules):

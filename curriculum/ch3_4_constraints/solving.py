@@ -1,7 +1,14 @@
 """The linear system of the rods, solved; and how much of what it asks no tension answers."""
 
 from curriculum.common.arrays import ordered
-from curriculum.common.elimination import eliminated, elimination_order, parts, refined
+from curriculum.common.elimination import (
+    System,
+    conjugated,
+    eliminated,
+    elimination_order,
+    parts,
+    refined,
+)
 
 import numpy as np
 
@@ -11,15 +18,16 @@ import numpy as np
 SLACK, INSTANT, TURN = 1e-12, 1e-4, 1e-2
 
 
-def solve(system, a, b, v=None, rough=False):
+def solve(system, a, b, v=None, jac=None, rough=False):
     """lambda (C,) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
     O(N), as R. Featherstone's articulated bodies (1983). What hangs together is solved by itself.
     In a loop a rod may be too many, and `a` singular. There a little is added to it, of SLACK and,
     if the velocities v (N, 3) are given, of how the rods turn. Unless `rough`, rounds of refinement
-    remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). What no lambda can meet
-    is left: see `unanswered`.
+    remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021) and, if J (C, 3N) is given
+    as `jac`, conjugate gradients take them further. What no lambda can meet is left: see
+    `unanswered`.
     """
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))
@@ -33,9 +41,32 @@ def solve(system, a, b, v=None, rough=False):
         if v is not None:
             blur = blur + turned(system, v)[np.ix_(part, part)]
         blurred = eliminated(inner + blur, order)
-        found = blurred(wanted)
-        lam[part] = found if rough else refined(blurred, inner, wanted, "no finite tensions")
+        if rough:
+            lam[part] = blurred(wanted)
+            continue
+        given = None if jac is None else jac[part]
+        times, diagonal = applied(system, inner, given), ordered(np.diagonal(inner))
+        asked = System(times, diagonal, ordered(wanted), blurred, SLACK, "no finite tensions")
+        found, left = refined(asked)
+        lam[part] = found if jac is None else conjugated(asked, found, left)
     return ordered(lam)
+
+
+def applied(system, a, jac=None):
+    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) where that is given.
+
+    Where rods are nearly in line, A has the squares of small numbers beside large ones. J has them
+    themselves.
+    """
+    if jac is None:
+        return lambda lam: ordered(a) @ lam
+    m = np.repeat(system["m"], 3)
+    gives = np.diagonal(a) - np.sum((jac / m) * jac, axis=1)  # 0 but for soft rods, exactly
+
+    def times(lam):
+        return jac @ (jac.T @ lam / m) + gives * lam
+
+    return times
 
 
 def turned(system, v):
@@ -56,13 +87,14 @@ def turned(system, v):
     return (jdot / np.repeat(system["m"], 3)) @ jdot.T
 
 
-def unanswered(system, jac, a, left, v):
+def unanswered(system, jac, a, b, lam, v):
     """The largest acceleration in m/s^2 that is asked for and not made: a number.
 
-    `left` (C,) is what no lambda has met, in m^2/s^2: along a rod it is an acceleration itself. And
-    where rods are nearly in line, a little along them is much across: so see what a tension would
-    do to the particles that met it, by J (C, 3N), A (C, C) and velocities v (N, 3).
+    Of A lambda = b, with J (C, 3N) and velocities v (N, 3). What is left of b is an acceleration
+    itself, along a rod. And where rods are nearly in line, a little along them is much across: so
+    see what a tension would do to the particles that met it.
     """
+    left = b - applied(system, a, jac)(lam)
     along = np.max(np.abs(left) / system["lengths"])
-    missing = jac.T @ solve(system, a, left, v, rough=True) / np.repeat(system["m"], 3)
+    missing = jac.T @ solve(system, a, left, v, jac) / np.repeat(system["m"], 3)
     return np.maximum(along, np.max(np.abs(missing)))

@@ -10,6 +10,7 @@ from itertools import accumulate
 from operator import mul
 
 from curriculum.ch3_4_constraints.statics import differences
+from curriculum.common.arrays import ordered
 from curriculum.common.cli import shorten
 
 import numpy as np
@@ -56,6 +57,20 @@ def need(test, field, found, allowed):
     if not test:
         found = json.dumps(found, default=lambda x: getattr(x, "tolist", x.__repr__)())
         raise SceneError(f"{field} is {shorten(found)}; must be {allowed}")
+
+
+def states(system, *arrays):
+    """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order.
+
+    They may be lists. Raises ValueError for another shape, which would be repeated silently.
+    """
+    shape = len(system["m"]), 3
+    made = [ordered(x) for x in arrays]
+    for x in made:
+        if x.shape != shape:
+            must = f"must be {shape}, a row for each particle"
+            raise ValueError(f"a state is an array of shape {x.shape}; {must}")
+    return made
 
 
 def check_system(system):

@@ -13,7 +13,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from curriculum import INTERRUPTED
+from curriculum import INTERRUPTED, leave
 from curriculum.common.banner import work
 from curriculum.common.files import check_writable
 
@@ -193,6 +193,8 @@ def mistake(error):
 
 def prepare():
     """Heed signals, write what a terminal cannot show as an escape; the streams that are open."""
+    if signal.getsignal(signal.SIGINT) is leave:  # all modules are loaded
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
         if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
             # an exit leaves no temporary file

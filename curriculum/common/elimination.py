@@ -4,8 +4,10 @@ The unknowns belong to pairs: (i, j) ties particle i to particle j or, where j <
 Pairs that share a particle feel each other.
 """
 
+from collections.abc import Callable
 from functools import lru_cache, wraps
 from heapq import heapify, heappop, heappush
+from typing import NamedTuple
 
 from curriculum.common.arrays import ordered
 from curriculum.common.trace import repeat
@@ -13,6 +15,7 @@ from curriculum.common.trace import repeat
 import numpy as np
 
 FEW = 8  # unknowns
+EPS = 2.0**-52  # of a matrix: less is rounding
 
 
 def once(function):
@@ -118,27 +121,74 @@ def eliminated(a, order):
     return solve
 
 
-def refined(rough, a, b, complaint):
-    """x (n,) with a x = b, by rough(b) (n,), which solves for a matrix near a (n, n).
+class System(NamedTuple):
+    """A x = b, for A (n, n) that is symmetric and maybe singular, and a matrix near it.
 
-    Rounds solve for what is left of b, weighed by a's diagonal, until that is 1e-15 of b or a round
-    does not halve it: the residual ends them, not a count. Raises Stop(complaint) if nothing does.
+    That is A + slack diag A + T, where T has no eigenvalue below zero.
     """
-    a, b = ordered(a), ordered(b)
-    own = ordered(np.diagonal(a))
 
-    def weigh(x):
-        return np.sum(x * (x / own))
+    times: Callable  # (n,) -> (n,), A x
+    diagonal: np.ndarray  # (n,), of A
+    b: np.ndarray  # (n,)
+    rough: Callable  # (n,) -> (n,), which solves for the matrix near A
+    slack: float
+    complaint: str  # of a Stop, if no round is the last one
 
-    enough = 1e-30 * weigh(b)  # 1e-15 of b, squared
+    def weigh(self, left):
+        """The size, squared, of what is left of b."""
+        return np.sum(left * (left / self.diagonal))
 
-    def another(state):  # x, and behind it what was left before the last round
-        x, before = state[:-1], state[-1]
-        residual = b - a @ x
-        left = weigh(residual)
-        # the size is at most 1 if that is enough, or more than before / 4
-        size = left * before / (4.0 * left * left + enough * before + 1e-300)
-        return np.append(x + rough(residual), left), size
+    def end(self, size, before):
+        """At most 1 if the size is 1e-15 of b's, or no half of what it was before; all squared."""
+        enough = 1e-30 * self.weigh(self.b)
+        return size * before / (4.0 * size * size + enough * before + 1e-300)
 
-    start = np.append(rough(b), weigh(b))
-    return repeat(another, start, 100, complaint)[:-1]
+
+def refined(system):
+    """x (n,) with A x = b, and what is left of b, (n,), by rounds that solve for what is left.
+
+    They go on until that is 1e-15 of b, or a round does not halve it: the residual ends them, not a
+    count. Raises Stop if nothing does.
+    """
+    b = system.b
+
+    def another(state):  # x, what is left, and behind it the size of that a round ago
+        x, left = state[:-1].reshape(2, -1)
+        size, more = system.weigh(left), system.rough(left)
+        following = [x + more, left - system.times(more), [size]]
+        return np.concatenate(following), system.end(size, state[-1])
+
+    x = system.rough(b)
+    start = np.concatenate([x, b - system.times(x), [system.weigh(b)]])
+    x, left = repeat(another, start, 100, system.complaint)[:-1].reshape(2, -1)
+    return x, left
+
+
+def conjugated(system, x, left):
+    """The x that refined() has found, and further, by conjugate gradients, for what is left of b.
+
+    Rounds of refinement hardly move x along a vector p where A is far less than the matrix near it.
+    These go as far as p . A p says. But where T is more than A, or A is less than EPS of diag A, A
+    counts as zero, and x is left as it is.
+    """
+
+    def another(state):
+        x, left, p = state[:-4].reshape(3, -1)
+        work_before, stiff_before, before, long_before = state[-4:]
+        size, new = system.weigh(left), system.rough(left)
+        work = left @ new  # = new . (A + slack diag A + T) new
+        share = work / work_before
+        p = new + share * p  # so that A p is orthogonal to the p before
+        pull = system.times(p)
+        stiff, heavy = p @ pull, new @ (system.diagonal * new)
+        turned = work - (stiff + share * share * stiff_before) - system.slack * heavy  # new . T new
+        least = np.maximum(turned, EPS * heavy) + 1e-300
+        step = np.where(stiff < least, 0.0, work / np.maximum(stiff, least))
+        before = np.where(stiff < least, 0.0, before)  # then this is the last round
+        following = [x + step * p, left - step * pull, p, [work, stiff, size, before]]
+        return np.concatenate(following), system.end(size, long_before)
+
+    # a round may leave more, and the next one far less: two together must halve it
+    much = 16.0 * system.weigh(system.b)
+    start = np.concatenate([x, left, 0.0 * left, [1.0, 0.0, much, much]])
+    return repeat(another, start, 100, system.complaint)[: len(x)]

@@ -6,6 +6,7 @@ import random
 import sys
 import sysconfig
 from collections import deque
+from dis import get_instructions
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -52,8 +53,17 @@ def comes_with_metadata(module, file):
 
 @lru_cache
 def named(code):
-    """The globals and attributes that a function's code names, and those of the functions in it."""
-    return {*code.co_names}.union(*(named(x) for x in code.co_consts if isinstance(x, CodeType)))
+    """{globals}, {attributes} that a function's code names, and the functions in it."""
+    found = set(), set()
+    for step in get_instructions(code):
+        if step.opname.endswith(("_GLOBAL", "_NAME")):
+            found[0].add(step.argval)
+        elif step.opname.endswith(("_ATTR", "_METHOD", "_FROM")):
+            found[1].add(step.argval)
+    for inner in filter(lambda x: isinstance(x, CodeType), code.co_consts):
+        for names, more in zip(found, named(inner), strict=True):
+            names |= more
+    return found
 
 
 def refill(x, old):
@@ -108,7 +118,7 @@ class Memory:
 
     def __init__(self, *functions):
         self.parts, self.asks, self.spaces, seen = {}, [], {}, {}
-        self.names = {"__call__", "__getitem__"}  # that anybody uses
+        self.attributes = {"__call__", "__getitem__"}  # that are named, or used without
         todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
         for function in functions:
             name = getattr(function, "__qualname__", type(function).__name__)
@@ -116,8 +126,8 @@ class Memory:
         while todo:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
-            for space in self.spaces.values():  # of modules and classes only what somebody names
-                found += [(space[name], name) for name in self.names & space.keys()]
+            for space, names in self.spaces.values():  # only what is named
+                found += [(space[name], name) for name in names & space.keys()]
             todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
 
     def note(self, x, name, words=None):
@@ -140,7 +150,9 @@ class Memory:
             if module in ASKED:
                 self.asks.append(f"it asks for {ASKED[module]}")
             if known := ours(module):
-                self.spaces[id(space)] = space
+                function = isinstance(x, FunctionType)  # which names globals, and not attributes
+                names = set() if function else self.attributes
+                _, names = self.spaces.setdefault((id(space), function), (space, names))
                 self.note(x if isinstance(x, type) else space, "", "the global {}")
         else:
             yield from self.note(x, name)
@@ -149,7 +161,11 @@ class Memory:
                 yield from self.note(cell, n)
             if not known:
                 return
-            self.names |= named(x.__code__)
+            globals_named, attributes = named(x.__code__)
+            names |= globals_named
+            imported = ASKED.keys() & globals_named - space.keys()  # in its own lines
+            self.asks += [f"it asks for {ASKED[module]}" for module in imported]
+            self.attributes |= attributes
             arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
             yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
             yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())

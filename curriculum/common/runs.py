@@ -101,7 +101,7 @@ class Log:
         self.done, self.stopped = -1, None  # the start is step 0
         self.tip = np.empty((steps + 1, 3))
         self.violations, self.energies = np.empty((2, steps + 1))
-        self.kept, self.last = [], None
+        self.kept, self.last, self.watched = [], None, 0.0
         self.block, self.row, self.sane = None, 0, 0
         self.tick = progress("simulating", steps)
         step.begins = self.close  # before each block, be it that a reader's line changes the state
@@ -147,8 +147,11 @@ class Log:
         wild = ~((violations < self.far) & np.isfinite(energies))
         self.block, self.row = block, 0
         self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
-        if self.done < 0 and not self.sane:
-            raise ValueError("this is no start: a rod is far off, or a number is not finite")
+        if self.done < 0:
+            if not self.sane:
+                raise ValueError("this is no start: a rod is far off, or a number is not finite")
+            if self.step.watch:  # a stepper asks of what it makes
+                self.watched = float(self.step.watch(block.q[0], block.v[0]))
 
     def close(self):
         """Take from the block what was noted of it."""
@@ -180,7 +183,7 @@ class Log:
             v=v[once],
             stopped=self.stopped,
             halved=step.halved,
-            watched=step.watched,
+            watched=max(self.watched, step.watched),
             seconds=step.seconds * self.done / max(1, step.taken),
             way=step.way,
             step=step,
