@@ -17,6 +17,7 @@ from curriculum.common.ruler import nudged
 import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
+SHARED = {"browser", "recorded"}  # fixtures that take long to make, once
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
@@ -27,7 +28,15 @@ def pytest_cmdline_main(config):
     here = hasattr(config, "workerinput") or config.option.usepdb
     if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
         config.option.numprocesses = 2
-        config.option.dist = "worksteal"
+        config.option.dist = "loadgroup"
+
+
+def pytest_collection_modifyitems(items):
+    """What asks for the same `shared` find, or for the browser, goes in one process."""
+    for item in items:
+        for name in item.fixturenames:
+            if name in SHARED:
+                item.add_marker(pytest.mark.xdist_group(name))
 
 
 def complaint(capsys, *words):
@@ -74,6 +83,8 @@ def feel(monkeypatch, force):
 
 def shared(find):
     """Makes a fixture of what find(folder) finds, once, in a folder of its own."""
+
+    SHARED.add(find.__name__)
 
     @pytest.fixture(scope="session", name=find.__name__)
     def found(tmp_path_factory):
