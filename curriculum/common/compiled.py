@@ -37,10 +37,9 @@ class Compiled:
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
         self.given, self.only = (step_fn, m, force), only
-        self.plain, self.alone, self.way = Plain(*self.given, dt, measure, steps, watch), None, ""
-        self.watch, self.best = watch, False
-        asked = (lambda q, v: (*measure(q, v), watch(q, v))) if watch else measure
-        self.ask = mapped(asked, turns=steps)
+        self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
+        self.ask, self.best = mapped(measure, turns=steps), False
+        self.watch = mapped(watch, turns=steps) if watch else None
         self.start(dt, steps)
 
     def start(self, dt, steps):
@@ -49,7 +48,7 @@ class Compiled:
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
         self.begins = lambda: None  # called before a block
-        self.plain.halved, self.plain.watched = 0, 0.0
+        self.plain.halved = 0
         if self.alone:
             self.alone.halved = 0
 
@@ -57,10 +56,6 @@ class Compiled:
     def halved(self):
         """How many steps of this run were taken in halves."""
         return self.plain.halved + (self.alone.halved if self.alone else 0)
-
-    @property
-    def watched(self):
-        return self.plain.watched
 
     @property
     def source(self):
@@ -125,9 +120,6 @@ class Compiled:
             self.improve(spent / count)
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
-        if self.watch:
-            *measured, watched = measured
-            self.plain.watched = max(self.plain.watched, float(np.max(watched)))
         self.block = Block(*states, measured)
         self.ahead = iter(self.block)
         return next(self.ahead)

@@ -147,11 +147,8 @@ class Log:
         wild = ~((violations < self.far) & np.isfinite(energies))
         self.block, self.row = block, 0
         self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
-        if self.done < 0:
-            if not self.sane:
-                raise ValueError("this is no start: a rod is far off, or a number is not finite")
-            if self.step.watch:  # a stepper asks of what it makes
-                self.watched = float(self.step.watch(block.q[0], block.v[0]))
+        if self.done < 0 and not self.sane:
+            raise ValueError("this is no start: a rod is far off, or a number is not finite")
 
     def close(self):
         """Take from the block what was noted of it."""
@@ -162,6 +159,9 @@ class Log:
         noted = slice(first, first + count)
         self.tip[noted] = block.q[:count, -1]
         self.violations[noted], self.energies[noted] = (x[:count] for x in block.measured)
+        if self.step.watch:
+            asked = self.step.watch(block.q[:count], block.v[:count])
+            self.watched = max(self.watched, float(np.max(asked)))
         low, high = np.searchsorted(self.keep, [first, first + count])
         rows = self.keep[low:high] - first
         self.kept.append((rows + first, block.q[rows], block.v[rows]))
@@ -183,7 +183,7 @@ class Log:
             v=v[once],
             stopped=self.stopped,
             halved=step.halved,
-            watched=max(self.watched, step.watched),
+            watched=self.watched,
             seconds=step.seconds * self.done / max(1, step.taken),
             way=step.way,
             step=step,
