@@ -4,8 +4,9 @@ from functools import partial
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import trace
+from curriculum.common import native, trace
 from curriculum.common.arrays import ordered
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, mapped
 from curriculum.common.python import Columns, OneByOne, source_of
 from curriculum.common.steps import Single
@@ -13,7 +14,7 @@ from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable,
 
 import numpy as np
 import pytest
-from test_steps import Machine, Python
+from test_steps import Machine, Python, Rows
 
 loop = partial(trace.repeat, most=90, complaint="no end")
 
@@ -139,22 +140,28 @@ def step_of(function):
     return lambda q, v, *_: (function(q), v)
 
 
+def bytecode(traced):
+    """Bytecode for several members of what was traced; none without llvmlite."""
+    return [Bytecode(traced.program, 8)] if native.available() else []
+
+
 @pytest.mark.parametrize(("name", "inline"), INLINED)
 def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypatch):
-    """As Python, and as machine code for one member or for lanes, not all of them full; without
-    machine code members go as columns or one by one. Each ends its loops where it would alone. All
+    """As Python, machine code or bytecode, for one member or for lanes, not all full; without
+    these members go as columns or one by one. Each ends its loops where it would alone. All
     have the bits of the lines as they stand."""
     monkeypatch.setattr(trace, "INLINE", inline)
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
-    python, machine = (turns(way, EXAMPLES[name], *CROWD) for way in (Python, Machine))
+    ways = Python, Machine, Rows
+    python, machine, rows = (turns(way, EXAMPLES[name], *CROWD) for way in ways)
     first = [path[0] for path in python]
     assert near(first, [EXAMPLES[name](ordered(x)) for x in CROWD])
     assert np.allclose(first, [EXAMPLES[name](x) for x in CROWD])  # numpy's own sums, but for order
-    assert np.array_equal(machine, python)
+    assert np.array_equal(machine, python) and np.array_equal(rows, python)
     monkeypatch.delattr(Single, "one")  # no member has trouble, which another way would mend
     together = Crowd(step_of(EXAMPLES[name]), None, None, 0.0, CROWD, 0.0 * CROWD)
     traced = together.traced
-    codes = [together.code, OneByOne(traced.source)]
+    codes = [together.code, OneByOne(traced.source), *bytecode(traced)]
     codes += [] if traced.program.loops() else [Columns(traced.source)]
     for code in codes:
         together.code = code
@@ -185,12 +192,15 @@ def test_machine_code_ends_where_python_would_raise_an_error(function, start, mo
     """And one of many lanes ends in what is not finite, while its neighbours go on."""
     monkeypatch.setattr(trace, "INLINE", 0)
     x = np.full((2, 3), start)
-    (alone,), (expected,) = (turns(way, function, x, count=9) for way in (Machine, Python))
+    ways = Machine, Rows, Python
+    (alone,), (rows,), (expected,) = (turns(way, function, x, count=9) for way in ways)
+    assert np.array_equal(alone, rows, equal_nan=True)
     assert 1 <= len(alone) < 9 and np.array_equal(alone, expected, equal_nan=True)
     last = alone[np.isfinite(alone).all(axis=(1, 2))][-1]
     many = np.stack([*[x] * 7, last])
     crowd = Crowd(step_of(function), None, None, 0.0, many, 0.0 * many)
-    for code in (crowd.code, OneByOne(crowd.traced.source)):
+    traced = crowd.traced
+    for code in (crowd.code, OneByOne(traced.source), *bytecode(traced)):
         crowd.code = code
         crowd.put(many, 0.0 * many)
         crowd.advance(1)

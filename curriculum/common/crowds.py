@@ -126,9 +126,9 @@ class mapped:  # noqa: N801 - it is called as a function is
     def __call__(self, q, v):
         resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
         key = q.shape[1:], resting.tobytes()
-        if key not in self.known:
+        if key not in self.known and len(q) > 1:
             self.known[key] = self.traced(q, v)
-        kind = self.known[key]
+        kind = self.known.get(key)  # none for a single state: to trace it would take longer
         if kind is None:
             made = self.one_by_one(q, v)
         else:
