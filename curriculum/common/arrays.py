@@ -114,7 +114,7 @@ def certain(a):
     """Where an array is not zero for certain: a mask."""
     if a.dtype != object:
         return a != 0
-    objects = np.array(a, order="C")
+    objects = np.ascontiguousarray(a)
     mask = np.frombuffer(objects, np.intp).reshape(a.shape) != id(NOTHING)  # their addresses
     mask[mask] = [getattr(s, "x", s) != 0.0 for s in objects[mask].tolist()]
     return mask
@@ -199,9 +199,13 @@ def sparse_product(a, b):
 
 def filled(a):
     """(row, column, entry) of what is not zero for certain in a matrix, row by row."""
-    flat = a.ravel()
-    at = np.flatnonzero(flat if a.dtype != object else certain(flat))
-    i, k = np.divmod(at, a.shape[1])
+    turned = a.T.flags.c_contiguous  # as J^T is: looked through as it lies in memory
+    flat = (a.T if turned else a).ravel()
+    at = np.flatnonzero(certain(flat))
+    i, k = np.divmod(at, len(a) if turned else a.shape[1])
+    if turned:
+        row_by_row = np.argsort(k, kind="stable")
+        at, i, k = at[row_by_row], k[row_by_row], i[row_by_row]
     return zip(i.tolist(), k.tolist(), flat[at].tolist(), strict=True)
 
 
