@@ -114,7 +114,8 @@ def certain(a):
     """Where an array is not zero for certain: a mask."""
     if a.dtype != object:
         return a != 0
-    objects = np.ascontiguousarray(a)
+    objects = np.ascontiguousarray(a).view()
+    objects.flags.writeable = False  # it is only looked at
     mask = np.frombuffer(objects, np.intp).reshape(a.shape) != id(NOTHING)  # their addresses
     mask[mask] = [getattr(s, "x", s) != 0.0 for s in objects[mask].tolist()]
     return mask
