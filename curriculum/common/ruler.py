@@ -17,6 +17,7 @@ import numpy as np
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
 ROUNDING = 2.0**-52  # relative
+WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
 RODS = 40  # with more, finding the truth would take longer than the run
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
 FINE = 0.02  # s: the longest step of the true motion that is shown
@@ -73,7 +74,8 @@ def nudged(system):
 def true_position(run, seconds):
     """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
 
-    That is how far two steps of gauss differ, or two starts that a rounding parts, if that is more.
+    That is how far two steps of gauss differ or, if that is more, WORSE times as far as two starts
+    that a rounding parts.
     run(rule, dt, steps, way, nudge) -> Run, of a `nudged` system if `nudge`.
     """
     rule, way, before, fewer = make_gauss(6), once_for_all(), None, 0
@@ -82,7 +84,7 @@ def true_position(run, seconds):
         q = None if found.stopped else found.q[-1]
         if q is not None and before is not None and distance(q, before) < KNOWN:
             start = run(rule, seconds / fewer, fewer, way=way, nudge=True)
-            apart = math.inf if start.stopped else distance(start.q[-1], before)
+            apart = math.inf if start.stopped else WORSE * distance(start.q[-1], before)
             known = max(distance(q, before), apart)
             return (q, known) if known < KNOWN else (None, math.inf)
         before, fewer = q, steps
