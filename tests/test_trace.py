@@ -87,6 +87,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "norms": lambda x: x * np.linalg.norm(x[0] - x[1]) + np.dot(x, x[0])[:, None] + x.mean(),
     "roots": lambda x: heron(x * x),
     "nested": lambda x: fixed_point(lambda y: 0.5 * (heron(0.5 * y + x * x) + y), x * x, 1e-9),
+    "traded": lambda x: x[::-1],
     "swapped": lambda x: loop(  # members trade places and signs; the size is minus something
         lambda y: (np.stack([-0.5 * y[1], -y[0]]), -(5.0 - np.sum(abs(y)))), 9.0 * x
     ),
@@ -181,6 +182,10 @@ TROUBLES = {  # at what Python raises an error: a function, and where its third 
         lambda x: side_by_side(lambda a, k: heron(k * a[None])[0] + 1e100 * a, x, np.array([1, 2])),
         1e10,
     ),
+    "a loop that wants one turn more": (
+        lambda x: 3.0 * x + 1e-9 * trace.repeat(lambda y: (0.5 * y, y[0, 0]), x, 5, "no end"),
+        2.0,
+    ),
     "an exponential": (np.exp, 1.7),
     "a root of less than nothing": (lambda x: np.sqrt(x) - 2.0, 17.0),
     "a power": (lambda x: x**9.0, 20.0),
@@ -261,3 +266,19 @@ def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
     for name in ("windows", "light_tip"):
         source = run(c.build_system(name), "rk4", "project", steps=1).source
         assert "__" not in source and "import" not in source and name not in source
+
+
+def test_a_crowd_keeps_the_largest_of_what_is_measured():
+    """At any of its steps, whatever runs it; of members whose last step is not their largest."""
+
+    def measured(q, v):
+        return q[0], np.sum(q)
+
+    crowd = Crowd(step_of(lambda x: -0.9 * x), None, None, 0.0, CROWD, 0.0 * CROWD, measured)
+    steps = [CROWD * (-0.9) ** k for k in (1, 2, 3)]
+    most = np.max([[*q[:, 0].T, q.sum(axis=(1, 2))] for q in steps], axis=0)
+    traced = crowd.traced
+    for code in (crowd.code, OneByOne(traced.source), Columns(traced.source), *bytecode(traced)):
+        crowd.code = code
+        crowd.put(CROWD, 0.0 * CROWD)
+        assert np.allclose(crowd.advance(3), most, rtol=1e-12, atol=0.0)
