@@ -1,9 +1,9 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
-Gravity pulls the bob down, and the rod will not let it go down. What force does the rod exert?
-No formula gives it: it is the solution of a linear system, found again at every step. This file
-derives that system, hides its solution inside `force(q, v)`, hands it to the integrators of
-chapter 3.3, which never learn of it, and measures what becomes of the rods.
+A weight on a rod would fall straight down, but the rod makes it swing. How hard does the rod pull?
+No formula says so: a linear system does, solved anew each time an integrator asks for the force.
+This file derives that system, hides its solution inside `force(q, v)`, hands that to the
+integrators of chapter 3.3, which never learn of it, and measures what becomes of the rods.
 
 Run: python constraints.py --help. The lines you read are the lines that run; why they are fast is
 told in the chapter, and --show-step prints what a step becomes. Change a line, and see.
@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# You need three of these: `solve` for a linear system, `repeat` for a while loop, and `ordered` for
-# arrays that add from first to last. The others print, check, draw, and make the lines fast.
+# To follow the force, know three: `solve` for a linear system, `repeat` for a while loop, and
+# `states`, which makes q and v arrays that add from first to last. The others can wait.
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
@@ -33,7 +33,7 @@ from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, called, followed
 from curriculum.common.trace import repeat
 
-import numpy as np
+import numpy as np  # last, for it loads slowly, and by now Ctrl-C is answered in words
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
@@ -44,14 +44,14 @@ SMOKE_STEPS = 800  # of a --smoke run: enough to tell the modes apart
 EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
-# A system is particles and rods, and nothing derived from them: a dict of
+# A system is N particles, C rods and K anchors, and nothing derived from them: a dict of
 #     q0, v0   (N, 3)  where the particles start, in m, and how fast, in m/s
 #     m        (N, 1)  their masses, in kg
 #     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, where j
 #                      is negative, to an anchor, which stands still: -1 is the first, -2 the next
 #     lengths  (C,)    of the rods, in m
 #     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
-# Every function below takes one state: q and v, (N, 3) each.
+# A state is q and v, (N, 3) each: where the particles are now, in m, and how fast, in m/s.
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # made here: how many rods each has
 
 
@@ -78,12 +78,12 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """All forces on the particles but the rods', (N, 3) in N. Add drag, a motor."""
+    """All forces but those of the rods, (N, 3) in N. This is the place to add drag or a motor."""
     return system["m"] * GRAVITY
 
 
 def applied_force(system, q, v):
-    """external_force's (N, 3), whatever it was written with: v or not, lists, one row for all."""
+    """external_force's (N, 3). Yours may take v or not, and return lists, or one row for all."""
     return ordered(called(external_force, system, q, v), q.shape)
 
 
@@ -91,7 +91,7 @@ def applied_force(system, q, v):
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i. The rod is right when
 #     g = (d . d - L^2) / 2 = 0
-# That is its constraint. Follow g in time. Let d' = v_i - v_j be how fast d changes; then
+# That is its constraint. A ' and a dot both mean a derivative in time. With d' = v_i - v_j
 #     gdot  = d . d'               = J v
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
 # v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
@@ -107,8 +107,8 @@ def constraint_terms(system, q, v):
     q, v = states(system, q, v)  # @ and sums add from first to last: the same bits everywhere
     rods = len(system["pairs"])
     anchors = system.get("anchors", PIVOT[None])
-    jac = np.zeros_like(q, shape=(rods, *q.shape))  # a row (N, 3) for each rod; flat at the end
-    g, gdot, jdotv = np.zeros_like(q, shape=(3, rods))
+    jac = np.zeros_like(q, shape=(rods, *q.shape))  # (C, N, 3), of floats or symbols, as q is
+    g, gdot, jdotv = np.zeros_like(q, shape=(3, rods))  # three arrays of zeros, (C,) each
     for k, (i, j) in enumerate(system["pairs"]):
         if j < 0:
             d = q[i] - anchors[-1 - j]
@@ -143,13 +143,13 @@ def multipliers(system, q, v, hold, f=None):
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness:  # a rod that gives, as MuJoCo's
+    if hold.softness:  # as MuJoCo, whose error is |d| - L, and whose rows of J are ours / |d|
         size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|
-        g = size * (size - system["lengths"])  # MuJoCo's g; ours is L (|d| - L), nearly
-        A = A * (1.0 + hold.softness * np.eye(len(g)))  # A + softness diag A
+        g = size * (size - system["lengths"])  # its error in our rows: times |d|
+        A = A * (1.0 + hold.softness * np.eye(len(g)))  # entry by entry: A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
-    lam = solve(system, A, b, v, jac)  # np.linalg.solve(A, b), but faster; v, jac: for loops
+    lam = solve(system, A, b, v, jac)  # as np.linalg.solve(A, b); v, jac: where rods close a loop
     return jac, lam, A, b
 
 
@@ -176,14 +176,14 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     w = baumgarte
     p = impedance
     t = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps at least
-    return {
+    return {  # of Holds: use_jdotv, damping, stiffness, softness and, if it matters, dt, rule
         # gddot = 0. Fails by drift: what has gone wrong stays, and every step adds to it.
         "none": Hold(1.0, 0.0, 0.0, 0.0),
         # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
         # Fails when dt w passes STABILITY_LIMIT.
         "baumgarte": Hold(1.0, 2.0 * w, w * w, 0.0),
-        # If q_next = q + dt v_next, g_next is near g + dt J v_next: ask J v_next = -g/dt. If, too,
-        # v_next = v + dt a, J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Made for one rule only.
+        # Ask that q + dt v_next be right: J v_next = -g/dt, to first order. With v_next = v + dt a
+        # that is J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Fails where q moves otherwise.
         "impulse": Hold(0.0, 1.0 / dt, 1.0 / (dt * dt), 0.0, dt, "semi_implicit"),
         # A rod that gives, as MuJoCo's tendon. For a single rod, with g = |d| (|d| - L), it makes
         # gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2.
@@ -195,29 +195,29 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 
 def project(system, q_start, q, v, dt):
-    """A step from q_start that ended at q, v (N, 3), a little off, put back: g = 0, J v = 0.
+    """Put back q, v (N, 3), where a step from q_start ended a little off, so that g = 0, J v = 0.
 
-    The rods push it there, q - M^-1 J(q_start)^T mu, and v gains that move / dt: SHAKE (J.-P.
-    Ryckaert et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods: RATTLE
-    (H. Andersen, ibid. 52 (1983) 24). With another J, or v untold, the energy explodes. Raises Stop
-    if no way is found: simulate then tries the step in halves.
+    First q moves by -M^-1 J(q_start)^T mu, and v changes by that move / dt: SHAKE (J.-P. Ryckaert
+    et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods: RATTLE (H.
+    Andersen, ibid. 52 (1983) 24). With J(q) for J(q_start), or without the change of v, the energy
+    explodes. Raises Stop if Newton finds no mu: simulate then tries the step in halves.
     """
     m = np.repeat(system["m"], 3)
-    jac_start, _, _, _ = constraint_terms(system, q_start, v)
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # only J is used, and it needs no v
     close = statics.near(system["lengths"], q_start)  # m^2: a g that counts as zero
 
-    def newton(q):  # where to go from q, and how far q is off: 1 is close
+    def newton(q):  # a better q, and how far the old one is off: at most 1 is close
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # the next round is better
+        mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # the next round corrects it
         off = g / close
         return q - (jac_start.T @ mu / m).reshape(q.shape), off @ off
 
-    # a while loop that can be compiled: q = newton(q) until off @ off <= 1, at most 20 times
+    # while off @ off > 1, q = better q, at most 20 times: a while loop that can be compiled
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    mu = solve(system, (jac / m) @ jac.T, gdot)
-    return end, v - (jac.T @ mu / m).reshape(q.shape)
+    nu = solve(system, (jac / m) @ jac.T, gdot)  # J (v - M^-1 J^T nu) = 0
+    return end, v - (jac.T @ nu / m).reshape(q.shape)
 
 
 # --- endregion ---
@@ -238,13 +238,14 @@ class Force(NamedTuple):
 def make_force(system, hold):
     """A Force; `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s."""
     hold = run_checks.chosen(hold, hold_table)
-    return Force(system, hold, partial(hold.after, system) if hold.after else None)
+    after = partial(hold.after, system) if hold.after else None
+    return Force(system, hold, after)
 
 
-# The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods. That force()
-# solves a linear system they need not know; how fast their own error becomes drift, they decide.
+# The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods: they need
+# not know that force() solves a linear system. How fast rods drift depends on their own errors.
 def euler_step(q, v, m, force, dt):
-    """Explicit Euler: order 1, one force a step. Pumps energy into all that swings: a warning."""
+    """Explicit Euler: order 1, one force a step. What swings gains energy: kept as a warning."""
     a = force(q, v) / m
     return q + dt * v, v + dt * a
 
@@ -282,13 +283,14 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "r
 # An honest run says at every step how far the worst rod is off, and how far the energy.
 def energy(system, q, v):
     """Kinetic and potential energy in J; U = -sum m GRAVITY . q."""
-    q, v, m = *states(system, q, v), ordered(system["m"])
+    q, v = states(system, q, v)
+    m = ordered(system["m"])
     return np.sum(0.5 * m * v * v - m * q * GRAVITY)
 
 
 def rod_errors(system, q):
     """|d| - L (C,) in m: what a ruler would show."""
-    (q,) = states(system, q)
+    q = states(system, q)[0]
     d = statics.differences(q, system.get("anchors", PIVOT[None]), system["pairs"])
     return np.sqrt(np.sum(d * d, axis=1)) - system["lengths"]
 
@@ -304,19 +306,19 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     It unpacks into tip (steps + 1, 3) in m, violations in m and energies in J, (steps + 1,) each.
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
-    system = {"anchors": PIVOT[None], **system}  # a system that names anchors has its own
+    system = {"anchors": PIVOT[None], **system}  # PIVOT, unless the system names anchors
     system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS)
-    step_fn = followed(step_fn, getattr(force, "after", None))  # the rule, then what mends its step
+    step_fn = followed(step_fn, getattr(force, "after", None))  # your own force may have none
 
     def measure(q, v):
         return constraint_violation(system, q), energy(system, q, v)
 
     step = way(step_fn, system["m"], force, dt, measure, steps)  # a step, and what it measures
-    log = Log(step, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: so far off is flown apart
+    log = Log(step, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
     q, v = system["q0"], system["v0"]
     worst, joules = measure(q, v)
     log.note(q, v, worst, joules)
-    with log:  # until all steps are done, or the run is lost
+    with log:  # a Stop ends this run, not the program: the other modes still have theirs
         for _ in range(steps):
             q, v, worst, joules = step(q, v)
             log.note(q, v, worst, joules)
@@ -328,7 +330,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 def tensions(system, q, v, hold="none"):
     """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
     _, lam, _, _ = multipliers(system, q, v, hold)
-    return -lam * (rod_errors(system, q) + system["lengths"])
+    return -lam * (rod_errors(system, q) + system["lengths"])  # -lambda |d|
 
 
 def unheld(system, q, v, hold="none"):
@@ -354,7 +356,7 @@ def parse(argv):
     method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
     method("--tol M", type=number(high=1), help="m at 2 s; midpoint, gauss find number and step")
     scenes = [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]
-    parser.names = {"--system": scenes, "--integrator": INTEGRATORS}  # what words may be meant as
+    parser.names = {"--system": scenes, "--integrator": INTEGRATORS}  # when a flag is forgotten
     args = parser.parse_args(argv)
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
@@ -381,7 +383,7 @@ def parse(argv):
 def report(found):
     """Print the table, a sentence for each mark in it, and the verdict."""
     args, dt = found.args, found.dt
-    ways = "; ".join(dict.fromkeys(run.way for run in found.runs.values()))
+    ways = "; ".join(dict.fromkeys(run.way for run in found.runs.values()))  # each way once
     limit = STABILITY_LIMIT.get(args.integrator, np.inf)
     tables.say(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}")
     tables.comparison(found)
@@ -415,10 +417,8 @@ def main(argv=None):
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     sought = not args.plain and run_checks.answerable(system, unheld)  # the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
-    settled = parser.attempt(
-        "--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought
-    )
-    args.integrator, dt, steps, truth = settled
+    plan = parser.attempt("--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
+    args.integrator, dt, steps, truth = plan  # --tol may have chosen another rule and step
     rule, holds = offered[args.integrator], hold_table(dt, *knobs)
     shown = frames(steps, dt, len(system["q0"]), args.picture or args.rerun)
     runs, pulls = {}, {}

@@ -198,9 +198,9 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     rows, bars = _race.race(task, lambda error: racers, {1e-3: limits, 1e-5: ()})
     won = [("1e-03", "1.0", "2.0", "1.125"), ("1e-05", "3.0", "6.0", "3.125")]
     expected = [
-        (error, who, setting, float(best[0]) / float(setting))
+        (error, engine, setting, float(best[0]) / float(setting))
         for error, *best in won
-        for who, setting in zip(racers, best, strict=True)
+        for engine, setting in zip(racers, best, strict=True)
     ]
-    assert [(row["to"], row["who"], row["setting"], row["ours/it"]) for row in rows] == expected
+    assert [(row["to"], row["engine"], row["setting"], row["ours/it"]) for row in rows] == expected
     assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]

@@ -206,7 +206,7 @@ class Single:
                 taken, self.halved = 1, self.halved + halved
             done += taken
             state = rows[done - 1]
-            if not math.isfinite(state.sum()):  # that is for those to say who measure it
+            if not math.isfinite(state.sum()):  # what measures it will say so
                 break
         return rows[:done], None
 

@@ -2,8 +2,8 @@
 
 A `Symbol` is a number that is not known yet. numpy carries symbols in object arrays, so lines
 written for arrays of floats run on them as they stand, and every operator notes an operation
-instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, what
-nobody asks for is left out. Exact: what is left has the operands and the order that the function
+instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, and
+what no result needs is left out. Exact: what is left has the operands and the order that the function
 gave it, so it computes what the same lines compute of ordered arrays of floats (arrays.py), to the
 last bit (but for the sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function
 is about. Writers turn the tape into Python (python.py), machine code (native.py) or JavaScript.
@@ -518,7 +518,7 @@ def repeat(body, x, most, complaint, nearly=1.0):
     """The first of x, body's x, ... whose size is at most 1, where body(x) = (following, size).
 
     It is a while loop that can be compiled: on symbols it becomes a loop of the code, which is left
-    out like all that nobody asks for, so use what it returns. It ends, too, where the size falls no
+    out like all that no result needs, so use what it returns. It ends, too, where the size falls no
     more and is at most `nearly`: rounding allows no less. Raises Stop(complaint) after `most`
     turns.
     """

@@ -79,32 +79,32 @@ def first_there(task, rungs, error):
 
 
 def race(task, racers, targets):
-    """Rows and bars: who takes how long to each of `targets`.
+    """Rows and bars: how long each engine takes to each of `targets`.
 
-    racers(error): {who: ladders of Rungs, each from coarse and quick to fine and slow}.
+    racers(error): {engine: ladders of Rungs, each from coarse and quick to fine and slow}.
     """
     rows, bars = [], []
     for error, limits in targets.items():
         jobs = {}
-        for who, climbs in racers(error).items():
-            own = ALL if who in SOONEST else STEPS
+        for engine, climbs in racers(error).items():
+            own = ALL if engine in SOONEST else STEPS
             for rung in filter(None, (first_there(task, rungs, error) for rungs in climbs)):
-                jobs[who, rung.setting, own] = partial(timed, task, rung)
+                jobs[engine, rung.setting, own] = partial(timed, task, rung)
         best = {}  # of the ladders of each
-        for (who, setting, own), samples in in_turns(jobs, REPEATS).items():
+        for (engine, setting, own), samples in in_turns(jobs, REPEATS).items():
             times = np.array(samples).T
-            if who not in best or times[own].min() < best[who][own].min():
-                best[who] = *times, setting
-        for who, (steps, whole, off, setting) in best.items():
-            row = {"to": f"{error:.0e}", "who": who, "error": off[0]}
+            if engine not in best or times[own].min() < best[engine][own].min():
+                best[engine] = *times, setting
+        for engine, (steps, whole, off, setting) in best.items():
+            row = {"to": f"{error:.0e}", "engine": engine, "error": off[0]}
             row |= {"us": 1e6 * steps.min(), "median": 1e6 * np.median(steps)}
             row |= {"build, ms": 1e3 * np.min(whole - steps), "in all, ms": 1e3 * whole.min()}
             row["ours/it"] = best[OURS][STEPS].min() / steps.min() if OURS in best else "-"
             rows.append(row | {"setting": setting})
-        for who, peer, k, limit in limits:
-            if {who, peer} <= best.keys():
-                text = f"{error:.0e}: {who}, {('its steps', 'in all')[k]}, over {peer}"
-                bars.append((text, best[who][k].min() / best[peer][k].min(), limit))
+        for engine, peer, k, limit in limits:
+            if {engine, peer} <= best.keys():
+                text = f"{error:.0e}: {engine}, {('its steps', 'in all')[k]}, over {peer}"
+                bars.append((text, best[engine][k].min() / best[peer][k].min(), limit))
     return rows, bars
 
 
@@ -119,7 +119,7 @@ def show_race(title, rows, bars):
         of_this = [bar for bar in bars if bar[0].startswith(f"{error}: ")]
         shown = []
         for row in own:
-            cells = {"engine": row["who"], "error": f"{row['error']:.1e}"}
+            cells = {"engine": row["engine"], "error": f"{row['error']:.1e}"}
             cells |= {key: row[key] for key in times}
             share = row["ours/it"]
             cells["ours/it"] = share if share == "-" else f"{share:.2g}"

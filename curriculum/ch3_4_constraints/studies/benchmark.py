@@ -66,8 +66,8 @@ def beside(cases, repeats):
             jobs["MuJoCo"] = partial(pace, peers.run_hinges, task, STEPS, THEIRS[rule])
         found = in_turns(jobs, repeats)
         row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
-        share = {who: np.median(np.divide(found["us"], found[who])) for who in found}  # in a turn
-        row |= {f"over {who}": share.get(who, "-") for who in ("plain", "python", "MuJoCo")}
+        share = {engine: np.median(np.divide(found["us"], found[engine])) for engine in found}  # in a turn
+        row |= {f"over {engine}": share.get(engine, "-") for engine in ("plain", "python", "MuJoCo")}
         rows.append(row)
         for column, limit in limits.items():
             if NATIVE and row[column] != "-":
@@ -132,7 +132,7 @@ def long_run():
     if find_spec("mujoco"):
         jobs["MuJoCo"] = lambda: peers.run_hinges(task, LONG, "Euler")[0]
     found, bars = in_turns(jobs, FEW), []
-    row = {"steps": LONG} | {f"{who}, s": np.median(found[who]) for who in found}
+    row = {"steps": LONG} | {f"{engine}, s": np.median(found[engine]) for engine in found}
     if NATIVE and "MuJoCo" in found:
         row["ours/MuJoCo"] = float(np.median(np.divide(found["ours"], found["MuJoCo"])))
         bars.append(("a run, ours over MuJoCo", row["ours/MuJoCo"], 0.3))

@@ -147,7 +147,7 @@ def parting(pairs, span):
 
 # --- (d) beside peers ---
 def beside():
-    """(d) Rows and bars: who takes how long for the crowd to each error."""
+    """(d) Rows and bars: how long each engine takes for the crowd to each error."""
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
@@ -172,7 +172,7 @@ def beside():
     def racers(error):
         return theirs | {mine: [climb(rule) for rule in _race.offered(error)]}
 
-    targets = dict.fromkeys(ERRORS, [(OURS, who, STEPS, 1.0) for who in theirs])
+    targets = dict.fromkeys(ERRORS, [(OURS, engine, STEPS, 1.0) for engine in theirs])
     title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error of {{}} m"
     return title, *_race.race(task, racers, targets)
 

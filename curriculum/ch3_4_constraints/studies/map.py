@@ -144,7 +144,7 @@ def main(argv=None):
     low, leaky = lights(size, half, MODE, seconds), lights(size, strip, "none", seconds)
     # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
     whole = np.concatenate([low, low[size // 2 - 1 :: -1, ::-1]])
-    # who has less energy than the lowest pose with the second rod up, and who of them is outermost
+    # those with less energy than the lowest pose with the second rod up; of these the outermost
     poor, rows = 2.0 * np.cos(angle(size))[:, None] + np.cos(angle(size)) > 1.0, []
     inner = [np.roll(poor, shift, axis) for shift in (1, -1) for axis in (0, 1)]
     edge = poor & ~np.logical_and.reduce(inner)

@@ -42,7 +42,7 @@ from curriculum.ch3_4_constraints.tables import say, show
 import numpy as np
 
 DT = 0.005  # s, of (a)
-# of (b), {error in m: (who, peer, of what, the share of the peer's least time that is allowed)}
+# of (b), {error in m: (engine, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
     error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
     for error, share in ((1e-3, 0.06), (1e-6, 0.02), (1e-9, 0.01), (1e-12, 0.004))
@@ -100,7 +100,7 @@ def taylor_ladder(task, **how):
 
 
 def ladders(task, error):
-    """{who: ladders, from coarse and quick to fine and slow}: each at its best, for the end state.
+    """{engine: ladders, from coarse and quick to fine and slow}: each at its best, for the end state.
 
     Ours are what --tol chooses among for that error.
     """
@@ -111,8 +111,8 @@ def ladders(task, error):
     kinds = {PYTHON: {"machine": False}}
     if _runs.NATIVE:
         kinds |= {SOON: {"machine": True, "best": False}, OURS: {"machine": True}}
-    for who, how in kinds.items():
-        found[who] = [
+    for engine, how in kinds.items():
+        found[engine] = [
             our_ladder(task, 8, 400, rule, "none", **how) for rule in _race.offered(error)
         ]
     return found
@@ -168,7 +168,7 @@ def main(argv=None):
 
         def racers(_):
             modes = {OURS: "none", f"{OURS}, project": "project"}
-            mine = {who: [our_ladder(task, 2, 3, "gauss", mode)] for who, mode in modes.items()}
+            mine = {engine: [our_ladder(task, 2, 3, "gauss", mode)] for engine, mode in modes.items()}
             return mine | {HINGES: [hinge_ladder(task, 60, 110)]}
 
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})

@@ -224,14 +224,14 @@ def nudge():
     """a bob hangs at rest, its rod 1 mm too long: |error|, mm; later: at most"""
     system = bobs((0.0, -1.001), lengths=[1.0])
     for rule in ("semi_implicit", "euler"):
-        hold = c.hold_table(DT)["impulse"]._replace(rule=None)  # be it made for another rule
+        hold = c.hold_table(DT)["impulse"]._replace(rule=None)  # though it is made for another rule
         off = 1e3 * run(system, rule, hold, steps=2000).violations
         yield rule, "  ".join(f"{x:.3f}" for x in off[:8]), off[1995:].max()
 
 
 def back_onto_rods(along_those_after, v_is_told):
     """A way back onto the rods, right or wrong: project, which goes along the rods as they were
-    before the step, or the shortest, along those after it; v hears of the move or does not."""
+    before the step, or the shortest, along those after it; v is changed by the move or it is not."""
 
     def back(system, q_start, q, v, dt):
         along = q if along_those_after else q_start

@@ -16,7 +16,7 @@ from curriculum.common import rules
 from curriculum.common.banner import work
 from curriculum.common.steps import Plain
 
-FAR, ROUNDING = 0.3, 1e-13  # m: who is so far off is not listed; under that all errors are equal
+FAR, ROUNDING = 0.3, 1e-13  # m: what is so far off is not listed; below it all are equal
 MOST = 10_000  # solves a simulated second: the ladder of a method ends where it takes more
 MODES = {
     name: [mode for mode, hold in c.hold_table().items() if hold.rule in (None, name)]
