@@ -2,8 +2,8 @@
 
 A `Symbol` is a number that is not known yet. numpy carries symbols in object arrays, so lines
 written for arrays of floats run on them as they stand, and every operator notes an operation
-instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, and
-what no result needs is left out. Exact: what is left has the operands and the order that the function
+instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, what
+no result needs is left out. Exact: what is left has the operands and the order that the function
 gave it, so it computes what the same lines compute of ordered arrays of floats (arrays.py), to the
 last bit (but for the sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function
 is about. Writers turn the tape into Python (python.py), machine code (native.py) or JavaScript.

@@ -66,8 +66,10 @@ def beside(cases, repeats):
             jobs["MuJoCo"] = partial(pace, peers.run_hinges, task, STEPS, THEIRS[rule])
         found = in_turns(jobs, repeats)
         row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
-        share = {engine: np.median(np.divide(found["us"], found[engine])) for engine in found}  # in a turn
-        row |= {f"over {engine}": share.get(engine, "-") for engine in ("plain", "python", "MuJoCo")}
+        for engine in ("plain", "python", "MuJoCo"):
+            known = engine in found
+            share = np.median(np.divide(found["us"], found[engine])) if known else "-"  # in a turn
+            row[f"over {engine}"] = share
         rows.append(row)
         for column, limit in limits.items():
             if NATIVE and row[column] != "-":

@@ -100,7 +100,7 @@ def taylor_ladder(task, **how):
 
 
 def ladders(task, error):
-    """{engine: ladders, from coarse and quick to fine and slow}: each at its best, for the end state.
+    """{engine: ladders, from coarse to fine}: each at its best, for the end state.
 
     Ours are what --tol chooses among for that error.
     """
@@ -168,7 +168,7 @@ def main(argv=None):
 
         def racers(_):
             modes = {OURS: "none", f"{OURS}, project": "project"}
-            mine = {engine: [our_ladder(task, 2, 3, "gauss", mode)] for engine, mode in modes.items()}
+            mine = {name: [our_ladder(task, 2, 3, "gauss", mode)] for name, mode in modes.items()}
             return mine | {HINGES: [hinge_ladder(task, 60, 110)]}
 
         found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})

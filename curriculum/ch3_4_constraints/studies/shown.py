@@ -231,7 +231,7 @@ def nudge():
 
 def back_onto_rods(along_those_after, v_is_told):
     """A way back onto the rods, right or wrong: project, which goes along the rods as they were
-    before the step, or the shortest, along those after it; v is changed by the move or it is not."""
+    before the step, or the shortest, along those after it; v changes by the move or not."""
 
     def back(system, q_start, q, v, dt):
         along = q if along_those_after else q_start
