@@ -9,6 +9,7 @@ bits are, too.
 import ctypes
 import math
 from functools import cache
+from itertools import chain
 
 from curriculum.common import native
 from curriculum.common.trace import Call, Lanes
@@ -22,6 +23,7 @@ OPERANDS |= dict.fromkeys(["abs", "sqrt", *native.LIBRARY], 1) | {"**": 2}
 OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}
 NUMBER = {sign: k for k, sign in enumerate(OPERANDS)}
 WIDTH = 5  # numbers in a row
+UNUSED = [(0,) * (WIDTH - 2 - many) for many in range(WIDTH - 1)]  # behind so many operands
 
 
 class Assembler:
@@ -61,8 +63,7 @@ class Assembler:
 
     def row(self, sign, result, *operands):
         """A row more; its number."""
-        row = [NUMBER[sign], result, *operands]
-        self.rows.append(row + [0] * (WIDTH - len(row)))
+        self.rows.append([NUMBER[sign], result, *operands, *UNUSED[len(operands)]])
         return len(self.rows) - 1
 
     def made(self, sign, *operands):
@@ -236,7 +237,7 @@ class Bytecode:
         with native.asking_llvm():
             self.function, self.engine = reader(lanes)
         found = Assembler(program)
-        self.rows, self.lanes = np.array(found.rows, np.int32), lanes
+        self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
         self.registers = len(found.known)
         self.constants = np.array([*found.constants]), np.array([*found.constants.values()])
         self.state = slice(0, len(program.inputs))
