@@ -8,7 +8,6 @@ from typing import NamedTuple
 from curriculum.common.banner import work
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
-from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Plain
 
@@ -21,6 +20,7 @@ WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may 
 RODS = 40  # with more, finding the truth would take longer than the run
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
 FINE = 0.02  # s: the longest step of the true motion that is shown
+SHOWN = 4, 1e-9  # the stages by which it is found, and how well they settle
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
 LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
@@ -94,7 +94,7 @@ def true_position(run, seconds):
 def true_motion(run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    It is known while two steps of midpoint agree to CLOSE of the longest rod; and it is not sought
+    It is known while two steps of gauss agree to CLOSE of the longest rod; and it is not sought
     where the Truth is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps,
     keep, way) -> Run.
     """
@@ -102,7 +102,7 @@ def true_motion(run, system, dt, shown, truth):
         return np.array([])
     work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
-    rule, way, every, frames = make_midpoint(8), once_for_all(), shown[1], len(shown)
+    rule, way, every, frames = make_gauss(*SHOWN), once_for_all(), shown[1], len(shown)
     parts = math.ceil(every * dt / FINE)
     parts = parts, parts + 1  # of the time between two frames
     last = math.ceil(HORIZON / (every * dt))  # the frame up to which it is sought
