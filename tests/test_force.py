@@ -276,6 +276,15 @@ def test_what_tensions_leave_unanswered_is_measured(mode, monkeypatch):
     assert c.unheld(system, system["q0"], system["v0"], mode) > 0.1
 
 
+def test_what_is_unanswered_is_asked_of_the_mode_that_holds():
+    """A bob between two rods in line moves across them: none asks both to shorten, soft lets go."""
+    anchors = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    level = make_system([[1.0, 0.0, 0.0]], None, [1.0], [(0, -1), (0, -2)], None, anchors)
+    across = [[0.0, 1.0, 0.0]]
+    assert_close(c.unheld(level, level["q0"], across, "none"), 1.0)
+    assert c.unheld(level, level["q0"], across, "soft") < 1e-6
+
+
 def test_a_state_may_be_lists_and_one_of_another_shape_is_told():
     system = c.build_system("double")
     q, v = system["q0"], system["v0"] + [0.0, 0.5, 0.0]

@@ -3,12 +3,22 @@
 import json
 import math
 from itertools import product
+from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
 from curriculum.common import rules
 from curriculum.common.gauss import make_gauss
-from curriculum.common.ruler import climb, cost, rungs, settle, step_for, true_position
+from curriculum.common.ruler import (
+    Truth,
+    climb,
+    cost,
+    rungs,
+    settle,
+    step_for,
+    true_motion,
+    true_position,
+)
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -204,3 +214,16 @@ def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     loose, strict = (rules.named(f"gauss:6:{tol}", c.INTEGRATORS) for tol in ("1e-4", "1e-12"))
     few, many = (cost(runs[0], rule, 0.02, [(q, 0.0 * q)]) for rule in (loose, strict))
     assert few < many and few % 6 == many % 6 == 0  # one a stage in every round
+
+
+def test_a_motion_is_shown_no_further_than_where_two_steps_part():
+    """Though later they may meet again, by chance."""
+    shown = np.arange(6)
+
+    def parting(rule, dt, steps, keep, way):
+        q = np.zeros((len(keep), 1, 3))
+        q[3, 0, 0] = 100.0 * dt  # the two runs have steps of different length
+        return SimpleNamespace(q=q, kept=np.array(keep))
+
+    found = true_motion(parting, c.build_system("double"), 1.0, shown, Truth(0))
+    assert len(found) == 3

@@ -97,6 +97,8 @@ def test_links_smoke_and_steps_say_how_many():
     assert found["rods"] == 3 == round(found["results"]["none"]["tip_final"][0])
     smoke, _ = results("--smoke")
     assert 200 < smoke["steps"] < 4000 and smoke == results(steps=smoke["steps"])[0]
+    _, _, system = c.parse("--system chain --links 1000 --show-step".split())
+    assert len(system["pairs"]) == 1000
 
 
 def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
@@ -169,6 +171,10 @@ def test_every_mark_and_dash_in_the_table_has_its_sentence():
     for mark in ("baumgarte* ", "* baumgarte div", "- baumgarte: stopped before 2 s"):
         assert len(marked(lines, mark)) == 1
     assert any("dt w = 2 is past the limit 0.828" in line for line in lines)
+    _, lines = results("--integrator midpoint --baumgarte 500", 5)  # a rule with no known limit
+    assert not any("past the limit" in line for line in lines)
+    words = "--system peaucellier --stabilization impulse"
+    assert "18 m/s^2 unanswered" in marked(results(words, 1000)[1], "* impulse")[0]
     assert "is not known" in marked(results("--system spin", 400)[1], "- ")[0]
     assert "is not looked for" in marked(results("--plain", 5)[1], "- ")[0]
     for rule in c.INTEGRATORS:  # a hopeless step still gives results

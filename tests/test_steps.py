@@ -196,6 +196,9 @@ def forces():
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
         "when it is compiled: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
+        "when it is compiled: a thousandth": lambda q, v: (
+            np.sin(q) * (1.0 + 1e-3 * isinstance(q[0, 0], float))
+        ),
         "when it is compiled: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         "branches on a value": branching,
