@@ -97,7 +97,7 @@ def test_links_smoke_and_steps_say_how_many():
     assert found["rods"] == 3 == round(found["results"]["none"]["tip_final"][0])
     smoke, _ = results("--smoke")
     assert 200 < smoke["steps"] < 4000 and smoke == results(steps=smoke["steps"])[0]
-    _, _, system = c.parse("--system chain --links 1000 --show-step".split())
+    _, _, system = c.parse(["--system", "chain", "--links", "1000", "--show-step"])
     assert len(system["pairs"]) == 1000
 
 

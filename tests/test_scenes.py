@@ -197,6 +197,17 @@ def test_a_start_that_tears_is_refused_and_no_other(name):
     assert (refusal(system, 0.0 * c.GRAVITY) is None) == (ok or not any(speeds[:2]))
 
 
+@pytest.mark.parametrize(("speeds", "ok"), [((1, -1), True), ((0, 1), False), ((1, -3), False)])
+def test_a_folded_linkage_of_unlike_rods_may_start_with_the_speeds_that_it_allows(speeds, ok):
+    """What moves across rods in line shortens them by rate^2 / L, and the long one by the least."""
+    v = [[0.0, float(speed), 0.0] for speed in speeds]
+    pairs = [(0, -1), (0, 1), (1, -2)]  # of 1, 2 and 1 m
+    folded = make_system(
+        [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], v, [1, 1], pairs, None, np.zeros((2, 3))
+    )
+    assert (refusal(folded, c.GRAVITY) is None) == ok
+
+
 def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
     cable = c.build_system("tight_cable")  # 0.1 % longer than its span
     assert np.sum(cable["lengths"]) / cable["anchors"][1, 0] == pytest.approx(1.001, rel=1e-15)
