@@ -273,6 +273,17 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
     assert again == [alone.halved] * 2
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_a_run_that_flies_apart_is_lost_though_it_came_back(way):
+    """Nothing after the first state that is wild is kept."""
+
+    def there_and_back(q, v, m, force, dt):
+        return q + np.where(q < 500.0, 1000.0, -1000.0), v
+
+    found = run(DOUBLE, there_and_back, "none", 0.005, 40, way=way)
+    assert found.stopped == "diverged at step 1" and len(found.tip) == 1
+
+
 def test_a_step_of_many_rods_is_bytecode_at_first():
     found, plain = (
         run(c.build_system("chain", links=150), "semi_implicit", "project", 0.005, 9, way=way)
