@@ -273,6 +273,19 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
     assert again == [alone.halved] * 2
 
 
+def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
+    """Where floats feel a drag that symbols do not, though neither at the start nor in the end."""
+    monkeypatch.setattr(compiled, "BLOCK", 48)  # 12 steps
+
+    def drag(q, v):
+        return -0.1 * v if isinstance(q[0, 1], float) and -0.5 < q[0, 1] < -0.2 else 0.0 * v
+
+    feel(monkeypatch, drag)
+    found = run(PENDULUM, "semi_implicit", "none", 0.005, 100, range(101))
+    assert not -0.5 < found.q[12, 0, 1] < -0.2 and not -0.5 < found.q[-1, 0, 1] < -0.2
+    assert "slower: it does something else" in found.way
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_a_run_that_flies_apart_is_lost_though_it_came_back(way):
     """Nothing after the first state that is wild is kept."""

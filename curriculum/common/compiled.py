@@ -20,7 +20,7 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 LARGE = 5000  # operations: to write so many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
 NONE = None, None, None  # no state that there is
-AGAIN = 32  # times as many steps: then what is compiled is compared again
+AGAIN = 4  # times as many steps: then what is compiled is compared again
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
