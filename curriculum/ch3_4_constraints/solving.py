@@ -92,7 +92,8 @@ def unanswered(system, jac, a, b, lam, v):
 
     Of A lambda = b, with J (C, 3N) and velocities v (N, 3). What is left of b is an acceleration
     itself, along a rod. And where rods are nearly in line, a little along them is much across: so
-    see what a tension would do to the particles that met it.
+    see what a tension would do to the particles that met it. Of rods that are less than 1e-8 of
+    their length out of line even this tells too little: they are let go across.
     """
     left = b - applied(system, a, jac)(lam)
     along = np.max(np.abs(left) / system["lengths"])
