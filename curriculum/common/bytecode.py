@@ -12,7 +12,7 @@ from functools import cache
 from itertools import chain
 
 from curriculum.common import native
-from curriculum.common.trace import Call, Lanes
+from curriculum.common.programs import Call, Lanes
 
 import numpy as np
 

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from curriculum.common.trace import Routine, side_by_side
+from curriculum.common.programs import Routine, side_by_side
 
 import numpy as np
 

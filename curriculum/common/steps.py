@@ -12,9 +12,10 @@ from itertools import chain
 from curriculum.common import native
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
+from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable, effort
+from curriculum.common.trace import Stop, Tape, Untraceable, effort
 
 import numpy as np
 
