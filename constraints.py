@@ -1,7 +1,7 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
 A weight on a rod would fall straight down, but the rod makes it swing. How hard does the rod pull?
-No formula says so: a linear system does, solved anew each time an integrator asks for the force.
+No formula says so: a linear system does, solved again each time an integrator asks for the force.
 This file derives that system, hides its solution inside `force(q, v)`, hands that to the
 integrators of chapter 3.3, which never learn of it, and measures what becomes of the rods.
 
@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# To follow the force, know three: `solve` for a linear system, `repeat` for a while loop, and
-# `states`, which makes q and v arrays that add from first to last. The others can wait.
+# To follow the force, know five. `solve` solves a linear system, and `repeat` is a while loop.
+# `states` and `ordered` make arrays that add from first to last. `called` drops v if need be.
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
@@ -33,7 +33,7 @@ from curriculum.common.programs import repeat
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, called, followed
 
-import numpy as np  # last, for it loads slowly, and by now Ctrl-C is answered in words
+import numpy as np  # after curriculum, which answers Ctrl-C in words while numpy loads
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
 PIVOT = np.zeros(3)  # m: the anchor of a system that names none
@@ -83,15 +83,15 @@ def external_force(system, q, v=None):
 
 
 def applied_force(system, q, v):
-    """external_force's (N, 3). Yours may take v or not, and return lists, or one row for all."""
+    """What external_force returns, as (N, 3). Yours may take no v, and return lists, or one row."""
     return ordered(called(external_force, system, q, v), q.shape)
 
 
 # --- endregion ---
 # --- region: constraints ---
-# Let d be the vector along a rod, from its partner j to its particle i. The rod is right when
+# Let d be the vector along a rod, from its partner j to its particle i. Its constraint is
 #     g = (d . d - L^2) / 2 = 0
-# That is its constraint. A ' and a dot both mean a derivative in time. With d' = v_i - v_j
+# where . is the dot product. d', gdot and gddot are derivatives in time. With d' = v_i - v_j
 #     gdot  = d . d'               = J v
 #     gddot = d . d'' + d' . d'    = J a + Jdot v
 # v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
@@ -99,7 +99,7 @@ def applied_force(system, q, v):
 # ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
 # number per rod, lambda, in N/m, below zero where the rod pulls. Newton, with M the masses, says
 #     M a = f + J^T lambda
-# Put that into J a + Jdot v = 0:
+# A right rod stays right if gddot stays 0. So put that a into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
 def constraint_terms(system, q, v):
@@ -112,7 +112,7 @@ def constraint_terms(system, q, v):
     for k, (i, j) in enumerate(system["pairs"]):
         if j < 0:
             d = q[i] - anchors[-1 - j]
-            rate = v[i]  # d'
+            rate = v[i]  # d': an anchor stands still
         else:
             d = q[i] - q[j]
             rate = v[i] - v[j]
@@ -128,11 +128,11 @@ def constraint_terms(system, q, v):
 # gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
 # error in g, and nothing takes it back. So ask for more, that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
-# e^(rt) solves that if (r + w)^2 = 0, so errors die like e^(-wt), and do not swing. That adds two
-# terms on the right. Most remedies are of this kind, and differ by four numbers (A = J M^-1 J^T):
+# e^(rt) solves that if r = -w: errors die like e^(-wt), and do not swing. Most remedies differ by
+# four numbers only. (use_jdotv is 1 or 0, A is J M^-1 J^T, and diag A is its diagonal.)
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
 def multipliers(system, q, v, hold, f=None):
-    """J (C, 3N); Lagrange's multipliers lambda (C,) in N/m; A (C, C) and b (C,), A lambda = b.
+    """J (C, 3N); lambda (C,) in N/m; A (C, C), its softness included, and b (C,): A lambda = b.
 
     `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s. f (N, 3) in N: all other forces.
     """
@@ -143,9 +143,9 @@ def multipliers(system, q, v, hold, f=None):
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness:  # as MuJoCo, whose error is |d| - L, and whose rows of J are ours / |d|
-        size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|
-        g = size * (size - system["lengths"])  # its error in our rows: times |d|
+    if hold.softness:  # MuJoCo's error is |d| - L, and its row of J is ours / |d|; gdot stays
+        size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|, for 2 g = |d|^2 - L^2
+        g = size * (size - system["lengths"])  # MuJoCo's error, times |d| as its row is
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # entry by entry: A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
@@ -183,13 +183,13 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # Fails when dt w passes STABILITY_LIMIT.
         "baumgarte": Hold(1.0, 2.0 * w, w * w, 0.0),
         # Ask that q + dt v_next be right: J v_next = -g/dt, to first order. With v_next = v + dt a
-        # that is J a = -gdot/dt - g/dt^2 (E. Catto, GDC 2005). Fails where q moves otherwise.
+        # that is J a = -gdot/dt - g/dt^2, no Jdot v (E. Catto, GDC 2005). Fails under another rule.
         "impulse": Hold(0.0, 1.0 / dt, 1.0 / (dt * dt), 0.0, dt, "semi_implicit"),
         # A rod that gives, as MuJoCo's tendon. For a single rod, with g = |d| (|d| - L), it makes
         # gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2.
         # Fails by design: a rod under load is longer.
         "soft": Hold(0.0, 2.0 / (p * t), 1.0 / (p * t * t), (1.0 - p) / p, dt),
-        # gddot = 0, and steps end with Newton's way back onto the rods. Fails if there is none.
+        # gddot = 0, and project() mends each finished step. Fails if Newton's method finds no mu.
         "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
     }
 
@@ -199,7 +199,7 @@ def project(system, q_start, q, v, dt):
 
     First q moves by -M^-1 J(q_start)^T mu, and v changes by that move / dt: SHAKE (J.-P. Ryckaert
     et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods: RATTLE (H.
-    Andersen, ibid. 52 (1983) 24). With J(q) for J(q_start), or without the change of v, the energy
+    Andersen, ibid. 52 (1983) 24). With J(q) in place of J(q_start), or v left alone, the energy
     explodes. Raises Stop if Newton finds no mu: simulate then tries the step in halves.
     """
     m = np.repeat(system["m"], 3)
@@ -208,7 +208,7 @@ def project(system, q_start, q, v, dt):
 
     def newton(q):  # a better q, and how far the old one is off: at most 1 is close
         jac, g, _, _ = constraint_terms(system, q, v)
-        mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # the next round corrects it
+        mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # kg; the next round corrects it
         off = g / close
         return q - (jac_start.T @ mu / m).reshape(q.shape), off @ off
 
@@ -216,7 +216,7 @@ def project(system, q_start, q, v, dt):
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    nu = solve(system, (jac / m) @ jac.T, gdot)  # J (v - M^-1 J^T nu) = 0
+    nu = solve(system, (jac / m) @ jac.T, gdot)  # kg/s; J (v - M^-1 J^T nu) = 0
     return end, v - (jac.T @ nu / m).reshape(q.shape)
 
 
@@ -243,7 +243,7 @@ def make_force(system, hold):
 
 
 # The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods: they need
-# not know that force() solves a linear system. How fast rods drift depends on their own errors.
+# not know that force() solves a linear system. How fast rods drift depends on the rule's error.
 def euler_step(q, v, m, force, dt):
     """Explicit Euler: order 1, one force a step. What swings gains energy: kept as a warning."""
     a = force(q, v) / m
@@ -271,7 +271,7 @@ def rk4_step(q, v, m, force, dt):
 
 
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
-INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # of order 8 and 16
+INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # order 8; 8 stages: 16
 
 # Baumgarte's spring is stable up to this z = dt w. A step multiplies its error by 1 - z (Euler) or
 # 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4), which must be within -1..1. Semi-implicit: 4 - 4z - z^2 > 0.
@@ -280,7 +280,7 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "r
 
 # --- endregion ---
 # --- region: simulate ---
-# An honest run says at every step how far the worst rod is off, and how far the energy.
+# An honest run measures at every step how far the worst rod is off, and what the energy is.
 def energy(system, q, v):
     """Kinetic and potential energy in J; U = -sum m GRAVITY . q."""
     q, v = states(system, q, v)
@@ -322,7 +322,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
         for _ in range(steps):
             q, v, worst, joules = step(q, v)
             log.note(q, v, worst, joules)
-    return log.run()
+    return log.run()  # the Run: all that was noted
 
 
 # --- endregion ---
@@ -330,7 +330,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 def tensions(system, q, v, hold="none"):
     """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
     _, lam, _, _ = multipliers(system, q, v, hold)
-    return -lam * (rod_errors(system, q) + system["lengths"])  # -lambda |d|
+    return -lam * (rod_errors(system, q) + system["lengths"])  # |d| is L and its error
 
 
 def unheld(system, q, v, hold="none"):
@@ -347,14 +347,14 @@ def parse(argv):
     scene("--scenes", action="store_true", help="list them")
     scene("--system NAME", default="double", help="one that --scenes lists, or a file")
     scene("--links N", type=number(int, 1, 1001), help="rods of --system chain (10)")
-    scene("--steps N", type=number(int, 1), default=4000, help="drift is patient: run longer")
-    scene("--dt S", type=number(high=1e3), default=0.005, help="s; halve it: the rule's order")
+    scene("--steps N", type=number(int, 1), default=4000, help="how many; drift shows late")
+    scene("--dt S", type=number(high=1e3), default=0.005, help="length of a step, in s: halve it")
     method("--integrator RULE", default="semi_implicit", help=orders)
     method("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
-    method("--baumgarte W", type=number(float, 0), default=20.0, help="rad/s; too much blows up")
+    method("--baumgarte W", type=number(float, 0), default=20.0, help="its w, rad/s; has a cliff")
     method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
     method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
-    method("--tol M", type=number(high=1), help="m at 2 s; midpoint, gauss find number and step")
+    method("--tol M", type=number(high=1), help="aim, m at 2 s; midpoint, gauss find their step")
     scenes = [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]
     parser.names = {"--system": scenes, "--integrator": INTEGRATORS}  # when a flag is forgotten
     args = parser.parse_args(argv)
