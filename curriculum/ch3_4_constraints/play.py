@@ -19,7 +19,7 @@ from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.common.javascript import PRELUDE, Writer, inexact
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, followed
-from curriculum.common.trace import Program, Routine, Symbol, Untraceable, current
+from curriculum.common.trace import Program, Routine, Symbol, Untraceable, current, lift
 
 import numpy as np
 
@@ -33,6 +33,10 @@ TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s
 SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
 # of a step, as JavaScript has them; `whole`: the step that a Hold is for, where dt may be a half
 KNOBS = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
+
+
+class Leaves(Exception):
+    """A motion that was thought to stay in a plane leaves it."""
 
 
 class Tracer:
@@ -50,14 +54,13 @@ class Tracer:
         self.still = np.arange(3) >= np.full((count, 1), axes)
         self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
         self.pulls = {f"pull_{k}": f"knobs.pull[{k}]" for k in range(count)}
-        self.knobs = KNOBS | self.point | self.pulls
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
         return [Symbol(current.tape, name) for name in names]
 
     def force(self, mode):
-        """The chapter's force of a mode, under the hand."""
+        """The chapter's force of a mode."""
         _, whole, w, time_constant = self.inputs(KNOBS)
         hold = self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
         return self.chapter.make_force(self.system, hold)
@@ -81,15 +84,17 @@ class Tracer:
         finally:
             self.chapter.external_force = own
 
-    def program(self, function, knobs=()):
-        """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""
+    def written(self, function, *parameters):
+        """The name of function(q, v, *knobs) as JavaScript, (state, *parameters) -> array."""
+        knobs = KNOBS | self.point | self.pulls if parameters else {}
         program = Program(function, self.still, self.still, knobs=knobs)
         self.inexact |= inexact(program)
         self.live = program.live
-        return program, {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.knobs
+        given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | knobs
+        return self.writer.program(program, ["state", *parameters], given)
 
     def step(self, mode):
-        """The name of the function (state, dt, knobs) -> state, an array."""
+        """The name of the function (state, dt, knobs) -> state."""
 
         def force(q, v):
             with self.hand():
@@ -98,14 +103,12 @@ class Tracer:
         called = Routine(force, often=True)
 
         def step(q, v, dt, *_):
-            return followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
-
-        program, given = self.program(step, self.knobs)
-        for result, mask in zip(program.results, (self.still, self.still), strict=True):
-            if any(s.x != 0.0 for s in result[mask]):
+            ends = followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
+            if any(lift(x).x != 0.0 for end in ends for x in end[self.still]):
                 raise Leaves
-        program.results = [np.array([program.results[k][at] for k, at in program.live])]
-        return self.writer.program(program, ["state", "dt", "knobs"], given)
+            return tuple(end[~self.still] for end in ends)
+
+        return self.written(step, "dt", "knobs")
 
     def measure(self):
         """The name of the function (state) -> [energy in J, the rod errors in m ...]."""
@@ -114,8 +117,7 @@ class Tracer:
             joules = self.chapter.energy(self.system, q, v)
             return np.array([joules]), self.chapter.rod_errors(self.system, q)
 
-        program, given = self.program(measure)
-        return self.writer.program(program, ["state"], given)
+        return self.written(measure)
 
     def tensions(self):
         """The name of the function (state, dt, knobs) -> the rods' pulls in N, under the hand."""
@@ -124,25 +126,19 @@ class Tracer:
             with self.hand():
                 return (self.chapter.tensions(self.system, q, v),)
 
-        program, given = self.program(tensions, self.knobs)
-        return self.writer.program(program, ["state", "dt", "knobs"], given)
-
-
-class Leaves(Exception):
-    """A motion that was thought to stay in a plane leaves it."""
+        return self.written(tensions, "dt", "knobs")
 
 
 def traced(chapter, system, rule, modes, impedance):
     """A Tracer, and the names of its functions: {mode: a step}, the measures, the tensions."""
     flat = not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
-    for axes in (2, 3) if flat else (3,):
-        tracer = Tracer(chapter, system, rule, impedance, axes)
-        try:
-            names = {mode: tracer.step(mode) for mode in modes}
-        except Leaves:
-            continue
-        return tracer, names, tracer.measure(), tracer.tensions()
-    raise Untraceable("it leaves space")
+    tracer = Tracer(chapter, system, rule, impedance, 2 if flat else 3)
+    try:
+        names = {mode: tracer.step(mode) for mode in modes}
+    except Leaves:
+        tracer = Tracer(chapter, system, rule, impedance, 3)
+        names = {mode: tracer.step(mode) for mode in modes}
+    return tracer, names, tracer.measure(), tracer.tensions()
 
 
 def reach(system):
@@ -150,28 +146,23 @@ def reach(system):
 
     A particle is at most as far from an anchor as the shortest way along rods is.
     """
-    count, anchors = len(system["q0"]), system["anchors"]
-    far = np.full((len(anchors), count), np.inf)
+    q0, anchors, loose = system["q0"], system["anchors"], np.sum(system["lengths"])
+    count, fixed = len(q0), len(anchors)
+    far = np.full((fixed, count + fixed), np.inf)  # as pairs have it, an anchor's is counted back
+    far[np.arange(fixed), -1 - np.arange(fixed)] = 0.0
     for _ in range(count):
-        before = far.copy()
         for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
-            if j < 0:
-                far[-1 - j, i] = min(far[-1 - j, i], length)
-            else:
-                far[:, i] = np.minimum(far[:, i], far[:, j] + length)
-                far[:, j] = np.minimum(far[:, j], far[:, i] + length)
-        if np.array_equal(far, before):
-            break
-    tied = np.isfinite(far).any(axis=0)
-    low = np.max(anchors[:, None] - far[..., None], axis=0, initial=-np.inf)
-    high = np.min(anchors[:, None] + far[..., None], axis=0, initial=np.inf)
-    loose = np.sum(system["lengths"])  # a particle that hangs on no anchor may go where it likes
-    low = np.where(tied[:, None], low, system["q0"] - loose)
-    high = np.where(tied[:, None], high, system["q0"] + loose)
+            far[:, i] = np.minimum(far[:, i], far[:, j] + length)
+            far[:, j] = np.minimum(far[:, j], far[:, i] + length)
+    far = far[:, :count, None]
+    low = np.max(anchors[:, None] - far, axis=0, initial=-np.inf)
+    high = np.min(anchors[:, None] + far, axis=0, initial=np.inf)
+    low = np.where(np.isfinite(low), low, q0 - loose)  # what hangs on no anchor may go anywhere
+    high = np.where(np.isfinite(high), high, q0 + loose)
     corners = np.vstack([low, high, anchors])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if not np.any(system["v0"]):  # from rest, little rises far above where it was let go
-        top = np.max(np.vstack([system["q0"], anchors])[:, 1])
+        top = np.max(np.vstack([q0, anchors])[:, 1])
         high[1] = min(high[1], top + 0.5 * (top - low[1]))
     return low, high
 
@@ -195,7 +186,7 @@ def choices(usual, among):
 
 def stiff_choices(usual, limit, dt):
     """Values of w, among them the last and the next beyond the cliff at `limit`, if it has one."""
-    among = list(STIFF)
+    among = STIFF
     if limit:
         edge = 5.0 * np.floor(limit / dt / 5.0)
         below = [x for x in among if x < 0.98 * edge]
@@ -214,11 +205,10 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
     system = check_system(system)
     memory = Memory(step_fn, chapter.external_force)
-    why = next(iter(memory.asks), None)
-    if why:
-        raise Untraceable(why)
+    if memory.asks:
+        raise Untraceable(memory.asks[0])
     w, time_constant, impedance = knobs
-    holds = chapter.hold_table(dt, *knobs)
+    holds, why = chapter.hold_table(dt, *knobs), None
     modes = [mode for mode, hold in holds.items() if not misfit(hold, rule)]
     try:
         tracer, names, measure, tensions = traced(chapter, system, step_fn, modes, impedance)
@@ -273,15 +263,10 @@ def filled(lines, data, colors):
     }
     for blank, content in blanks.items():
         text = text.replace(blank, content)
-    allowed = {
-        tag: " ".join(digest(part) for part in re.findall(f"(?s)<{tag}>(.*?)</{tag}>", text))
-        for tag in ("script", "style")
-    }
-    policy = f"default-src 'none'; script-src {allowed['script']}; style-src {allowed['style']}"
+    policy = "default-src 'none'"
+    for tag in ("script", "style"):
+        policy += f"; {tag}-src"
+        for part in re.findall(f"(?s)<{tag}>(.*?)</{tag}>", text):
+            made = base64.b64encode(hashlib.sha256(part.encode()).digest()).decode()
+            policy += f" 'sha256-{made}'"
     return text.replace("{{policy}}", policy)
-
-
-def digest(part):
-    """What a content policy calls a script or style by."""
-    made = hashlib.sha256(part.encode()).digest()
-    return f"'sha256-{base64.b64encode(made).decode()}'"
