@@ -101,14 +101,13 @@ def on_terminal():
 def progress(what, steps):
     """tick(step) of a run, which is the part of the work under way, or one of several in it; or
     all there is to be told of, as `what`."""
-    if not on_terminal() or (len(work.names) == 1 and not work.runs):
-        return lambda step: None
-    if len(work.names) > 1 and not work.runs:
-        return lambda step: work.tell()
     if not work.names:
         work.plan(what)
         work.begin(what, runs=True)
-    return lambda step: work.share(step, steps)
+    if work.runs:
+        return lambda step: work.share(step, steps)
+    several = len(work.names) > 1
+    return lambda step: work.tell() if several else None
 
 
 def processor():

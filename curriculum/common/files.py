@@ -8,8 +8,9 @@ import shutil
 import signal
 import stat
 from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
 
-UNFINISHED = ".unfinished-"  # and a process: files that are being written
+UNFINISHED = ".unfinished-"  # begins the names of folders of files that are being written
 
 
 def write_together(folder, contents):
@@ -21,7 +22,6 @@ def write_together(folder, contents):
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    made = {name: x.encode() if isinstance(x, str) else x for name, x in contents.items()}
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError):  # of a system that cannot lock folders
             import fcntl
@@ -31,21 +31,23 @@ def write_together(folder, contents):
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
             for left in folder.glob(f"{UNFINISHED}*"):  # by processes that were killed
                 with contextlib.suppress(OSError):  # somebody else's: it is in nobody's way
-                    remove(left)
-        new, old = (folder / f"{UNFINISHED}{os.getpid()}-{what}" for what in ("new", "old"))
-        for aside in (new, old):
-            aside.mkdir(exist_ok=True)
-            stack.callback(remove, aside)
-        for name, content in made.items():
+                    if left.is_dir():
+                        shutil.rmtree(left)
+                    else:
+                        left.unlink()
+        aside = [TemporaryDirectory(end, UNFINISHED, folder) for end in ("-new", "-old")]
+        new, old = (Path(stack.enter_context(place)) for place in aside)
+        for name, content in contents.items():
             with naming(folder / name):
                 if content is not None:
-                    (new / name).write_bytes(content)
+                    made = content.encode() if isinstance(content, str) else content
+                    (new / name).write_bytes(made)
                 with contextlib.suppress(OSError):  # none is there, or the disk knows no links
                     os.link(folder / name, old / name)
         replaced = []
         with undisturbed():
             try:
-                for name in made:
+                for name in contents:
                     with naming(folder / name):
                         move(new / name, folder / name)
                     replaced.append(name)
@@ -70,14 +72,6 @@ def naming(path):
         yield
     except OSError as why:
         raise OSError(why.errno, why.strerror or str(why), str(path)) from None
-
-
-def remove(path):
-    """Remove a file, or a folder and all that is in it."""
-    if path.is_symlink() or not path.is_dir():
-        path.unlink()
-    else:
-        shutil.rmtree(path)
 
 
 @contextlib.contextmanager
@@ -121,10 +115,8 @@ def check_writable(path):
         raise OSError(f"{above.name} is {'no folder' if above.exists() else 'a link to nothing'}")
     if path.exists() and not path.is_file():  # a device, a pipe: a file would take its place
         raise OSError(f"{path.name} is {'a folder' if path.is_dir() else 'no plain file'} there")
-    probe = above / f"{UNFINISHED}{os.getpid()}"
-    with naming(path):
-        probe.touch()
-    probe.unlink(missing_ok=True)  # another process may have tidied up
+    with naming(path), TemporaryFile(dir=above):
+        pass
     if path.exists() and not replaceable(path):
         raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")
 
