@@ -6,6 +6,8 @@ from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 TIMELINE, BACKGROUND = "sim_time", [16, 16, 20]  # seconds; dark
 WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a tile's title
@@ -39,8 +41,6 @@ def rgb(color, share=1.0):
 
 def lines(begins, ends, shown, thickness, color=None, **colors):
     """A style, and rows of lines between points (F, C, 3), of those that are `shown` (F, C)."""
-    import rerun as rr  # here: a run without a recording never pays for it
-
     strips = np.stack([begins, ends], axis=2)[shown]
     style = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(thickness), colors=color)
     rows = rr.LineStrips3D.columns(strips=strips, **colors)
@@ -49,10 +49,12 @@ def lines(begins, ends, shown, thickness, color=None, **colors):
 
 def dashed(begins, ends, shown, thickness, color):
     """The same with three dashes for each line."""
-    dashes = [(0.0, 0.2), (0.4, 0.6), (0.8, 1.0)]
-    parts = [[begins + share * (ends - begins) for share in dash] for dash in dashes]
-    begins, ends = (np.concatenate(points, axis=1) for points in zip(*parts, strict=True))
-    return lines(begins, ends, np.tile(shown, len(dashes)), thickness, color)
+    way = ends - begins
+    begins, ends = (
+        np.concatenate([begins + share * way for share in shares], axis=1)
+        for shares in ((0.0, 0.4, 0.8), (0.2, 0.6, 1.0))
+    )
+    return lines(begins, ends, np.tile(shown, 3), thickness, color)
 
 
 def draw(system, q, pulls, full, color, ball):
@@ -61,8 +63,6 @@ def draw(system, q, pulls, full, color, ball):
     `pulls` (F, C): newtons of the rods, which glow most at `full`; `color`: of all else; `ball`:
     the radius of a particle.
     """
-    import rerun as rr
-
     tails, marks, heads = rod_ends(system, q)
     error = rod_errors(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)
@@ -81,22 +81,12 @@ def draw(system, q, pulls, full, color, ball):
     }
 
 
-def decades(errors):
-    """How many powers of ten over FLOOR the longest rod and the shortest are off: (F, 2), above 0
-    and below, of rod errors (F, C)."""
-    too_long, too_short = np.max(errors, axis=1), -np.min(errors, axis=1)
-    sizes = np.maximum(np.stack([too_long, too_short], axis=1), FLOOR) / FLOOR
-    return np.log10(sizes) * [1.0, -1.0]
-
-
 def record(found):
     """The bytes of a recording of a Comparison.
 
     Axes fit the modes that survive, and one that is lost leaves the picture. The id is made of what
     was found, and no wall clock is written: equal runs are equal recordings, and no others are.
     """
-    import rerun as rr
-
     checksum = zlib.crc32(repr((found.dt, found.rows)).encode())
     settings = {"recording_id": f"{found.scene}-{checksum:08x}", "send_properties": False}
     recording = rr.RecordingStream(f"constraints: {found.scene}", **settings)
@@ -110,8 +100,6 @@ def record(found):
 
 def fill(recording, found):
     """Send a Comparison, and how it is to be looked at, to a stream of Rerun's."""
-    import rerun as rr
-
     system, runs, dt = found.system, found.runs, found.dt
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
     colors = svg.mode_colors(runs)
@@ -122,7 +110,9 @@ def fill(recording, found):
         steps, q, v = states[mode] = found.states(mode, [*found.shown, run.kept[-1]])
         pulls[mode] = found.tensions[mode](q, v)
         curves["pull"][mode] = pulls[mode][:, :1]
-        curves["rods"][mode] = decades(rod_errors(system, q))
+        errors = rod_errors(system, q)
+        worst = np.stack([np.max(errors, axis=1), -np.min(errors, axis=1)], axis=1)
+        curves["rods"][mode] = np.log10(np.maximum(worst / FLOOR, 1.0)) * [1.0, -1.0]
         curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
@@ -176,9 +166,6 @@ def fill(recording, found):
 def blueprint(found, end, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
     what to look at; beside them plots, whose axes fit `lively` {plot: values}. `end`: in s."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
     trail = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)])
     # one legend will do, and it has room behind the end

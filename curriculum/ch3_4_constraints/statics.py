@@ -41,7 +41,8 @@ def refusal(system, gravity):
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if not has_loop(pairs) or (k := torn(system, gravity, unit, rate, slow)) is None:
+    k = torn(system, gravity, unit, rate, slow) if has_loop(pairs) else None
+    if k is None:
         return None
     pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
     return f"{pose}; give the loop some slack, or leave a rod out"
@@ -64,8 +65,8 @@ def torn(system, gravity, unit, rate, slow):
     tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0 is left, though the linear
     system then has a solution: a level cable falls, which no rigid one can.
 
-    A cable that sags ever so little has no self-stress, and a tension that is large, but finite. It
-    is let through until A cannot be told from a singular matrix: at 1e-8 of the span.
+    A cable that sags ever so little has none, and a large tension. It is let through until A cannot
+    be told from a singular matrix: at 1e-8 of the span.
     """
     lengths, pairs, fixed = (system[key] for key in ("lengths", "pairs", "anchors"))
     ends = differences(np.eye(len(system["m"])), np.zeros((len(fixed), len(system["m"]))), pairs)

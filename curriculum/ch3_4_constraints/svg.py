@@ -87,7 +87,8 @@ class Drawing:
 
     def arrow(self, start, end, color, width, head):
         """An arrow, if it is long enough to have a head."""
-        if (length := math.dist(start, end)) > head:
+        length = math.dist(start, end)
+        if length > head:
             dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
             x, y = end[0] - dx, end[1] - dy
             sides = [(x + s * 0.45 * dy, y - s * 0.45 * dx) for s in (1, -1)]

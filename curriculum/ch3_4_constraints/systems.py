@@ -7,6 +7,7 @@ import json
 from argparse import ArgumentTypeError
 from decimal import Decimal, localcontext
 from itertools import accumulate
+from numbers import Integral
 from operator import mul
 
 from curriculum.ch3_4_constraints.statics import differences
@@ -48,8 +49,8 @@ def direction(angle):
 
 def check_links(links):
     """Raise SceneError unless a chain can have so many links."""
-    whole = isinstance(links, (int, np.integer))
-    need(whole and 1 <= links <= MOST, "links", links, f"a whole number of rods, 1 to {MOST}")
+    right = isinstance(links, Integral) and 1 <= links <= MOST
+    need(right, "links", links, f"a whole number of rods, 1 to {MOST}")
 
 
 def need(test, field, found, allowed):

@@ -77,9 +77,9 @@ class Parser(argparse.ArgumentParser):
         if wrong:
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         elif stray:
-            likely = self.flags_like(stray[1]) if stray[1][0] == "-" else self.words_like(stray[1])
-            end = f"did you mean {likely[0]!r}?" if likely else "--help lists what is known"
-            message += f"; {end}"
+            like = self.flags_like if stray[1][0] == "-" else self.words_like
+            likely = [f"did you mean {found!r}?" for found in like(stray[1])]
+            message += f"; {[*likely, '--help lists what is known'][0]}"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         name = self.prog.split()[-1]  # of a study, without what runs it
         self.exit(2, f"{name}: error: {message}\n")
@@ -87,12 +87,10 @@ class Parser(argparse.ArgumentParser):
     def flags_like(self, word):
         """The flag that a wrong one stands for, in a list: the only one that begins so, or one that
         is spelled nearly so."""
-        flags = [flag for action in self._actions for flag in action.option_strings]
-        known = {flag.strip("-"): flag for flag in flags}
+        known = {flag.strip("-"): flag for a in self._actions for flag in a.option_strings}
         word = word.partition("=")[0].strip("-")
         begun = [name for name in known if name.startswith(word.lower())]
-        likely = begun if len(begun) == 1 else nearest(word, known)
-        return [known[name] for name in likely]
+        return [known[name] for name in (begun if len(begun) == 1 else nearest(word, known))]
 
     def words_like(self, word):
         """What a word without a flag stands for: flags and the word that they take."""
@@ -191,8 +189,8 @@ def mistake(error):
     return "".join(shown.format(chain=False)).rstrip()
 
 
-def prepare():
-    """Heed signals, write what a terminal cannot show as an escape; the streams that are open."""
+def run_script(main):
+    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     if signal.getsignal(signal.SIGINT) is leave:  # all modules are loaded
         signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
@@ -200,15 +198,9 @@ def prepare():
             # an exit leaves no temporary file
             signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
-    streams = list(filter(None, (sys.stdout, sys.stderr)))
-    for stream in streams:
+    prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
+    for stream in streams:  # those that are open; what a terminal cannot show is an escape
         stream.reconfigure(errors="backslashreplace")
-    return streams
-
-
-def run_script(main):
-    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
-    prog, streams = Path(sys.argv[0]).name, prepare()
     gc.set_threshold(100_000)  # what is traced is many small things that all last
     try:
         try:
@@ -229,10 +221,11 @@ def run_script(main):
         where = f": {error.filename}" if error.filename else ""
         line = f"{prog}: error: {error.strerror or error}{where}"
         status = 1 if isinstance(error, BrokenPipeError) else line
+    except ModuleNotFoundError as error:
+        known = error.name in EXTRAS
+        status = f"{prog}: error: {missing(error.name)}" if known else mistake(error)
     except Exception as error:
-        status, name = mistake(error), getattr(error, "name", None)
-        if isinstance(error, ModuleNotFoundError) and name in EXTRAS:
-            status = f"{prog}: error: {missing(name)}"
+        status = mistake(error)
     gc.freeze()  # an exit need not look for what is not used: all goes with the process
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done: nothing is left to be told
