@@ -85,8 +85,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{name}: error: {message}\n")
 
     def flags_like(self, word):
-        """The flag that a wrong one stands for, in a list: the only one that begins so, or one that
-        is spelled nearly so."""
+        """The flag that a wrong one stands for, in a list: one that begins or is spelled so."""
         known = {flag.strip("-"): flag for a in self._actions for flag in a.option_strings}
         word = word.partition("=")[0].strip("-")
         begun = [name for name in known if name.startswith(word.lower())]
@@ -94,9 +93,9 @@ class Parser(argparse.ArgumentParser):
 
     def words_like(self, word):
         """What a word without a flag stands for: flags and the word that they take."""
-        known = {a.option_strings[-1]: map(str, a.choices) for a in self._actions if a.choices}
         if os.path.exists(word):  # a file of the reader's
             return [f"{flag} {word}" for flag in self.names]
+        known = {a.option_strings[-1]: map(str, a.choices) for a in self._actions if a.choices}
         known |= self.names
         return [f"{flag} {x}" for flag, words in known.items() for x in nearest(word, words)]
 
@@ -109,10 +108,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def number(kind=float, low=1e-12, high=1e12):
-    """An argparse type: a `kind` (int or float) >= `low` and < `high`.
-
-    Numbers beyond are not meant, and they overflow once squared or divided by.
-    """
+    """An argparse type: a `kind` (int or float) >= `low` and < `high`: no square overflows."""
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):

@@ -77,10 +77,9 @@ def naming(path):
 @contextlib.contextmanager
 def undisturbed():
     """A moment in which no signal ends the program; one that comes then is heard afterwards."""
-    names = {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal))
     before, heard = {}, []
     with contextlib.suppress(ValueError):  # only the main thread hears signals
-        for name in names:
+        for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
             number = getattr(signal, name)
             before[number] = signal.signal(number, lambda number, _: heard.append(number))
     try:
@@ -105,7 +104,7 @@ def as_json(content):
 def check_writable(path):
     """Raise OSError now if `path`, whose folder is made if need be, could not be written later."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-        path.lstat()  # of a name that may be too long
+        path.lstat()  # its name may be too long
     try:
         whole = path.absolute()
     except FileNotFoundError:
@@ -122,17 +121,12 @@ def check_writable(path):
 
 
 def replaceable(path):
-    """Whether a file, in a folder that can be written to, may be replaced by another of its name.
-
-    Not if it is immutable: such a file cannot be opened to be written by anybody, and that is told
-    as another error (EPERM) than of one that is just read-only (EACCES). And not if it is somebody
-    else's, in a folder of a third person whose sticky bit is set, as /tmp.
-    """
+    """Whether a file in a folder that can be written to may be replaced by another."""
     try:
         os.close(os.open(path, os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)))
-    except OSError as why:
+    except OSError as why:  # EACCES of one that is just read-only, EPERM of one that is immutable
         if why.errno == errno.EPERM or os.name == "nt":
             return False
-    folder = path.parent.stat()
+    folder = path.parent.stat()  # whose sticky bit may be set, as that of /tmp
     owners = {0, folder.st_uid, path.lstat().st_uid}
     return not folder.st_mode & stat.S_ISVTX or os.geteuid() in owners
