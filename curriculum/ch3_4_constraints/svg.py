@@ -5,15 +5,16 @@ from itertools import cycle, pairwise
 
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
-# Each colour on white paper, and on dark. Both have a contrast of at least 4.5 to their paper, as
-# words need, and are told apart in each kind of colour blindness: a test computes that.
-PALETTE = {
-    "none": ("#005368", "#2ee5ff"),
-    "baumgarte": ("#422bd1", "#8169f0"),
-    "impulse": ("#534406", "#ffc900"),
-    "soft": ("#bb3f9d", "#fa84c4"),
-    "project": ("#0c864b", "#1eb765"),
-    "spare": ("#092800", "#c6d5b8"),
+# Each colour on white paper, on dark paper and, of lines, in the plots of a recording, which are as
+# light or dark as the reader's viewer. All have a contrast of at least 4.5 to their paper, as words
+# need, or of 3 in plots, and are told apart in each kind of colour blindness: a test computes that.
+COLORS = {
+    "none": ("#005368", "#2ee5ff", "#126d78"),
+    "baumgarte": ("#422bd1", "#8169f0", "#424aef"),
+    "impulse": ("#534406", "#ffc900", "#6f6113"),
+    "soft": ("#bb3f9d", "#fa84c4", "#da6dac"),
+    "project": ("#0c864b", "#1eb765", "#03a252"),
+    "spare": ("#092800", "#c6d5b8", "#a65ae9"),
     "pull": ("#be5700", "#ed7705"),
     "push": ("#850aa4", "#b35cb4"),
     "excess": ("#ca2837", "#e63e37"),
@@ -23,15 +24,8 @@ PALETTE = {
     "pale": ("#d8dbdf", "#30363d"),
     "paper": ("#ffffff", "#0d1117"),
 }
-# Lines of a recording, whose plots are as light or dark as the reader's viewer: a contrast of 3.
-EITHER = {
-    "none": "#126d78",
-    "baumgarte": "#424aef",
-    "impulse": "#6f6113",
-    "soft": "#da6dac",
-    "project": "#03a252",
-    "spare": "#a65ae9",
-}
+PALETTE = {name: color[:2] for name, color in COLORS.items()}
+EITHER = {name: color[2] for name, color in COLORS.items() if len(color) == 3}
 LIGHT = {name: light for name, (light, _) in PALETTE.items()}
 DARK = dict(PALETTE.values())  # what a light colour becomes
 RECORDED = DARK | {LIGHT[name]: color for name, color in EITHER.items()}

@@ -100,21 +100,19 @@ def say(text):
 def show(title, rows, bars=()):
     """Print a table, and of each bar (what, value, the most it may be) whether it is met."""
     cells = [[f"{x:.3g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
-    heads = fitting(list(rows[0]), cells)
-    widths = [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
-    gap = "  " if sum(widths) + 2 * len(widths) - 2 <= WIDTH else " "
+    heads = [list(rows[0])]
+
+    def widths():
+        return [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
+
+    gaps = 2 * len(rows[0]) - 2
+    if sum(widths()) + gaps > WIDTH:  # a line for each word of the longest header
+        words = [header.split() for header in rows[0]]
+        most = max(map(len, words))
+        heads = list(zip(*([""] * (most - len(x)) + x for x in words), strict=True))
+    gap = "  " if sum(widths()) + gaps <= WIDTH else " "
     print(f"\n{title}")
     for row in (*heads, *cells):
-        print(gap.join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
+        print(gap.join(x.rjust(width) for x, width in zip(row, widths(), strict=True)))
     for bar, value, most in bars:
         print(f"{bar}: {value:.3g}, bar {most:.3g}: {'met' if value <= most else 'MISSED'}")
-
-
-def fitting(headers, cells):
-    """Lines of a table's head: one, or one a word of its longest header, if one is too wide."""
-    widths = [max(map(len, column)) for column in zip(headers, *cells, strict=True)]
-    if sum(widths) + 2 * len(widths) - 2 <= WIDTH:
-        return [headers]
-    words = [header.split() for header in headers]
-    most = max(map(len, words))
-    return list(zip(*([""] * (most - len(x)) + x for x in words), strict=True))
