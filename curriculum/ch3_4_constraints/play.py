@@ -177,29 +177,18 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
         stiff = [x for x in STIFF if x < 0.98 * edge] + [edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
     lists = {"dt": (*STEPS, 0.5 * dt, dt), "w": (*stiff, w), "T": (*TIMES, time_constant)}
     state = system["q0"], system["v0"]
-    low, high = reach(system)
     size = float(np.sum(system["lengths"]))
     weight = np.sum(system["m"]) * np.linalg.norm(chapter.GRAVITY)
-    data = {
-        "name": name,
-        "rule": rule,
-        "modes": modes,
-        "axes": axes,
-        "start": [float(state[k][at]) for k, at in tracer.live],
-        "pairs": [list(map(int, pair)) for pair in system["pairs"]],
-        "lengths": system["lengths"].tolist(),
-        "masses": system["m"].ravel().tolist(),
-        "anchors": system["anchors"].tolist(),
-        "box": [low[:axes].tolist(), high[:axes].tolist()],
-        "mgl": float(weight * size) or 1.0,
-        "newtons": float(weight) or 1.0,
-        "far": 100.0 * size,
-        "knobs": {"dt": dt, "w": w, "T": time_constant},
-        "lists": {key: sorted({float(x) for x in values}) for key, values in lists.items()},
-        "limit": limit,
-        "halvings": HALVINGS,
-        "inexact": sorted(tracer.inexact),
-    }
+    data = {"name": name, "rule": rule, "modes": modes, "axes": axes, "limit": limit}
+    data |= {"halvings": HALVINGS, "inexact": sorted(tracer.inexact)}
+    data |= {key: system[key].tolist() for key in ("lengths", "anchors")}
+    data["pairs"] = [list(map(int, pair)) for pair in system["pairs"]]
+    data["masses"] = system["m"].ravel().tolist()
+    data["start"] = [float(state[k][at]) for k, at in tracer.live]
+    data["box"] = [corner[:axes].tolist() for corner in reach(system)]
+    data |= {"mgl": float(weight * size) or 1.0, "newtons": float(weight) or 1.0}
+    data |= {"far": 100.0 * size, "knobs": {"dt": dt, "w": w, "T": time_constant}}
+    data["lists"] = {key: sorted({float(x) for x in values}) for key, values in lists.items()}
     table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in tracer.steps.items())
     lines = PRELUDE + tracer.writer.source()
     lines += f"const steps = {{{table}}}, measure = {tracer.measure}, tensions = {tracer.tensions};"

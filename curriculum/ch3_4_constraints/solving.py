@@ -1,14 +1,7 @@
 """The linear system of the rods, solved; and how much of what it asks no tension answers."""
 
+from curriculum.common import elimination
 from curriculum.common.arrays import ordered
-from curriculum.common.elimination import (
-    System,
-    conjugated,
-    eliminated,
-    elimination_order,
-    parts,
-    refined,
-)
 
 import numpy as np
 
@@ -31,24 +24,24 @@ def solve(system, a, b, v=None, jac=None, rough=False):
     """
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))
-    for part, loop in parts(system["pairs"]):
+    for part, loop in elimination.parts(system["pairs"]):
         inner, wanted = a[np.ix_(part, part)], b[part]
-        order = elimination_order([system["pairs"][k] for k in part])
+        order = elimination.elimination_order([system["pairs"][k] for k in part])
         if not loop:
-            lam[part] = eliminated(inner, order)(wanted)
+            lam[part] = elimination.eliminated(inner, order)(wanted)
             continue
         blur = SLACK * (inner * np.eye(len(part)))
         if v is not None:
             blur = blur + turned(system, v)[np.ix_(part, part)]
-        blurred = eliminated(inner + blur, order)
+        blurred = elimination.eliminated(inner + blur, order)
         if rough:
             lam[part] = blurred(wanted)
             continue
-        given = None if jac is None else jac[part]
-        times, diagonal = applied(system, inner, given), ordered(np.diagonal(inner))
-        asked = System(times, diagonal, ordered(wanted), blurred, SLACK, "no finite tensions")
-        found, left = refined(asked)
-        lam[part] = found if jac is None else conjugated(asked, found, left)
+        times = applied(system, inner, None if jac is None else jac[part])
+        known = times, ordered(np.diagonal(inner)), ordered(wanted), blurred, SLACK
+        asked = elimination.System(*known, "no finite tensions")
+        found, left = elimination.refined(asked)
+        lam[part] = found if jac is None else elimination.conjugated(asked, found, left)
     return ordered(lam)
 
 

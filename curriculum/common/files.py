@@ -116,17 +116,14 @@ def check_writable(path):
         raise OSError(f"{path.name} is {'a folder' if path.is_dir() else 'no plain file'} there")
     with naming(path), TemporaryFile(dir=above):
         pass
-    if path.exists() and not replaceable(path):
-        raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")
-
-
-def replaceable(path):
-    """Whether a file in a folder that can be written to may be replaced by another."""
+    if not path.exists():
+        return
+    fixed = False
     try:
         os.close(os.open(path, os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)))
     except OSError as why:  # EACCES of one that is just read-only, EPERM of one that is immutable
-        if why.errno == errno.EPERM or os.name == "nt":
-            return False
+        fixed = why.errno == errno.EPERM or os.name == "nt"
     folder = path.parent.stat()  # whose sticky bit may be set, as that of /tmp
     owners = {0, folder.st_uid, path.lstat().st_uid}
-    return not folder.st_mode & stat.S_ISVTX or os.geteuid() in owners
+    if fixed or (folder.st_mode & stat.S_ISVTX and os.geteuid() not in owners):
+        raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")
