@@ -77,27 +77,24 @@ class Parser(argparse.ArgumentParser):
         if wrong:
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         elif stray:
-            like = self.flags_like if stray[1][0] == "-" else self.words_like
-            likely = [f"did you mean {found!r}?" for found in like(stray[1])]
+            likely = [f"did you mean {found!r}?" for found in self.likely(stray[1])]
             message += f"; {[*likely, '--help lists what is known'][0]}"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         name = self.prog.split()[-1]  # of a study, without what runs it
         self.exit(2, f"{name}: error: {message}\n")
 
-    def flags_like(self, word):
-        """The flag that a wrong one stands for, in a list: one that begins or is spelled so."""
+    def likely(self, word):
+        """What a wrong word stands for, in a list: a flag, or a flag and the word that it takes."""
+        if os.path.exists(word):  # a file of the reader's
+            return [f"{flag} {word}" for flag in self.names]
         known = {flag.strip("-"): flag for a in self._actions for flag in a.option_strings}
+        if word[0] != "-":
+            taken = {a.option_strings[-1]: a.choices for a in self._actions if a.choices}
+            pairs = [(flag, x) for flag, words in (taken | self.names).items() for x in words]
+            known = {str(x): f"{flag} {x}" for flag, x in pairs}
         word = word.partition("=")[0].strip("-")
         begun = [name for name in known if name.startswith(word.lower())]
         return [known[name] for name in (begun if len(begun) == 1 else nearest(word, known))]
-
-    def words_like(self, word):
-        """What a word without a flag stands for: flags and the word that they take."""
-        if os.path.exists(word):  # a file of the reader's
-            return [f"{flag} {word}" for flag in self.names]
-        known = {a.option_strings[-1]: map(str, a.choices) for a in self._actions if a.choices}
-        known |= self.names
-        return [f"{flag} {x}" for flag, words in known.items() for x in nearest(word, words)]
 
     def attempt(self, flag, function, *args):
         """function(*args), whose ArgumentTypeError becomes the error of the argument `flag`."""
