@@ -55,10 +55,8 @@ def moving(traces, seconds, total, **style):
 
 
 def changing(words, total, x, y, size, anchor="middle"):
-    """Words at x, y that change in a loop of `total` s, evenly: [(text, colour), ...].
-
-    They are a column that moves behind a window of one line. Where nothing moves it shows the last.
-    """
+    """Words at x, y that change in a loop of `total` s, evenly: [(text, colour), ...]. They are a
+    column that moves behind a window of one line. Where nothing moves it shows the last."""
     line, wide = round(1.4 * size), 20 * size
     inset = {"middle": wide // 2, "end": wide}[anchor]
     rows = [
@@ -75,11 +73,8 @@ def changing(words, total, x, y, size, anchor="middle"):
 
 def motion(found, rates=RATES):
     """The text of an SVG that moves: the modes of a Comparison side by side, at the pace of the
-    simulated time, and beside them how far their rods are off.
-
-    The first of `rates` is taken whose text has no more than BYTES, or else the last. Equal runs
-    are equal bytes.
-    """
+    simulated time, and beside them how far their rods are off. Equal runs are equal bytes; the
+    first of `rates` is taken whose text has no more than BYTES, or else the last."""
     (rate, most), *slower = rates
     system, runs, dt = found.system, found.runs, found.dt
     low, high, bar = box(system, runs)

@@ -123,10 +123,8 @@ def traced(chapter, system, *how):
 
 
 def reach(system):
-    """The corners (3,), (3,) of a box that particles on right rods hardly leave.
-
-    A particle is at most as far from an anchor as the shortest way along rods is.
-    """
+    """The corners (3,), (3,) of a box that particles on right rods hardly leave. A particle is at
+    most as far from an anchor as the shortest way along rods is."""
     q0, anchors, loose = system["q0"], system["anchors"], np.sum(system["lengths"])
     count, fixed = len(q0), len(anchors)
     far = np.full((fixed, count + fixed), np.inf)  # as pairs have it, an anchor's is counted back

@@ -32,11 +32,9 @@ too long, whose too short? Whose energy left zero, and which way?
 """
 
 
-def rgb(color, share=1.0):
-    """[r, g, b] of a colour of svg as a recording has it, or what is `share` (...,) on the way to
-    it from grey: (..., 3)."""
-    goal, grey = (np.array([*bytes.fromhex(svg.RECORDED[x][1:])]) for x in (color, svg.GREY))
-    return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
+def rgb(color):
+    """[r, g, b] of a colour of svg, as a recording has it."""
+    return np.array([*bytes.fromhex(svg.RECORDED[color][1:])])
 
 
 def lines(begins, ends, shown, thickness, color=None, **colors):
@@ -66,14 +64,14 @@ def draw(system, q, pulls, full, color, ball):
     tails, marks, heads = rod_ends(system, q)
     error = rod_errors(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)
-    share = np.clip(np.abs(pulls) / full, 0.0, 1.0)
-    glow = np.where(pulls[..., None] > 0.0, rgb(svg.PULL, share), rgb(svg.PUSH, share))
+    share = np.clip(np.abs(pulls) / full, 0.0, 1.0)[..., None]
+    goal, grey = np.where(pulls[..., None] > 0.0, rgb(svg.PULL), rgb(svg.PUSH)), rgb(svg.GREY)
+    glow = (grey + share * (goal - grey)).astype(np.uint8)
     particles = rr.Points3D.columns(positions=q.reshape(-1, 3))
     particles = particles.partition([q.shape[1]] * len(q))
     path, thin = rr.Points3D.columns(positions=q[:, -1]), rr.Radius.ui_points(1.5)
-    every = np.ones_like(error, dtype=bool)
     return {  # what is within a particle is hidden by it, and need not be there
-        "rods": lines(tails, ends, every, 3.0, colors=glow.reshape(-1, 3)),
+        "rods": lines(tails, ends, np.full(error.shape, True), 3.0, colors=glow.reshape(-1, 3)),
         "excess": lines(marks, heads, error > ball, 4.0, rgb(svg.EXCESS)),
         "missing": dashed(heads, marks, error < -ball, 3.0, rgb(svg.MISSING)),
         "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),

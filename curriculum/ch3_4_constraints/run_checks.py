@@ -14,10 +14,8 @@ TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
 
 
 def chosen(hold, table):
-    """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s.
-
-    table(baumgarte=w) -> {name: Hold}. Raises ValueError if there is none of that name.
-    """
+    """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s. table(baumgarte=w)
+    -> {name: Hold}. Raises ValueError if there is none of that name."""
     if isinstance(hold, tuple):
         return hold
     if isinstance(hold, Real) and 0.0 <= hold < np.inf:
@@ -69,10 +67,8 @@ def answerable(system, unheld):
 
 
 def check_run(system, force, dt, steps, keep, step_fn, rules):
-    """The system as check_system gives it; ValueError if something does not fit a run.
-
-    `rules`: integrators by name. A step_fn that is none of them is the caller's own affair.
-    """
+    """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
+    integrators by name. A step_fn that is none of them is the caller's own affair."""
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")

@@ -117,13 +117,13 @@ def parse_scene(data):
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
     }
-    system = {}
+    system, places = {}, {}
     for key, (dtype, row, low, _, place, allowed) in COLUMNS.items():
         for k, x in enumerate(rows[key]):
             numbers = np.array(x, object)  # as they stand there: true is no number
             right = numbers.shape == (() if key == "m" else row)
             right = right and all(type(y) in (int, dtype) and low < y < HUGE for y in numbers.flat)
             need(right, place.format(k), x, allowed)
-        system[key] = np.array(rows[key], dtype).reshape(-1, *row)
+        system[key], places[key] = np.array(rows[key], dtype).reshape(-1, *row), place
     bare = [k for k, rod in enumerate(rods) if "length" not in rod]
-    return checked(system, FIT, lambda key, k: COLUMNS[key][4].format(k), bare)
+    return checked(system, FIT, lambda key, k: places[key].format(k), bare)

@@ -46,11 +46,8 @@ def solve(system, a, b, v=None, jac=None, rough=False):
 
 
 def applied(system, a, jac=None):
-    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) where that is given.
-
-    Where rods are nearly in line, A has the squares of small numbers beside large ones. J has them
-    themselves.
-    """
+    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) where that is given, since
+    where rods are nearly in line, A has the squares of small numbers beside large ones."""
     if jac is None:
         return lambda lam: ordered(a) @ lam
     m = np.repeat(system["m"], 3)
@@ -63,10 +60,7 @@ def applied(system, a, jac=None):
 
 
 def turned(system, v):
-    """h^2 Jdot M^-1 Jdot^T (C, C), where Jdot has d' where J has d; h for each rod.
-
-    v (N, 3) in m/s.
-    """
+    """h^2 Jdot M^-1 Jdot^T (C, C); Jdot has d' where J has d; h for each rod; v (N, 3) in m/s."""
     v = ordered(v)
     jdot = np.zeros_like(v, shape=(len(system["pairs"]), *v.shape))
     for k, (i, j) in enumerate(system["pairs"]):
@@ -81,12 +75,11 @@ def turned(system, v):
 
 
 def unanswered(system, jac, a, b, lam, v):
-    """The largest acceleration in m/s^2 that is asked for and not made: a number.
+    """The largest acceleration in m/s^2 that A lambda = b asks for and that is not made: a number.
 
-    Of A lambda = b, with J (C, 3N) and velocities v (N, 3). What is left of b is an acceleration
-    itself, along a rod. And where rods are nearly in line, a little along them is much across: so
-    see what a tension would do to the particles that met it. Of rods that are less than 1e-8 of
-    their length out of line even this tells too little: they are let go across.
+    What is left of b is one, along a rod. And where rods are nearly in line, a little along them is
+    much across: so see what a tension that met it would do to the particles. Of rods that are less
+    than 1e-8 of their length out of line even this tells too little: they are let go across.
     """
     left = b - applied(system, a, jac)(lam)
     along = np.max(np.abs(left) / system["lengths"])

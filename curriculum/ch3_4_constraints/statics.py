@@ -29,9 +29,7 @@ def differences(x, fixed, pairs):
 
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.
-
-    gravity (3,) in m/s^2 is all that pulls beside the rods.
-    """
+    gravity (3,) in m/s^2 is all that pulls beside the rods."""
     pairs, lengths = system["pairs"], system["lengths"]
     unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
     rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)

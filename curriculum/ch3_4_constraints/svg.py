@@ -60,6 +60,8 @@ class Drawing:
         paper = element("rect", width=width, height=height, rx=6, fill=PAPER)
         self.parts = [element("title", title.translate(ESCAPES)), STYLE, paper]
         self.look = {"width": width, "height": height, "viewBox": f"0 0 {width} {height}"}
+        self.look |= {"stroke_linecap": "round", "stroke_linejoin": "round"}
+        self.look |= {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
 
     def add(self, name, *inside, **attributes):
         """An element more."""
@@ -91,8 +93,6 @@ class Drawing:
 
     def text(self):
         """The file."""
-        self.look |= {"stroke_linecap": "round", "stroke_linejoin": "round"}
-        self.look |= {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
         return element("svg", "\n".join(["", *self.parts, ""]), role="img", **self.look) + "\n"
 
 
@@ -112,12 +112,6 @@ def chart(title, x, y, curves, size=(480, 420), right=100):
     return sheet.text()
 
 
-def between(axis):
-    """The (value, words) of an axis that are within its limits."""
-    _, (low, high), values = axis
-    return [(value, words) for value, words in values.items() if low <= value <= high]
-
-
 def plot(sheet, corners, x, y, curves, size=15):
     """Draw `curves` {name: (colour, [(x, y), ...])} between (left, top, right, bottom), in pixels.
 
@@ -126,14 +120,16 @@ def plot(sheet, corners, x, y, curves, size=15):
     """
     left, top, end, bottom = corners
     line = 1.2 * size  # from a line of words to the next
-    for value, words in between(x):
-        at = position(value, x[1], left, end)
-        sheet.line([(at, bottom), (at, top)], PALE, 1)
-        sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
-    for value, words in between(y):
-        at = position(value, y[1], bottom, top)
-        sheet.line([(left, at), (end, at)], PALE, 1)
-        sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
+    for value, words in x[2].items():
+        if x[1][0] <= value <= x[1][1]:
+            at = position(value, x[1], left, end)
+            sheet.line([(at, bottom), (at, top)], PALE, 1)
+            sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
+    for value, words in y[2].items():
+        if y[1][0] <= value <= y[1][1]:
+            at = position(value, y[1], bottom, top)
+            sheet.line([(left, at), (end, at)], PALE, 1)
+            sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
     names = []
     for name, (color, values, *dash) in curves.items():
         points = [(position(a, x[1], left, end), position(b, y[1], bottom, top)) for a, b in values]

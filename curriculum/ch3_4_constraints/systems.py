@@ -61,10 +61,8 @@ def need(test, field, found, allowed):
 
 
 def states(system, *arrays):
-    """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order.
-
-    They may be lists. Raises ValueError for another shape, which would be repeated silently.
-    """
+    """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
+    be lists. Raises ValueError for another shape, which would be repeated silently."""
     made = [ordered(x) for x in arrays]
     for x in made:
         if x.shape != (len(system["m"]), 3):
@@ -74,10 +72,8 @@ def states(system, *arrays):
 
 
 def check_system(system):
-    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
-
-    A length may be a tenth off. Raises SceneError.
-    """
+    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept. A
+    length may be a tenth off. Raises SceneError."""
     need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
     typed = {}
     for key, (dtype, row, low, shape, _, allowed) in COLUMNS.items():

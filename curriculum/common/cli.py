@@ -52,10 +52,8 @@ def missing(package):
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, except that an error is a single line and no flag may be abbreviated.
-
-    `names`: {flag: words that it takes}, for those who forget the flag; a flag's choices are known.
-    """
+    """argparse, except that an error is a single line and no flag may be abbreviated. `names`:
+    {flag: words that it takes}, for those who forget the flag; a flag's choices are known."""
 
     def __init__(self, formatter_class=argparse.RawDescriptionHelpFormatter, **settings):
         super().__init__(formatter_class=formatter_class, allow_abbrev=False, **settings)

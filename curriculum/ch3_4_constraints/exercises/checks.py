@@ -183,10 +183,8 @@ def solved(exercise, answers):
 
 
 def judge(main):
-    """As a script: the guess is noted, then it is run and judged, up to the first blank or mistake.
-
-    With --solved it is done with the answers, and nothing is noted. The exit status is 1 after a
-    mistake, or else 0.
+    """As a script: the guess is noted, then it is run and judged, up to the first blank or mistake,
+    of which only the last makes the exit status 1. --solved takes the answers, and notes nothing.
     """
 
     def script():
