@@ -15,12 +15,11 @@ def solve(system, a, b, v=None, jac=None, rough=False):
     """lambda (C,) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
-    O(N), as R. Featherstone's articulated bodies (1983). What hangs together is solved by itself.
-    In a loop a rod may be too many, and `a` singular. There a little is added to it, of SLACK and,
-    if the velocities v (N, 3) are given, of how the rods turn. Unless `rough`, rounds of refinement
-    remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021) and, if J (C, 3N) is given
-    as `jac`, conjugate gradients take them further. What no lambda can meet is left: see
-    `unanswered`.
+    O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, and `a`
+    singular. There a little is added to it, of SLACK and, if the velocities v (N, 3) are given, of
+    how the rods turn. Unless `rough`, rounds of refinement remove the effect (J. Carpentier, R.
+    Budhiraja, N. Mansard, RSS 2021) and, if J (C, 3N) is given as `jac`, conjugate gradients take
+    them further. What no lambda can meet is left: see `unanswered`.
     """
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))

@@ -51,18 +51,13 @@ def torn(system, gravity, unit, rate, slow):
     under `slow` is rest.
 
     Let u be a self-stress: tensions that cancel at every particle, J^T u = 0. Rods that move from
-    d to d + e and keep their lengths have d . e + e . e / 2 = 0. Add that up with u: the first
-    terms are (J^T u) . (what the particles move) = 0, so that
-
-        sum_k u_k |e_k|^2 = 0
-
-    holds for every motion whatever. With e = rate t + o(t) that asks for sum_k u_k |rate_k|^2 = 0:
-    else J a + Jdot v = 0 has no solution. If the rods of u are at rest, finite and continuous
-    tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0 is left, though the linear
-    system then has a solution: a level cable falls, which no rigid one can.
-
-    A cable that sags ever so little has none, and a large tension. It is let through until A cannot
-    be told from a singular matrix: at 1e-8 of the span.
+    d to d + e and keep their lengths have d . e + e . e / 2 = 0. Summed up with u the first terms
+    cancel, so that sum_k u_k |e_k|^2 = 0 for every motion whatever. With e = rate t + o(t) that
+    asks for sum_k u_k |rate_k|^2 = 0: else J a + Jdot v = 0 has no solution. If the rods of u are
+    at rest, finite and continuous tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0
+    is left, though the linear system then has a solution: a level cable falls, which no rigid one
+    can. One that sags ever so little has no self-stress, but a large tension: it is let through
+    until A cannot be told from a singular matrix, at 1e-8 of the span.
     """
     lengths, pairs, fixed = (system[key] for key in ("lengths", "pairs", "anchors"))
     ends = differences(np.eye(len(system["m"])), np.zeros((len(fixed), len(system["m"]))), pairs)
