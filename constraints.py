@@ -29,9 +29,9 @@ from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
 from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
+from curriculum.common.programs import repeat
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, called, followed
-from curriculum.common.trace import repeat
 
 import numpy as np  # last, for it loads slowly, and by now Ctrl-C is answered in words
 

@@ -11,7 +11,8 @@ import constraints as c
 from curriculum.ch3_4_constraints import pages, play
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.common import javascript
-from curriculum.common.trace import Program, Untraceable
+from curriculum.common.programs import Program
+from curriculum.common.trace import Untraceable
 
 import numpy as np
 import pytest

@@ -15,10 +15,11 @@ from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
 from curriculum.common import compiled, native
 from curriculum.common.gauss import make_gauss
+from curriculum.common.programs import repeat
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain
-from curriculum.common.trace import Stop, repeat
+from curriculum.common.trace import Stop
 
 import numpy as np
 import pytest

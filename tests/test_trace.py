@@ -4,19 +4,20 @@ from functools import partial
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import native, trace
+from curriculum.common import native, programs
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, mapped
+from curriculum.common.programs import Program, Routine, side_by_side
 from curriculum.common.python import Columns, OneByOne, source_of
 from curriculum.common.steps import Single
-from curriculum.common.trace import Program, Routine, Stop, Symbol, Untraceable, side_by_side
+from curriculum.common.trace import Stop, Symbol, Untraceable
 
 import numpy as np
 import pytest
 from test_steps import Machine, Python, Rows
 
-loop = partial(trace.repeat, most=90, complaint="no end")
+loop = partial(programs.repeat, most=90, complaint="no end")
 
 
 def fixed_point(following, x, close):
@@ -105,7 +106,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
 }
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
 LOOSE = dict.fromkeys(("functions", "powers"), 1e-12)  # the last bit is numpy's own
-INLINED = [(name, trace.INLINE) for name in EXAMPLES] + [
+INLINED = [(name, programs.INLINE) for name in EXAMPLES] + [
     (name, 0) for name in ("routines", "rows", "loops of routines")
 ]
 CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (11, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
@@ -151,7 +152,7 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     """As Python, machine code or bytecode, for one member or for lanes, not all full; without
     these members go as columns or one by one. Each ends its loops where it would alone. All
     have the bits of the lines as they stand."""
-    monkeypatch.setattr(trace, "INLINE", inline)
+    monkeypatch.setattr(programs, "INLINE", inline)
     near = partial(np.allclose, rtol=LOOSE.get(name, 0.0), atol=LOOSE.get(name, 0.0))
     ways = Python, Machine, Rows
     python, machine, rows = (turns(way, EXAMPLES[name], *CROWD) for way in ways)
@@ -183,7 +184,7 @@ TROUBLES = {  # at what Python raises an error: a function, and where its third 
         1e10,
     ),
     "a loop that wants one turn more": (
-        lambda x: 3.0 * x + 1e-9 * trace.repeat(lambda y: (0.5 * y, y[0, 0]), x, 5, "no end"),
+        lambda x: 3.0 * x + 1e-9 * programs.repeat(lambda y: (0.5 * y, y[0, 0]), x, 5, "no end"),
         2.0,
     ),
     "an exponential": (np.exp, 1.7),
@@ -195,7 +196,7 @@ TROUBLES = {  # at what Python raises an error: a function, and where its third 
 @pytest.mark.parametrize(("function", "start"), TROUBLES.values(), ids=TROUBLES)
 def test_machine_code_ends_where_python_would_raise_an_error(function, start, monkeypatch):
     """And one of many lanes ends in what is not finite, while its neighbours go on."""
-    monkeypatch.setattr(trace, "INLINE", 0)
+    monkeypatch.setattr(programs, "INLINE", 0)
     x = np.full((2, 3), start)
     ways = Machine, Rows, Python
     (alone,), (rows,), (expected,) = (turns(way, function, x, count=9) for way in ways)

@@ -16,9 +16,10 @@ from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
 from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.common.javascript import PRELUDE, Writer, inexact
+from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, called, followed
-from curriculum.common.trace import Program, Routine, Symbol, Untraceable, current, lift
+from curriculum.common.trace import Symbol, Untraceable, current, lift
 
 import numpy as np
 

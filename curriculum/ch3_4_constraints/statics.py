@@ -23,7 +23,7 @@ def nodes(x, fixed):
 
 def differences(x, fixed, pairs):
     """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is `fixed`."""
-    ends, (i, j) = nodes(x, fixed), np.transpose(pairs)
+    ends, (i, j) = nodes(x, fixed), zip(*pairs, strict=True)
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 

@@ -12,7 +12,7 @@ from functools import cache
 from itertools import chain
 
 from curriculum.common import native
-from curriculum.common.trace import Call, Lanes
+from curriculum.common.programs import Call, Lanes
 
 import numpy as np
 
@@ -26,15 +26,24 @@ WIDTH = 5  # numbers in a row
 UNUSED = [(0,) * (WIDTH - 2 - many) for many in range(WIDTH - 1)]  # behind so many operands
 
 
-class Assembler:
-    """The `rows` of a Program, and the registers that it needs.
+class Registers(dict):
+    """{a name, or a number that is known: its register}; what is not there gets the next one."""
 
-    `known` {what is in it: its number}: first the state, then the largest of what the program makes
-    besides, then knobs. `constants` {register: number} are there from the start.
+    def __missing__(self, x):
+        self[x] = len(self)
+        return self[x]
+
+
+class Assembler:
+    """The `rows` of a Program, and the registers that it needs: `register`(x) of a name or number.
+
+    First comes the state, then the largest of what the program makes besides, then knobs. Numbers
+    are there from the start.
     """
 
     def __init__(self, program):
-        self.rows, self.known, self.constants = [], {}, {}
+        self.rows, self.known = [], Registers()
+        self.register = self.known.__getitem__
         self.routines = []  # programs that are called
         self.calls = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
@@ -51,16 +60,6 @@ class Assembler:
         for row, k in self.calls:
             self.rows[row][1] = first[k]
 
-    def register(self, x):
-        """The register of a name, or of a number that is known."""
-        key = x.hex() if type(x) is float else x  # 0.0 and -0.0 are equal
-        found = self.known.get(key)
-        if found is None:
-            found = self.known[key] = len(self.known)
-            if key is not x:
-                self.constants[found] = x
-        return found
-
     def row(self, sign, result, *operands):
         """A row more; its number."""
         self.rows.append([NUMBER[sign], result, *operands, *UNUSED[len(operands)]])
@@ -74,8 +73,6 @@ class Assembler:
 
     def number(self, s):
         """The register of a Symbol."""
-        if s.minus and isinstance(s.x, float):
-            return self.register(-s.x)
         return self.made("minus", self.register(s.x)) if s.minus else self.register(s.x)
 
     def end(self, state, most, ends):
@@ -96,6 +93,7 @@ class Assembler:
             self.row("copy", register, x)
 
     def operations(self, tape, names):
+        rows, register = self.rows, self.register  # as many times as there are operations
         for name in names:
             sign, *operands = tape.nodes[name]
             if sign == "part":
@@ -103,7 +101,8 @@ class Assembler:
                 write = {Call: self.call, Lanes: self.in_turn}.get(type(part), self.loop)
                 write(part)
             elif sign != "of":
-                self.row(sign, self.register(name), *map(self.register, operands))
+                unused = UNUSED[len(operands)]
+                rows.append([NUMBER[sign], register(name), *map(register, operands), *unused])
 
     def call(self, call):
         self.called(call.program, call.arguments, call.names)
@@ -239,7 +238,8 @@ class Bytecode:
         found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
         self.registers = len(found.known)
-        self.constants = np.array([*found.constants]), np.array([*found.constants.values()])
+        numbers = [x for x in found.known if isinstance(x, float)]
+        self.constants = [found.register(x) for x in numbers], np.array(numbers)
         self.state = slice(0, len(program.inputs))
         self.most = slice(len(program.inputs), len(program.out))
         self.knobs = [found.register(name) for name in program.knobs]

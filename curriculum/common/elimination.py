@@ -10,7 +10,7 @@ from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 from curriculum.common.arrays import ordered
-from curriculum.common.trace import repeat
+from curriculum.common.programs import repeat
 
 import numpy as np
 

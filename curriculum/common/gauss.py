@@ -4,7 +4,7 @@ import math
 from decimal import Decimal, localcontext
 from functools import lru_cache
 
-from curriculum.common.trace import repeat, side_by_side
+from curriculum.common.programs import repeat, side_by_side
 
 import numpy as np
 

@@ -8,7 +8,7 @@ import json
 import re
 from collections import Counter
 
-from curriculum.common.trace import Call, Lanes
+from curriculum.common.programs import Call, Lanes
 
 # What a page has to define before the functions that are written here.
 PRELUDE = """class Stop extends Error {}

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 
-from curriculum.common.trace import Routine, side_by_side
+from curriculum.common.programs import Routine, side_by_side
 
 import numpy as np
 
@@ -12,7 +12,8 @@ def make_midpoint(order):
 
     The midpoint rule goes the way in 2, 4, ... `order` parts. Its error is a series in the square
     of a part (W. Gragg, SIAM J. Numer. Anal. 2 (1965) 384); each round of Aitken's and Neville's
-    scheme takes away a term of it.
+    scheme takes away a term of it. What is added up is how far a way has gone from the start: these
+    are small numbers, so that rounding is small, too.
     """
     parts = np.arange(2.0, order + 1.0, 2.0)
 
@@ -28,15 +29,19 @@ def make_midpoint(order):
         def rate(x):
             return np.stack([x[1], force(*x) / m])
 
-        leap = Routine(lambda before, x, dt: before + dt * rate(x), often=True)
-        start = np.stack([q, v])
-        before = np.stack([start] * len(parts))
-        x = start + (dt / parts)[:, None, None, None] * rate(start)
+        def leap(start, before, gone, dt):
+            return before + dt * rate(start + gone)
+
+        leaping, start = Routine(leap, often=True), np.stack([q, v])
+        starts = np.stack([start] * len(parts))
+        before = np.zeros_like(starts)  # how far each way has gone from the start, a part ago
+        gone = (dt / parts)[:, None, None, None] * rate(start)
         for k in range(1, order):
             going = slice(k // 2, None)  # ways of more than k parts
-            after = side_by_side(leap, before[going], x[going], 2.0 * dt / parts[going])
-            before[going], x[going] = x[going], after
-        ends = x.reshape(len(parts), -1).T
-        return tuple(side_by_side(extrapolated, ends).reshape(start.shape))
+            rows = starts[going], before[going], gone[going], 2.0 * dt / parts[going]
+            before[going], gone[going] = gone[going], side_by_side(leaping, *rows)
+        ends = gone.reshape(len(parts), -1).T
+        moved = side_by_side(extrapolated, ends).reshape(start.shape)
+        return tuple(start + moved)
 
     return midpoint_step

@@ -17,7 +17,8 @@ from itertools import count
 
 from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.cli import shorten
-from curriculum.common.trace import INLINE, Call, Lanes, Symbol
+from curriculum.common.programs import INLINE, Call, Lanes
+from curriculum.common.trace import Symbol
 
 import numpy as np
 

@@ -6,7 +6,8 @@ from collections import Counter
 from functools import lru_cache
 
 from curriculum.common.arrays import FUNCTIONS
-from curriculum.common.trace import INLINE, Call, Lanes, Stop
+from curriculum.common.programs import INLINE, Call, Lanes
+from curriculum.common.trace import Stop
 
 import numpy as np
 

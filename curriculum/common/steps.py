@@ -12,9 +12,10 @@ from itertools import chain
 from curriculum.common import native
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
+from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.trace import Program, Routine, Stop, Tape, Untraceable, effort
+from curriculum.common.trace import Stop, Tape, Untraceable, effort
 
 import numpy as np
 
@@ -93,7 +94,7 @@ class Plain:
 
 
 class Traced:
-    """A step as a Program of what does not stay zero, at `live` places in (q, v).
+    """A step as a Program of what does not stay zero: where `moving` (2, N, 3) says so of q and v.
 
     q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
     function (q, v) -> tuple of arrays, says of a step's end. `turns`: how many steps are to come.
@@ -136,7 +137,7 @@ class Traced:
             still = stays
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
-        self.program, self.live, self.still = program, program.live, still
+        self.program, self.moving = program, ~np.array(still)
 
     @cached_property
     def source(self):
@@ -155,14 +156,13 @@ class Traced:
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
-        found = [(q, v)[k][(..., *at)].ravel() for k, at in self.live]
-        return np.reshape(found, (len(found), math.prod(q.shape[:-2])))
+        both = zip((q, v), self.moving.reshape(2, -1), strict=True)
+        return np.concatenate([x.reshape(-1, moving.size).T[moving] for x, moving in both])
 
     def states(self, rows):
         """q, v (count, N, 3) of rows (count, entries), stored components first."""
         whole = np.zeros((2, *self.shape, len(rows)))
-        for k, (which, at) in enumerate(self.live):
-            whole[(which, *at)] = rows[:, k]
+        whole[self.moving] = rows.T
         return tuple(x.transpose(2, 0, 1) for x in whole)
 
     def plain(self, state, dt):

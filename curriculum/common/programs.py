@@ -1,0 +1,261 @@
+"""A function of small arrays as a Program, traced once; and what in it is a routine or a loop.
+
+On a tape of operations (trace.py) stand parts, too, which are more than an operation: a Call of a
+routine, rows that are done side by side, a Loop. Each has a tape of its own. Writers turn a program
+into Python (python.py), rows of numbers (bytecode.py), machine code (native.py) or JavaScript.
+"""
+
+import math
+
+from curriculum.common.arrays import ordered
+from curriculum.common.trace import Stop, Symbol, Tape, Untraceable, current, effort, lift, lifted
+
+import numpy as np
+
+ROUNDS = 5  # of a loop, when work is guessed
+INLINE = 160  # operations of a routine that is written out where it is called
+
+
+class Program:
+    """function(*arrays, *knobs) -> tuple of arrays, traced; entries marked in `still` are zero.
+
+    `still`: a mask an array. `knobs`: names of single numbers that last, say a step's length.
+    `inputs`: the names of the entries that are not still, `live` their (argument, place).
+    `results`: arrays of Symbols; `out`: them all in one list.
+    """
+
+    def __init__(self, function, *still, knobs=(), tape=None):
+        self.tape, self.knobs = tape or Tape(), list(knobs)
+        self.tape.knobs = self.knobs or self.tape.knobs
+        masks = list(enumerate(still))
+        self.live = [(k, tuple(at)) for k, mask in masks for at in np.argwhere(~mask).tolist()]
+        if tape:  # of a routine, whose names must not be anybody else's
+            self.inputs = [f"a{next(tape.numbers)}" for _ in self.live]
+        else:
+            names = function.__code__.co_varnames
+            self.inputs = ["_".join(map(str, (names[k], *place))) for k, place in self.live]
+        nothing = Symbol(self.tape, 0.0)
+        arrays = [ordered(np.full(mask.shape, nothing)) for mask in still]
+        for (k, place), name in zip(self.live, self.inputs, strict=True):
+            arrays[k][place] = Symbol(self.tape, name)
+        knobs = [Symbol(self.tape, name) for name in self.knobs]
+        self.results = self.tape.trace(lambda: [lifted(a) for a in function(*arrays, *knobs)])
+        if self.tape.refused:
+            raise Untraceable(self.tape.refused[0])
+
+    @property
+    def out(self):
+        return [s for array in self.results for s in array.flat]
+
+    @property
+    def made(self):
+        """Those of its results that are no constants."""
+        return [s for s in self.out if isinstance(s.x, str)]
+
+    def tapes(self):
+        """Its tape, and those of the loops and routines in it."""
+        todo, found = [self.tape], []
+        while todo:
+            found.append(tape := todo.pop())
+            inner = [x.tape if isinstance(x, Loop) else x.program.tape for x in tape.parts.values()]
+            todo += [x for x in inner if x not in found]
+        return found
+
+    def loops(self):
+        """How many loops there are in it."""
+        return sum(isinstance(part, Loop) for x in self.tapes() for part in x.parts.values())
+
+    def size(self):
+        """How many operations, each counted once."""
+        return sum(len(tape.nodes) for tape in self.tapes())
+
+    def exact(self):
+        """Whether all its operations are rounded alike everywhere."""
+        return all(tape.exact() for tape in self.tapes())
+
+    def lasting(self):
+        """Operations on knobs and constants alone: to be done once."""
+        known, lasting = set(self.knobs), []
+        for name in self.tape.needed(self.out):
+            sign, *operands = self.tape.nodes[name]
+            if sign != "part" and all(x in known or isinstance(x, float) for x in operands):
+                known.add(name)
+                lasting.append(Symbol(self.tape, name))
+        return lasting
+
+    def shaped(self, symbols):
+        """Arrays like the results, of other Symbols."""
+        symbols = iter(symbols)
+        flat = [lifted([next(symbols) for _ in array.flat]) for array in self.results]
+        return [x.reshape(array.shape) for x, array in zip(flat, self.results, strict=True)]
+
+    def renamed(self, names, tape):
+        """The results where what the program makes is called `names`, on a tape around it."""
+        names = iter(names)
+        here = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in self.out]
+        return self.shaped(here)
+
+    def replay(self, arguments):
+        """The results for other inputs, noted on the tape that is current."""
+        return self.tape.replay(self.out, dict(zip(self.inputs, arguments, strict=True)))
+
+
+class Routine:
+    """function(*arrays) -> array, traced once for each pattern of zeros, and called often.
+
+    On arrays of floats it is just the function. What is short is written out at each call, but not
+    in a loop, nor what is called so `often` that there would be much to write.
+    """
+
+    def __init__(self, function, often=False):
+        self.function, self.often, self.programs = function, often, {}
+
+    def __call__(self, *arrays):
+        if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
+            return self.function(*arrays)
+        given = [[lift(s) for s in np.asarray(a, dtype=object).flat] for a in arrays]
+        still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
+        shapes = [np.shape(a) for a in arrays]
+        key = current.tape.numbers, *zip(shapes, still, strict=True)
+        if key not in self.programs:
+            tape = Tape(numbers=current.tape.numbers)
+            tape.refused = current.tape.refused
+            masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
+            once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
+            self.programs[key] = once
+        program = self.programs[key]
+        arguments = [s for symbols in given for s in symbols if s.x != 0.0]
+        short = len(program.tape.nodes) <= INLINE and not program.tape.parts
+        if short and not (self.often or current.tape.outer):
+            return program.shaped(program.replay(arguments))[0]
+        return Call(program, arguments).results[0]
+
+
+def side_by_side(function, *arrays):
+    """function(row, ...) for the rows of the arrays, stacked: one array, or a tuple of arrays.
+
+    On symbols it is traced once for all rows that are zero in the same places: see Lanes.
+    """
+    rows = list(zip(*arrays, strict=True))
+    if current.tape is None:
+        made = [function(*row) for row in rows]
+    else:
+        made = traced_rows(function, [list(map(lifted, row)) for row in rows])
+    if isinstance(made[0], tuple):
+        return tuple(ordered(np.stack(part)) for part in zip(*made, strict=True))
+    return ordered(np.stack(made))
+
+
+def traced_rows(function, rows):
+    """What function(*row) returns for each of the rows, lists of arrays of Symbols."""
+    alike, made = {}, [None] * len(rows)
+    for k, row in enumerate(rows):
+        zero = tuple(s.x == 0.0 for array in row for s in array.flat)
+        alike.setdefault(zero, []).append(k)
+    for zero, places in alike.items():
+        if all(zero) or len(places) == 1:
+            results = [function(*rows[places[0]])] * len(places)
+        else:
+            results = Lanes(function, [rows[k] for k in places]).results
+        for k, result in zip(places, results, strict=True):
+            made[k] = result
+    return made
+
+
+class Lanes:
+    """A function that does the same to several rows: they can be lanes of one vector register.
+
+    `program`: what it does to a row, on a tape of its own that may use names from around it, those
+    `taken`. `rows` of Symbols are its inputs; `names`: how what it makes is called here, row by
+    row. `results`: what the function returns for each row.
+    """
+
+    def __init__(self, function, rows):
+        outer = current.tape
+        masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in rows[0]]
+
+        def as_tuple(*row):
+            found = function(*row)
+            self.several = isinstance(found, tuple)
+            return found if self.several else (found,)
+
+        with effort.repeated(len(rows)):
+            self.program = Program(as_tuple, *masks, tape=Tape(outer))
+        self.rows = [[s for x in row for s in x.flat if s.x != 0.0] for row in rows]
+        self.names = [outer.new_names(len(self.program.made)) for _ in rows]
+        self.taken = self.program.tape.taken(self.program.made, self.program.inputs)
+        operands = [s.x for row in self.rows for s in row]
+        outer.add_part(self, operands + self.taken, sum(self.names, []))
+        found = [tuple(self.program.renamed(names, outer)) for names in self.names]
+        self.results = found if self.several else [x for (x,) in found]
+
+
+class Call:
+    """A Routine's program called with `arguments`, Symbols; `results`: arrays that it returns.
+
+    `names`: how what it makes is called here.
+    """
+
+    def __init__(self, program, arguments):
+        self.program, self.arguments, tape = program, arguments, current.tape
+        self.names = tape.new_names(len(program.made))
+        tape.add_part(self, [s.x for s in arguments], self.names)
+        self.results = program.renamed(self.names, tape)
+
+
+def repeat(body, x, most, complaint, nearly=1.0):
+    """The first of x, body's x, ... whose size is at most 1, where body(x) = (following, size).
+
+    It is a while loop that can be compiled: on symbols it becomes a loop of the code, which is left
+    out like all that no result needs, so use what it returns. It ends, too, where the size falls no
+    more and is at most `nearly`: rounding allows no less. Raises Stop(complaint) after `most`
+    turns.
+    """
+    x, last = ordered(np.array(x, subok=True)), math.inf
+    if current.tape is not None and x.dtype == object:
+        return Loop(body, lifted(x), most, complaint, nearly).result
+    for _ in range(most):
+        following, size = body(x.copy())
+        if type(size) is Symbol:
+            return Loop(body, lifted(x), most, complaint, nearly).result
+        if size <= 1.0 or last <= size <= nearly:
+            return x
+        x, last = following, size
+    raise Stop(complaint)
+
+
+class Loop:
+    """A loop on a tape: `names` begin as `start`; until it ends they become what `following` says.
+
+    It ends where size <= 1, or last size <= size <= `nearly`. Its body has a tape of its own, and
+    needs the numbers `taken` from around it. `test` names the operations that size comes from,
+    `rest` those besides that `following` comes from.
+    """
+
+    def __init__(self, body, x, most, complaint, nearly):
+        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, current.tape
+        places = [place for place in np.ndindex(x.shape) if x[place].x != 0.0]
+        while True:
+            self.tape, self.names = Tape(outer), outer.new_names(len(places))
+            named = self.put(x, places, self.tape)
+            with effort.repeated(ROUNDS):
+                following, size = self.tape.trace(lambda x=named: [lifted(y) for y in body(x)])
+            grown = [place for place in np.ndindex(x.shape) if following[place].x != 0.0]
+            if set(grown) <= set(places):
+                break
+            places = sorted({*places, *grown})  # what begins as zero does not stay zero
+        self.start, self.size = [x[place] for place in places], size.item()
+        self.following = [following[place] for place in places]
+        self.test = self.tape.needed([self.size])
+        begun = set(self.test)
+        self.rest = [y for y in self.tape.needed(self.following) if y not in begun]
+        self.taken = self.tape.taken([self.size, *self.following], self.names)
+        outer.add_part(self, [*(s.x for s in self.start), *self.taken], self.names)
+        self.result = self.put(x, places, outer)
+
+    def put(self, x, places, tape):
+        """x with this loop's names at its places, as Symbols on a tape."""
+        named = x.copy()
+        for place, name in zip(places, self.names, strict=True):
+            named[place] = Symbol(tape, name)
+        return named
