@@ -48,8 +48,9 @@ class Tracer:
     """
 
     def __init__(self, axes, chapter, system, rule, modes, impedance):
-        self.axes, self.chapter, self.system, self.rule = axes, chapter, system, rule
-        self.impedance, self.writer, self.inexact = impedance, Writer(), set()
+        self.axes, self.chapter, self.system = axes, chapter, system
+        self.rule, self.impedance = rule, impedance
+        self.writer, self.inexact = Writer(), set()
         count = len(system["q0"])
         self.still = np.arange(3) >= np.full((count, 1), axes)
         self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
@@ -170,8 +171,9 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     why = memory.restore() or why
     if why:
         raise Untraceable(why)
-    axes, limit, stiff = tracer.axes, chapter.STABILITY_LIMIT.get(rule), STIFF
-    if limit:  # there is a cliff: the last w before it, and the next
+    axes, limit = tracer.axes, chapter.STABILITY_LIMIT.get(rule)
+    stiff = STIFF
+    if limit:  # there is a cliff: with the last w before it, and the next
         edge = 5.0 * np.floor(limit / dt / 5.0)
         stiff = [x for x in STIFF if x < 0.98 * edge] + [edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
     lists = {"dt": (*STEPS, 0.5 * dt, dt), "w": (*stiff, w), "T": (*TIMES, time_constant)}
