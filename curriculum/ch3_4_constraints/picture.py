@@ -1,7 +1,7 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
+from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends
 from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import Drawing, element
 from curriculum.ch3_4_constraints.tables import length
@@ -142,8 +142,8 @@ def even_steps(found, rate, most):
 
 def off(system, q, place):
     """What rods have too much, and what they lack, at q (F, N, 3): [(traces, style), ...]."""
-    _, marks, heads = map(place, rod_ends(system, q))
-    error = rod_errors(system, q)
+    _, marks, heads, error = rod_ends(system, q)
+    marks, heads = place(marks), place(heads)
     far = np.max(np.abs(heads - marks), axis=-1) > FINE  # a pixel
     too_long = {"stroke": svg.EXCESS, "stroke_width": 7 * FINE}
     too_short = {"stroke": svg.MISSING, "stroke_width": 4 * FINE}
@@ -165,8 +165,8 @@ def figures(found, mode, total):
         if at == len(run.kept):
             words.append((found.outcome(mode), svg.EXCESS))
             continue
-        errors = rod_errors(found.system, run.q[at : at + 1])[0]
-        worst = errors[np.argmax(np.abs(errors))]
+        *_, errors = rod_ends(found.system, run.q[at : at + 1])
+        worst = errors.flat[np.argmax(np.abs(errors))]
         if abs(worst) < LEAST:
             words.append((f"off {length(abs(worst))}", svg.INK))
         elif worst > 0.0:

@@ -3,7 +3,7 @@
 import zlib
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
+from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends
 
 import numpy as np
 import rerun as rr
@@ -61,8 +61,7 @@ def draw(system, q, pulls, full, color, ball):
     `pulls` (F, C): newtons of the rods, which glow most at `full`; `color`: of all else; `ball`:
     the radius of a particle.
     """
-    tails, marks, heads = rod_ends(system, q)
-    error = rod_errors(system, q)
+    tails, marks, heads, error = rod_ends(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)
     share = np.clip(np.abs(pulls) / full, 0.0, 1.0)[..., None]
     goal, grey = np.where(pulls[..., None] > 0.0, rgb(svg.PULL), rgb(svg.PUSH)), rgb(svg.GREY)
@@ -108,7 +107,7 @@ def fill(recording, found):
         steps, q, v = states[mode] = found.states(mode, [*found.shown, run.kept[-1]])
         pulls[mode] = found.tensions[mode](q, v)
         curves["pull"][mode] = pulls[mode][:, :1]
-        errors = rod_errors(system, q)
+        *_, errors = rod_ends(system, q)
         worst = np.stack([np.max(errors, axis=1), -np.min(errors, axis=1)], axis=1)
         curves["rods"][mode] = np.log10(np.maximum(worst / FLOOR, 1.0)) * [1.0, -1.0]
         curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
@@ -139,7 +138,7 @@ def fill(recording, found):
     if known:
         q = np.append(found.motion, found.motion[-1:], axis=0)
         seconds = dt * np.append(found.shown[:known], found.shown[known - 1] + 1)
-        tails, _, heads = rod_ends(system, q)
+        tails, _, heads, _ = rod_ends(system, q)
         shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
         send("truth", *lines(tails, heads, shown, 1.0, rgb(svg.GREY)), seconds)
     for mode, run in runs.items():

@@ -105,10 +105,9 @@ def position(value, limits, begin, end):
 def chart(title, x, y, curves, size=(480, 420), right=100):
     """The text of a chart of `curves`, as `plot` draws them; `right`: pixels for their names."""
     sheet = Drawing(*size, title)
-    left = 64
-    sheet.words(left, size[1] - 12, x[0])
+    sheet.words(64, size[1] - 12, x[0])
     sheet.words(16, 28, y[0])
-    plot(sheet, (left, 48, size[0] - right, size[1] - 58), x, y, curves)
+    plot(sheet, (64, 48, size[0] - right, size[1] - 58), x, y, curves)
     return sheet.text()
 
 

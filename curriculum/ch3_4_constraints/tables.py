@@ -92,9 +92,8 @@ def spread(samples, unit):
 
 def say(text):
     """Print a sentence, in lines that fit a terminal."""
-    lines = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_on_hyphens=False)
-    lines.break_long_words = False  # a path is one
-    print(lines.fill(text))
+    whole = {"break_on_hyphens": False, "break_long_words": False}  # a path is one word
+    print(textwrap.fill(text, WIDTH, subsequent_indent="  ", **whole))
 
 
 def show(title, rows, bars=()):
