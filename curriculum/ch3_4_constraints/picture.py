@@ -85,7 +85,11 @@ def motion(found, rates=RATES):
     width, tall = scale * size
     bottom = -(-(len(runs) + 1) // across) * (tall + WORDS)
     sheet = Drawing(SHEET[0], round(bottom) + 34, found.title)
-    steps = even_steps(found, rate, most)
+    every = found.shown[min(1, len(found.shown) - 1)] or 1
+    stride = every * max(1, round(1.0 / (rate * every * dt)))
+    last = min(most / dt, max(run.kept[-1] for run in runs.values())) + 1e-9
+    steps = np.arange(0, last, stride).astype(int)
+    steps = steps[np.logical_and.accumulate(np.isin(steps, found.shown))]  # evenly spaced
     total = max(steps[-1], 1) * dt
 
     def place(points):
@@ -129,15 +133,6 @@ def motion(found, rates=RATES):
     if slower and len(text) > BYTES:
         return motion(found, slower)
     return text
-
-
-def even_steps(found, rate, most):
-    """Evenly spaced steps (F,) among those that are shown, about `rate` a second for `most` s."""
-    every = found.shown[min(1, len(found.shown) - 1)] or 1
-    stride = every * max(1, round(1.0 / (rate * every * found.dt)))
-    last = min(most / found.dt + 1e-9, max(run.kept[-1] for run in found.runs.values()))
-    steps = np.arange(0, last + 1e-9, stride).astype(int)
-    return steps[np.logical_and.accumulate(np.isin(steps, found.shown))]
 
 
 def off(system, q, place):
