@@ -9,13 +9,6 @@ INTERRUPTED = "interrupted; files are as they were, or whole"
 COMMAND = "constraints-chapter"  # the entry point that pyproject.toml names
 
 
-def is_a_program_of_ours():
-    """Whether what was started is a script beside this package, a module of it, or a command."""
-    started, here = os.path.abspath(sys.argv[0]), os.path.dirname(__file__)
-    beside = os.path.dirname(started) == os.path.dirname(here) and os.path.isfile(started)
-    return beside or sys.argv[0] == "-m" or os.path.basename(started).startswith(COMMAND)
-
-
 def leave(number, frame):
     """End as Ctrl-C ends a program, after one line."""
     print(f"\n{os.path.basename(sys.argv[0])}: {INTERRUPTED}", file=sys.stderr, flush=True)
@@ -23,8 +16,12 @@ def leave(number, frame):
     os.kill(os.getpid(), number)
 
 
-# while modules are loaded, of which some swallow a KeyboardInterrupt; run_script has its own answer
-if is_a_program_of_ours() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+# While modules are loaded: some swallow a KeyboardInterrupt. Later run_script has its own answer.
+# A program of ours is a script beside this package, a module of it (-m), or the entry point.
+here, started = os.path.dirname(__file__), os.path.abspath(sys.argv[0])
+beside = os.path.dirname(started) == os.path.dirname(here) and os.path.isfile(started)
+ours = beside or sys.argv[0] == "-m" or os.path.basename(sys.argv[0]).startswith(COMMAND)
+if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, leave)
 if not find_spec("numpy"):  # the usual reason: another python than the one README installs into
     raise SystemExit("numpy is not installed: pip install -e '.', or run .venv/bin/python")

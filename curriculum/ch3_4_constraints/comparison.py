@@ -45,9 +45,8 @@ class Comparison(NamedTuple):
     def outcome(self, mode):
         """What became of a mode, in a few words."""
         run = self.runs[mode]
-        if run.stopped:
-            return f"lost at {run.kept[-1] * self.dt:.3g} s"
-        return f"off {length(np.max(run.violations))}"
+        lost = f"lost at {run.kept[-1] * self.dt:.3g} s"
+        return lost if run.stopped else f"off {length(np.max(run.violations))}"
 
     def states(self, mode, steps):
         """The steps (F,) among `steps` that a mode got to, and q, v (F, N, 3) there."""
@@ -62,13 +61,10 @@ def frames(steps, dt, particles, wanted=True):
     They are FRAME_RATE a simulated second, or every one. If that is too many, the first third and
     the last keep that rate, and those in between are few.
     """
-    if not wanted:
-        return np.array([], dtype=int)
     every = max(1, min(round(1.0 / (FRAME_RATE * dt)), steps // FEW))
-    count = steps // every + 1
+    numbers = np.arange(steps // every + 1 if wanted else 0)
     third = max(2, min(FRAMES, POSITIONS // particles) // 3)
-    numbers = np.arange(count)
-    if count > 3 * third:
-        between = np.linspace(third, count - third, third, endpoint=False).astype(int)
+    if len(numbers) > 3 * third:
+        between = np.linspace(third, len(numbers) - third, third, endpoint=False).astype(int)
         numbers = np.concatenate([numbers[:third], between, numbers[-third:]])
     return every * numbers

@@ -6,23 +6,18 @@ import numpy as np
 
 
 def rod_ends(system, q):
-    """Tails, marks and heads of rods, (F, C, 3) each, in m, at positions q (F, N, 3).
+    """Tails, marks and heads of rods, (F, C, 3) each, in m, at positions q (F, N, 3); and |d| - L
+    (F, C), above 0 where a rod is too long.
 
     A rod's tail is at its partner, its head at its particle, and its mark where it would end if it
     had its length: before the head of a rod that is too long, beyond that of one too short.
     """
     ends = nodes(q, system["anchors"])[:, system["pairs"]]
     heads, tails = np.moveaxis(ends, 2, 0)
-    lengths = np.reshape(system["lengths"], (-1, 1))
-    size = np.linalg.norm(heads - tails, axis=-1, keepdims=True)
-    size = np.maximum(size, 1e-9 * lengths)  # a rod of no length has no direction
-    return tails, tails + lengths / size * (heads - tails), heads
-
-
-def rod_errors(system, q):
-    """|d| - L (F, C) in m, at q (F, N, 3): above 0 a rod is too long, below 0 too short."""
-    tails, _, heads = rod_ends(system, q)
-    return np.linalg.norm(heads - tails, axis=-1) - system["lengths"]
+    lengths = system["lengths"]
+    size = np.linalg.norm(heads - tails, axis=-1)
+    share = lengths / np.maximum(size, 1e-9 * lengths)  # a rod of no length has no direction
+    return tails, tails + share[..., None] * (heads - tails), heads, size - lengths
 
 
 def box(system, runs):

@@ -29,23 +29,21 @@ def main(argv=None):
     parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
     args = parser.parse_args(argv)
     files = {}
-    for name in args.names or told:
+    lines = [
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Scenes to touch</title>',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<meta name="color-scheme" content="light dark">\n<h1>Scenes to touch</h1>\n<ul>',
+    ]
+    for name in dict.fromkeys(args.names or told):
         try:
             system = c.build_system(name)
             files[f"{name}.html"] = page(c, name, system, RULE, c.INTEGRATORS[RULE], DT, KNOBS)
         except (Untraceable, SceneError) as why:
             print(f"{name} left out: {why}")
-    rows = "\n".join(
-        f'<li><a href="{html.escape(name)}">{html.escape(Path(name).stem)}</a>: '
-        f"{html.escape(told[Path(name).stem])}"
-        for name in files
-    )
-    head = [
-        '<!doctype html><html lang="en"><meta charset="utf-8"><title>Scenes to touch</title>',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<meta name="color-scheme" content="light dark">',
-    ]
-    files[INDEX] = "\n".join(head) + f"\n<h1>Scenes to touch</h1>\n<ul>\n{rows}\n</ul>\n"
+        else:
+            shown, text = html.escape(name), html.escape(told[name])
+            lines.append(f'<li><a href="{shown}.html">{shown}</a>: {text}')
+    files[INDEX] = "\n".join([*lines, "</ul>\n"])
     write_together(args.out, files)
     print(f"wrote {args.out / INDEX} and {len(files) - 1} pages")
 

@@ -1,7 +1,7 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
+from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends
 from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import Drawing, element
 from curriculum.ch3_4_constraints.tables import length
@@ -31,53 +31,50 @@ def pens(pairs):
     return lines[:: -(-sum(map(len, lines)) // ENDS)]
 
 
+def looped(total, what, values, name="animate", **how):
+    """An element that has an attribute run through `values` in a loop of `total` s."""
+    loop = {"dur": f"{total:g}s", "repeatCount": "indefinite"}
+    return element(name, attributeName=what, values=";".join(values), **how, **loop)
+
+
 def moving(traces, seconds, total, **style):
     """A path in a loop of `total` s: lines through `traces` [(F, S, 2)], of whole numbers, at
     `seconds` (F,), which are evenly spaced; hidden from the last of them on. Where nothing moves,
     in a thumbnail or on paper, it is as it is at the last."""
     steps = [np.diff(trace, axis=1, prepend=0).reshape(len(trace), -1) for trace in traces]
     form = "".join("M%d %dl" + " ".join(["%d %d"] * (trace.shape[1] - 1)) for trace in traces)
-    shapes = [form % tuple(row) for row in np.concatenate(steps, axis=1).tolist()]
-    shapes = [shape.replace(" -", "-") for shape in shapes]
-    last = shapes[-1]
-    loop, times, hide = {"dur": f"{total:g}s", "repeatCount": "indefinite"}, {}, ""
+    rows = np.concatenate(steps, axis=1).tolist()
+    shapes = [(form % tuple(row)).replace(" -", "-") for row in rows]
+    last, times, hide = shapes[-1], {}, ""
     if 0.0 < seconds[-1] < total - 1e-9:
         shapes.append(last)
         times = {"keyTimes": ";".join([*(f"{x:.4g}" for x in seconds / total), "1"])}
         once = {"calcMode": "discrete", "keyTimes": f"0;{seconds[-1] / total:.4g}"}
-        hide = element("animate", attributeName="display", values="inline;none", **once, **loop)
-    shape = element("animate", attributeName="d", values=";".join(shapes), **times, **loop)
-    return element("path", shape, hide, d=last, fill="none", **style)
+        hide = looped(total, "display", ["inline", "none"], **once)
+    return element("path", looped(total, "d", shapes, **times), hide, d=last, fill="none", **style)
 
 
 def changing(words, total, x, y, size, anchor="middle"):
-    """Words at x, y that change in a loop of `total` s, evenly: [(text, colour), ...].
-
-    They are a column that moves behind a window of one line. Where nothing moves it shows the last.
-    """
+    """Words at x, y that change in a loop of `total` s, evenly: [(text, colour), ...]. They are a
+    column that moves behind a window of one line. Where nothing moves it shows the last."""
     line, wide = round(1.4 * size), 20 * size
-    inset = {"start": 0, "middle": wide // 2, "end": wide}[anchor]
+    inset = {"middle": wide // 2, "end": wide}[anchor]
     rows = [
         element("tspan", text.translate(svg.ESCAPES), x=inset, y=size + line * k, fill=color)
         for k, (text, color) in enumerate(words)
     ]
     places = [f"0 {-line * k}" for k in range(len(words))]
-    loop = {"dur": f"{total:g}s", "repeatCount": "indefinite", "calcMode": "discrete"}
-    kind = {"attributeName": "transform", "type": "translate", "values": ";".join(places)}
-    move = element("animateTransform", **kind, **loop)
+    how = {"type": "translate", "calcMode": "discrete"}
+    move = looped(total, "transform", places, "animateTransform", **how)
     style = {"font_size": size, "text_anchor": anchor, "transform": f"translate({places[-1]})"}
-    column = element("text", move, *rows, **style)
     window = {"x": round(x - inset, 1), "y": round(y - size, 1), "width": wide, "height": line}
-    return element("svg", column, **window)
+    return element("svg", element("text", move, *rows, **style), **window)
 
 
 def motion(found, rates=RATES):
     """The text of an SVG that moves: the modes of a Comparison side by side, at the pace of the
-    simulated time, and beside them how far their rods are off.
-
-    The first of `rates` is taken whose text has no more than BYTES, or else the last. Equal runs
-    are equal bytes.
-    """
+    simulated time, and beside them how far their rods are off. Equal runs are equal bytes; the
+    first of `rates` is taken whose text has no more than BYTES, or else the last."""
     (rate, most), *slower = rates
     system, runs, dt = found.system, found.runs, found.dt
     low, high, bar = box(system, runs)
@@ -88,7 +85,11 @@ def motion(found, rates=RATES):
     width, tall = scale * size
     bottom = -(-(len(runs) + 1) // across) * (tall + WORDS)
     sheet = Drawing(SHEET[0], round(bottom) + 34, found.title)
-    steps = even_steps(found, rate, most)
+    every = found.shown[min(1, len(found.shown) - 1)] or 1
+    stride = every * max(1, round(1.0 / (rate * every * dt)))
+    last = min(most / dt, max(run.kept[-1] for run in runs.values())) + 1e-9
+    steps = np.arange(0, last, stride).astype(int)
+    steps = steps[np.logical_and.accumulate(np.isin(steps, found.shown))]  # evenly spaced
     total = max(steps[-1], 1) * dt
 
     def place(points):
@@ -134,19 +135,10 @@ def motion(found, rates=RATES):
     return text
 
 
-def even_steps(found, rate, most):
-    """Evenly spaced steps (F,) among those that are shown, about `rate` a second for `most` s."""
-    every = found.shown[min(1, len(found.shown) - 1)] or 1
-    stride = every * max(1, round(1.0 / (rate * every * found.dt)))
-    last = min(most / found.dt + 1e-9, max(run.kept[-1] for run in found.runs.values()))
-    steps = np.arange(0, last + 1e-9, stride).astype(int)
-    return steps[np.logical_and.accumulate(np.isin(steps, found.shown))]
-
-
 def off(system, q, place):
     """What rods have too much, and what they lack, at q (F, N, 3): [(traces, style), ...]."""
-    _, marks, heads = map(place, rod_ends(system, q))
-    error = rod_errors(system, q)
+    _, marks, heads, error = rod_ends(system, q)
+    marks, heads = place(marks), place(heads)
     far = np.max(np.abs(heads - marks), axis=-1) > FINE  # a pixel
     too_long = {"stroke": svg.EXCESS, "stroke_width": 7 * FINE}
     too_short = {"stroke": svg.MISSING, "stroke_width": 4 * FINE}
@@ -168,8 +160,8 @@ def figures(found, mode, total):
         if at == len(run.kept):
             words.append((found.outcome(mode), svg.EXCESS))
             continue
-        errors = rod_errors(found.system, run.q[at : at + 1])[0]
-        worst = errors[np.argmax(np.abs(errors))]
+        *_, errors = rod_ends(found.system, run.q[at : at + 1])
+        worst = errors.flat[np.argmax(np.abs(errors))]
         if abs(worst) < LEAST:
             words.append((f"off {length(abs(worst))}", svg.INK))
         elif worst > 0.0:
@@ -183,26 +175,22 @@ def drift(sheet, found, colors, total, corners):
     """Draw the worst rod error of all modes against the time, and a line that moves with it."""
     left, top, right, bottom = corners
     inner = left + 52, top + 34, right - 86, bottom - 34
-    curves, highest = {}, LEAST
-    for mode, run in found.runs.items():
-        worst = run.violations[: round(total / found.dt) + 1]
-        parts = np.array_split(worst, min(CURVE, len(worst)))
-        seconds = np.linspace(0.0, (len(worst) - 1) * found.dt, len(parts))
-        values = np.maximum([np.max(part) for part in parts], LEAST)
+    worst = {m: run.violations[: round(total / found.dt) + 1] for m, run in found.runs.items()}
+    ended = [np.max(x) for mode, x in worst.items() if not found.runs[mode].stopped]
+    limits = 0.3 * LEAST, 3.0 * max([1e-2, *ended])
+    curves = {}
+    for mode, errors in worst.items():
+        parts = np.array_split(errors, min(CURVE, len(errors)))
+        seconds = np.linspace(0.0, (len(errors) - 1) * found.dt, len(parts))
+        values = np.clip([np.max(part) for part in parts], LEAST, limits[1])
         curves[mode] = colors[mode], list(zip(seconds, values, strict=True))
-        if not run.stopped:
-            highest = max(highest, np.max(values))
-    limits = 0.3 * LEAST, 3.0 * max(highest, 1e-2)
-    for _, points in curves.values():
-        points[:] = [(seconds, min(value, limits[1])) for seconds, value in points]
     tall = len(DECADES) * 1.3 * SMALL < inner[3] - inner[1]
     y = "", limits, DECADES if tall else dict([*DECADES.items()][::2])
     x = "", (0.0, total), {0.0: "0", total: f"{total:.3g} s"}
     sheet.words(left + 16, top + 20, "the worst rod", size=SMALL + 2)
     svg.plot(sheet, inner, x, y, curves, SMALL)
-    loop = {"dur": f"{total:g}s", "repeatCount": "indefinite"}
-    kind = {"attributeName": "transform", "type": "translate"}
-    sweep = element("animateTransform", values=f"0;{inner[2] - inner[0]:.1f}", **kind, **loop)
+    across = ["0", f"{inner[2] - inner[0]:.1f}"]
+    sweep = looped(total, "transform", across, "animateTransform", type="translate")
     upright = f"M{inner[0]:.1f} {inner[1]:.1f}V{inner[3]:.1f}"
     sheet.add("path", sweep, d=upright, stroke=svg.INK, stroke_width=1)
 

@@ -10,7 +10,6 @@ import hashlib
 import html
 import json
 import re
-from contextlib import contextmanager
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.run_checks import misfit
@@ -19,8 +18,8 @@ from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.common.javascript import PRELUDE, Writer, inexact
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
-from curriculum.common.steps import HALVINGS, followed
-from curriculum.common.trace import Symbol, Untraceable, current
+from curriculum.common.steps import HALVINGS, called, followed
+from curriculum.common.trace import Symbol, Untraceable, current, lift
 
 import numpy as np
 
@@ -36,37 +35,53 @@ SHADES = "excess", "missing", "grey", "pull", "push", "ink", "paper"
 KNOBS = {"dt": "dt", "whole": "knobs.dt", "w": "knobs.w", "T": "knobs.T"}
 
 
+class Leaves(Exception):
+    """A motion that was thought to stay in a plane leaves it."""
+
+
 class Tracer:
     """What the chapter computes of a scene, as functions of JavaScript.
 
     `chapter`: the module constraints, as its reader has edited it. `axes`: 2 if all stays in the
-    plane z = 0, or 3. `live`: which entries of (q, v) a state is made of.
+    plane z = 0, or else it raises Leaves; or 3. `live`: which entries of (q, v) a state is made of.
+    `steps`: {mode: the name of its function}; `measure` and `tensions`: those of two more.
     """
 
-    def __init__(self, chapter, system, rule, impedance, axes):
-        self.chapter, self.system, self.rule = chapter, system, rule
-        self.impedance, self.axes = impedance, axes
+    def __init__(self, axes, chapter, system, rule, modes, impedance):
+        self.axes, self.chapter, self.system = axes, chapter, system
+        self.rule, self.impedance = rule, impedance
         self.writer, self.inexact = Writer(), set()
         count = len(system["q0"])
         self.still = np.arange(3) >= np.full((count, 1), axes)
         self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
         self.pulls = {f"pull_{k}": f"knobs.pull[{k}]" for k in range(count)}
-        self.knobs = KNOBS | self.point | self.pulls
+
+        def measure(q, v):  # the energy in J, and the rod errors in m
+            return np.array([chapter.energy(system, q, v)]), chapter.rod_errors(system, q)
+
+        def tensions(q, v, *_):  # the rods' pulls in N, under the hand
+            return (chapter.tensions(system, q, v),)
+
+        self.steps = {mode: self.step(mode) for mode in modes}
+        self.measure = self.written(measure)
+        self.tensions = self.written(tensions, "dt", "knobs")
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
         return [Symbol(current.tape, name) for name in names]
 
     def force(self, mode):
-        """The chapter's force of a mode, under the hand."""
+        """The chapter's force of a mode."""
         _, whole, w, time_constant = self.inputs(KNOBS)
         hold = self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
         return self.chapter.make_force(self.system, hold)
 
-    @contextmanager
-    def hand(self):
-        """A context in which the chapter's external force has the hand's beside it: springs that
-        pull particles to a point, one of stiffness 0 to each that is not pulled."""
+    def written(self, function, *parameters):
+        """The name of function(q, v, *knobs) as JavaScript, (state, *parameters) -> array.
+
+        With parameters external_force has the hand's beside it: springs that pull particles to a
+        point, one of stiffness 0 to each that is not pulled.
+        """
         own = self.chapter.external_force
 
         def both(system, q, v=None):
@@ -74,134 +89,63 @@ class Tracer:
             for i, stiffness in enumerate(self.inputs(self.pulls)):  # N/m
                 for axis, x in enumerate(self.inputs(self.point)):  # m
                     f[i, axis] = stiffness * (x - q[i, axis] - DAMPING * v[i, axis])
-            return own(system, q, v) + f
+            return called(own, system, q, v) + f
 
-        self.chapter.external_force = both
+        knobs = KNOBS | self.point | self.pulls if parameters else {}
+        self.chapter.external_force = both if parameters else own
         try:
-            yield
+            program = Program(function, self.still, self.still, knobs=knobs)
         finally:
             self.chapter.external_force = own
-
-    def program(self, function, knobs=()):
-        """The Program of function(q, v, *knobs), and what its inputs are in JavaScript."""
-        program = Program(function, self.still, self.still, knobs=knobs)
         self.inexact |= inexact(program)
         self.live = program.live
-        return program, {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | self.knobs
+        given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | knobs
+        return self.writer.program(program, ["state", *parameters], given)
 
     def step(self, mode):
-        """The name of the function (state, dt, knobs) -> state, an array."""
-
-        def force(q, v):
-            with self.hand():
-                return self.force(mode)(q, v)
-
-        called = Routine(force, often=True)
+        """The name of the function (state, dt, knobs) -> state."""
+        force = Routine(lambda q, v: self.force(mode)(q, v), often=True)
 
         def step(q, v, dt, *_):
-            return followed(self.rule, self.force(mode).after)(q, v, self.system["m"], called, dt)
-
-        program, given = self.program(step, self.knobs)
-        for result, mask in zip(program.results, (self.still, self.still), strict=True):
-            if any(s.x != 0.0 for s in result[mask]):
+            ends = followed(self.rule, self.force(mode).after)(q, v, self.system["m"], force, dt)
+            if any(lift(x).x != 0.0 for end in ends for x in end[self.still]):
                 raise Leaves
-        program.results = [np.array([program.results[k][at] for k, at in program.live])]
-        return self.writer.program(program, ["state", "dt", "knobs"], given)
+            return tuple(end[~self.still] for end in ends)
 
-    def measure(self):
-        """The name of the function (state) -> [energy in J, the rod errors in m ...]."""
-
-        def measure(q, v):
-            joules = self.chapter.energy(self.system, q, v)
-            return np.array([joules]), self.chapter.rod_errors(self.system, q)
-
-        program, given = self.program(measure)
-        return self.writer.program(program, ["state"], given)
-
-    def tensions(self):
-        """The name of the function (state, dt, knobs) -> the rods' pulls in N, under the hand."""
-
-        def tensions(q, v, *_):
-            with self.hand():
-                return (self.chapter.tensions(self.system, q, v),)
-
-        program, given = self.program(tensions, self.knobs)
-        return self.writer.program(program, ["state", "dt", "knobs"], given)
+        return self.written(step, "dt", "knobs")
 
 
-class Leaves(Exception):
-    """A motion that was thought to stay in a plane leaves it."""
-
-
-def traced(chapter, system, rule, modes, impedance):
-    """A Tracer, and the names of its functions: {mode: a step}, the measures, the tensions."""
+def traced(chapter, system, *how):
+    """A Tracer of a scene, flat if its motion is."""
     flat = not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
-    for axes in (2, 3) if flat else (3,):
-        tracer = Tracer(chapter, system, rule, impedance, axes)
-        try:
-            names = {mode: tracer.step(mode) for mode in modes}
-        except Leaves:
-            continue
-        return tracer, names, tracer.measure(), tracer.tensions()
-    raise Untraceable("it leaves space")
+    try:
+        return Tracer(2 if flat else 3, chapter, system, *how)
+    except Leaves:
+        return Tracer(3, chapter, system, *how)
 
 
 def reach(system):
-    """The corners (3,), (3,) of a box that particles on right rods hardly leave.
-
-    A particle is at most as far from an anchor as the shortest way along rods is.
-    """
-    count, anchors = len(system["q0"]), system["anchors"]
-    far = np.full((len(anchors), count), np.inf)
+    """The corners (3,), (3,) of a box that particles on right rods hardly leave. A particle is at
+    most as far from an anchor as the shortest way along rods is."""
+    q0, anchors, loose = system["q0"], system["anchors"], np.sum(system["lengths"])
+    count, fixed = len(q0), len(anchors)
+    far = np.full((fixed, count + fixed), np.inf)  # as pairs have it, an anchor's is counted back
+    far[np.arange(fixed), -1 - np.arange(fixed)] = 0.0
     for _ in range(count):
-        before = far.copy()
         for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
-            if j < 0:
-                far[-1 - j, i] = min(far[-1 - j, i], length)
-            else:
-                far[:, i] = np.minimum(far[:, i], far[:, j] + length)
-                far[:, j] = np.minimum(far[:, j], far[:, i] + length)
-        if np.array_equal(far, before):
-            break
-    tied = np.isfinite(far).any(axis=0)
-    low = np.max(anchors[:, None] - far[..., None], axis=0, initial=-np.inf)
-    high = np.min(anchors[:, None] + far[..., None], axis=0, initial=np.inf)
-    loose = np.sum(system["lengths"])  # a particle that hangs on no anchor may go where it likes
-    low = np.where(tied[:, None], low, system["q0"] - loose)
-    high = np.where(tied[:, None], high, system["q0"] + loose)
+            far[:, i] = np.minimum(far[:, i], far[:, j] + length)
+            far[:, j] = np.minimum(far[:, j], far[:, i] + length)
+    far = far[:, :count, None]
+    low = np.max(anchors[:, None] - far, axis=0, initial=-np.inf)
+    high = np.min(anchors[:, None] + far, axis=0, initial=np.inf)
+    low = np.where(np.isfinite(low), low, q0 - loose)  # what hangs on no anchor may go anywhere
+    high = np.where(np.isfinite(high), high, q0 + loose)
     corners = np.vstack([low, high, anchors])
     low, high = corners.min(axis=0), corners.max(axis=0)
     if not np.any(system["v0"]):  # from rest, little rises far above where it was let go
-        top = np.max(np.vstack([system["q0"], anchors])[:, 1])
+        top = np.max(np.vstack([q0, anchors])[:, 1])
         high[1] = min(high[1], top + 0.5 * (top - low[1]))
     return low, high
-
-
-def palette(modes):
-    """CSS: the pictures' colours for each theme, and those of the modes, by number."""
-    colors = {name: PALETTE[name] for name in SHADES}
-    for k, light in enumerate(mode_colors(modes).values()):
-        colors[f"mode-{k}"] = light, DARK[light]
-    rules = []
-    for which, theme in enumerate(("light", "dark")):
-        shades = "".join(f"--{name}:{color[which]};" for name, color in colors.items())
-        rules.append(f"@media (prefers-color-scheme: {theme}) {{:root {{{shades}}}}}")
-    return "\n".join(rules)
-
-
-def choices(usual, among):
-    """Values for a slider: those `among` which the usual one is, in order."""
-    return sorted({float(x) for x in (*among, usual)})
-
-
-def stiff_choices(usual, limit, dt):
-    """Values of w, among them the last and the next beyond the cliff at `limit`, if it has one."""
-    among = list(STIFF)
-    if limit:
-        edge = 5.0 * np.floor(limit / dt / 5.0)
-        below = [x for x in among if x < 0.98 * edge]
-        among = [*below, edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
-    return choices(usual, among)
 
 
 def page(chapter, name, system, rule, step_fn, dt, knobs):
@@ -215,74 +159,66 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
     system = check_system(system)
     memory = Memory(step_fn, chapter.external_force)
-    why = next(iter(memory.asks), None)
-    if why:
-        raise Untraceable(why)
+    if memory.asks:
+        raise Untraceable(memory.asks[0])
     w, time_constant, impedance = knobs
-    holds = chapter.hold_table(dt, *knobs)
+    holds, why = chapter.hold_table(dt, *knobs), None
     modes = [mode for mode, hold in holds.items() if not misfit(hold, rule)]
     try:
-        tracer, names, measure, tensions = traced(chapter, system, step_fn, modes, impedance)
+        tracer = traced(chapter, system, step_fn, modes, impedance)
     except Exception as reason:  # a mistake of the reader's shows in the run itself
         why = str(reason) or type(reason).__name__
     why = memory.restore() or why
     if why:
         raise Untraceable(why)
     axes, limit = tracer.axes, chapter.STABILITY_LIMIT.get(rule)
-    both = [system["q0"], system["v0"]]
-    low, high = reach(system)
+    stiff = STIFF
+    if limit:  # there is a cliff: with the last w before it, and the next
+        edge = 5.0 * np.floor(limit / dt / 5.0)
+        stiff = [x for x in STIFF if x < 0.98 * edge] + [edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
+    lists = {"dt": (*STEPS, 0.5 * dt, dt), "w": (*stiff, w), "T": (*TIMES, time_constant)}
+    state = system["q0"], system["v0"]
+    size = float(np.sum(system["lengths"]))
     weight = np.sum(system["m"]) * np.linalg.norm(chapter.GRAVITY)
-    data = {
-        "name": name,
-        "rule": rule,
-        "modes": modes,
-        "axes": axes,
-        "start": [float(both[k][at]) for k, at in tracer.live],
-        "pairs": [list(map(int, pair)) for pair in system["pairs"]],
-        "lengths": system["lengths"].tolist(),
-        "masses": system["m"].ravel().tolist(),
-        "anchors": system["anchors"].tolist(),
-        "box": [low[:axes].tolist(), high[:axes].tolist()],
-        "mgl": float(weight * np.sum(system["lengths"])) or 1.0,
-        "newtons": float(weight) or 1.0,
-        "far": 100.0 * float(np.sum(system["lengths"])),
-        "knobs": {"dt": dt, "w": w, "T": time_constant},
-        "lists": {
-            "dt": choices(dt, (*STEPS, 0.5 * dt)),
-            "w": stiff_choices(w, limit, dt),
-            "T": choices(time_constant, TIMES),
-        },
-        "limit": limit,
-        "halvings": HALVINGS,
-        "inexact": sorted(tracer.inexact),
-    }
-    table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in names.items())
+    data = {"name": name, "rule": rule, "modes": modes, "axes": axes, "limit": limit}
+    data |= {"halvings": HALVINGS, "inexact": sorted(tracer.inexact)}
+    data |= {key: system[key].tolist() for key in ("lengths", "anchors")}
+    data["pairs"] = [list(map(int, pair)) for pair in system["pairs"]]
+    data["masses"] = system["m"].ravel().tolist()
+    data["start"] = [float(state[k][at]) for k, at in tracer.live]
+    data["box"] = [corner[:axes].tolist() for corner in reach(system)]
+    data |= {"mgl": float(weight * size) or 1.0, "newtons": float(weight) or 1.0}
+    data |= {"far": 100.0 * size, "knobs": {"dt": dt, "w": w, "T": time_constant}}
+    data["lists"] = {key: sorted({float(x) for x in values}) for key, values in lists.items()}
+    table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in tracer.steps.items())
     lines = PRELUDE + tracer.writer.source()
-    lines += f"const steps = {{{table}}}, measure = {measure}, tensions = {tensions};"
-    return filled(lines, data, palette(modes))
+    lines += f"const steps = {{{table}}}, measure = {tracer.measure}, tensions = {tracer.tensions};"
+    return filled(lines, data)
 
 
-def filled(lines, data, colors):
+def filled(lines, data):
     """The template with its blanks filled in, and the policy that lets only its own parts run."""
     text = TEMPLATE.read_text(encoding="utf-8")
+    shades = {name: PALETTE[name] for name in SHADES}
+    for k, light in enumerate(mode_colors(data["modes"]).values()):
+        shades[f"mode-{k}"] = light, DARK[light]
+    themes = []
+    for which, theme in enumerate(("light", "dark")):
+        rules = "".join(f"--{name}:{color[which]};" for name, color in shades.items())
+        themes.append(f"@media (prefers-color-scheme: {theme}) {{:root {{{rules}}}}}")
     shown = json.dumps(data, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")
     blanks = {
         "{{name}}": html.escape(data["name"]),
-        "/* colours */": colors,
+        "/* colours */": "\n".join(themes),
         "/* lines */": lines,
         "/* data */": f"const data = {shown};",
     }
     for blank, content in blanks.items():
         text = text.replace(blank, content)
-    allowed = {
-        tag: " ".join(digest(part) for part in re.findall(f"(?s)<{tag}>(.*?)</{tag}>", text))
-        for tag in ("script", "style")
-    }
-    policy = f"default-src 'none'; script-src {allowed['script']}; style-src {allowed['style']}"
+    policy = "default-src 'none'"
+    for tag in ("script", "style"):
+        policy += f"; {tag}-src"
+        for part in re.findall(f"(?s)<{tag}>(.*?)</{tag}>", text):
+            made = base64.b64encode(hashlib.sha256(part.encode()).digest()).decode()
+            policy += f" 'sha256-{made}'"
     return text.replace("{{policy}}", policy)
-
-
-def digest(part):
-    """What a content policy calls a script or style by."""
-    made = hashlib.sha256(part.encode()).digest()
-    return f"'sha256-{base64.b64encode(made).decode()}'"

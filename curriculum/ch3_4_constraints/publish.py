@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.picture import motion
-from curriculum.ch3_4_constraints.recording import record
 from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.tables import WIDTH
 from curriculum.common.banner import work
@@ -28,16 +27,21 @@ def scene_list(counts, folder):
     import shutil  # here: no run needs it
 
     width = max(20, shutil.get_terminal_size().columns - 17)
-    lines = []
-    for name, text in about(counts, folder).items():
-        lines.append(f"{name:<16} {textwrap.shorten(text, width, placeholder=' ...')}")
-    return "\n".join(lines)
+    short = partial(textwrap.shorten, width=width, placeholder=" ...")
+    return "\n".join(f"{name:<16} {short(text)}" for name, text in about(counts, folder).items())
 
 
 def parts(args):
     """What a run still has to do once its steps are done, in words, as the flags ask."""
     asked = {"the picture": args.picture, "the page": args.page, "the recording": args.rerun}
     return [name for name, wanted in asked.items() if wanted]
+
+
+def record(found):
+    """The bytes of the recording; a run without one never pays for the viewer's modules."""
+    from curriculum.ch3_4_constraints import recording
+
+    return recording.record(found)
 
 
 def publish(found, chapter, step_fn):
@@ -48,13 +52,14 @@ def publish(found, chapter, step_fn):
     Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
     args = found.args
-    flags = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    used = {"dt": found.dt, "steps": found.steps, "rods": len(found.system["pairs"])}
+    knobs = args.baumgarte, args.time_constant, args.impedance
+    used = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
+    used |= {"dt": found.dt, "steps": found.steps, "rods": len(found.system["pairs"])}
     used["error_at"] = found.truth.step * found.dt
     used["known"] = None if found.truth.q is None else float(f"{found.truth.known:.2g}")  # m
-    files = {METRICS: as_json(flags | used | {"results": found.rows})}
+    files = {METRICS: as_json(used | {"results": found.rows})}
     files |= {PICTURE: None, PAGE: None, RECORDING: None}
-    left_out = ""
+    more = ""
     if args.picture:
         work.begin("the picture")
         files[PICTURE] = motion(found)
@@ -62,34 +67,27 @@ def publish(found, chapter, step_fn):
         work.begin("the page")
         from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
 
-        knobs = args.baumgarte, args.time_constant, args.impedance
         rule = args.integrator
         try:
             files[PAGE] = page(chapter, found.scene, found.system, rule, step_fn, found.dt, knobs)
         except Untraceable as why:
-            left_out = f"\n{PAGE} left out: {why}"
+            more = f"\n{PAGE} left out: {why}"
     if args.rerun:
         work.begin("the recording")
         files[RECORDING] = record(found)
+        more += f"\nlook: {look(args.out / RECORDING)}"
     write_together(args.out, files)
     work.wipe()
-    text = wrote(args.out, [name for name in files if files[name]]) + left_out
-    return text + (f"\nlook: {look(args.out / RECORDING)}" if args.rerun else "")
-
-
-def wrote(folder, names):
-    """A line that says which files a folder has got; they stand below it, where it is too long."""
-    files = ", ".join(names)
-    line = f"wrote {folder}: {files}"
-    return line if len(line) <= WIDTH else f"wrote {folder}:\n  {files}"
+    names = ", ".join(name for name in files if files[name])
+    line = f"wrote {args.out}: {names}"
+    if len(line) > WIDTH:
+        line = f"wrote {args.out}:\n  {names}"
+    return line + more
 
 
 def look(recording):
-    """The command that shows a recording, in a browser where there is no display.
-
-    A shell takes it as it is pasted, though it may be two lines. The viewer listens to this machine
-    alone.
-    """
+    """The command that shows a recording, in a browser where there is no display; a shell takes it
+    as it is pasted, though it may be two lines."""
     window = {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ} or sys.platform in ("win32", "darwin")
     script = Path(sys.executable).with_name("rerun")
     program, *words = [script] if script.exists() else [sys.executable, "-m", "rerun"]
@@ -97,7 +95,7 @@ def look(recording):
         nearby = os.path.relpath(program)
         if os.sep in nearby and len(nearby) < len(str(program)):
             program = nearby
-    words += ["--bind", "127.0.0.1"]
+    words += ["--bind", "127.0.0.1"]  # nobody else's machine is to see it
     if not window:
         words += ["--web-viewer", "--new", "--web-viewer-port", "0"]  # another may be open
     command, file = shlex.join([str(program), *words]), shlex.quote(str(recording))

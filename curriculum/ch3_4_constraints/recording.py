@@ -3,9 +3,11 @@
 import zlib
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends, rod_errors
+from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 TIMELINE, BACKGROUND = "sim_time", [16, 16, 20]  # seconds; dark
 WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a tile's title
@@ -30,17 +32,13 @@ too long, whose too short? Whose energy left zero, and which way?
 """
 
 
-def rgb(color, share=1.0):
-    """[r, g, b] of a colour of svg as a recording has it, or what is `share` (...,) on the way to
-    it from grey: (..., 3)."""
-    goal, grey = (np.array([*bytes.fromhex(svg.RECORDED[x][1:])]) for x in (color, svg.GREY))
-    return (grey + np.asarray(share)[..., None] * (goal - grey)).astype(np.uint8)
+def rgb(color):
+    """[r, g, b] of a colour of svg, as a recording has it."""
+    return np.array([*bytes.fromhex(svg.RECORDED[color][1:])])
 
 
 def lines(begins, ends, shown, thickness, color=None, **colors):
     """A style, and rows of lines between points (F, C, 3), of those that are `shown` (F, C)."""
-    import rerun as rr  # here: a run without a recording never pays for it
-
     strips = np.stack([begins, ends], axis=2)[shown]
     style = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(thickness), colors=color)
     rows = rr.LineStrips3D.columns(strips=strips, **colors)
@@ -49,10 +47,12 @@ def lines(begins, ends, shown, thickness, color=None, **colors):
 
 def dashed(begins, ends, shown, thickness, color):
     """The same with three dashes for each line."""
-    dashes = [(0.0, 0.2), (0.4, 0.6), (0.8, 1.0)]
-    parts = [[begins + share * (ends - begins) for share in dash] for dash in dashes]
-    begins, ends = (np.concatenate(points, axis=1) for points in zip(*parts, strict=True))
-    return lines(begins, ends, np.tile(shown, len(dashes)), thickness, color)
+    way = ends - begins
+    begins, ends = (
+        np.concatenate([begins + share * way for share in shares], axis=1)
+        for shares in ((0.0, 0.4, 0.8), (0.2, 0.6, 1.0))
+    )
+    return lines(begins, ends, np.tile(shown, 3), thickness, color)
 
 
 def draw(system, q, pulls, full, color, ball):
@@ -61,32 +61,21 @@ def draw(system, q, pulls, full, color, ball):
     `pulls` (F, C): newtons of the rods, which glow most at `full`; `color`: of all else; `ball`:
     the radius of a particle.
     """
-    import rerun as rr
-
-    tails, marks, heads = rod_ends(system, q)
-    error = rod_errors(system, q)
+    tails, marks, heads, error = rod_ends(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)
-    share = np.clip(np.abs(pulls) / full, 0.0, 1.0)
-    glow = np.where(pulls[..., None] > 0.0, rgb(svg.PULL, share), rgb(svg.PUSH, share))
+    share = np.clip(np.abs(pulls) / full, 0.0, 1.0)[..., None]
+    goal, grey = np.where(pulls[..., None] > 0.0, rgb(svg.PULL), rgb(svg.PUSH)), rgb(svg.GREY)
+    glow = (grey + share * (goal - grey)).astype(np.uint8)
     particles = rr.Points3D.columns(positions=q.reshape(-1, 3))
     particles = particles.partition([q.shape[1]] * len(q))
     path, thin = rr.Points3D.columns(positions=q[:, -1]), rr.Radius.ui_points(1.5)
-    every = np.ones_like(error, dtype=bool)
     return {  # what is within a particle is hidden by it, and need not be there
-        "rods": lines(tails, ends, every, 3.0, colors=glow.reshape(-1, 3)),
+        "rods": lines(tails, ends, np.full(error.shape, True), 3.0, colors=glow.reshape(-1, 3)),
         "excess": lines(marks, heads, error > ball, 4.0, rgb(svg.EXCESS)),
         "missing": dashed(heads, marks, error < -ball, 3.0, rgb(svg.MISSING)),
         "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),
         "path": (rr.Points3D.from_fields(radii=thin, colors=color), path),
     }
-
-
-def decades(errors):
-    """How many powers of ten over FLOOR the longest rod and the shortest are off: (F, 2), above 0
-    and below, of rod errors (F, C)."""
-    too_long, too_short = np.max(errors, axis=1), -np.min(errors, axis=1)
-    sizes = np.maximum(np.stack([too_long, too_short], axis=1), FLOOR) / FLOOR
-    return np.log10(sizes) * [1.0, -1.0]
 
 
 def record(found):
@@ -95,8 +84,6 @@ def record(found):
     Axes fit the modes that survive, and one that is lost leaves the picture. The id is made of what
     was found, and no wall clock is written: equal runs are equal recordings, and no others are.
     """
-    import rerun as rr
-
     checksum = zlib.crc32(repr((found.dt, found.rows)).encode())
     settings = {"recording_id": f"{found.scene}-{checksum:08x}", "send_properties": False}
     recording = rr.RecordingStream(f"constraints: {found.scene}", **settings)
@@ -110,8 +97,6 @@ def record(found):
 
 def fill(recording, found):
     """Send a Comparison, and how it is to be looked at, to a stream of Rerun's."""
-    import rerun as rr
-
     system, runs, dt = found.system, found.runs, found.dt
     alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
     colors = svg.mode_colors(runs)
@@ -122,7 +107,9 @@ def fill(recording, found):
         steps, q, v = states[mode] = found.states(mode, [*found.shown, run.kept[-1]])
         pulls[mode] = found.tensions[mode](q, v)
         curves["pull"][mode] = pulls[mode][:, :1]
-        curves["rods"][mode] = decades(rod_errors(system, q))
+        *_, errors = rod_ends(system, q)
+        worst = np.stack([np.max(errors, axis=1), -np.min(errors, axis=1)], axis=1)
+        curves["rods"][mode] = np.log10(np.maximum(worst / FLOOR, 1.0)) * [1.0, -1.0]
         curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
     full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
     lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
@@ -151,7 +138,7 @@ def fill(recording, found):
     if known:
         q = np.append(found.motion, found.motion[-1:], axis=0)
         seconds = dt * np.append(found.shown[:known], found.shown[known - 1] + 1)
-        tails, _, heads = rod_ends(system, q)
+        tails, _, heads, _ = rod_ends(system, q)
         shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
         send("truth", *lines(tails, heads, shown, 1.0, rgb(svg.GREY)), seconds)
     for mode, run in runs.items():
@@ -176,9 +163,6 @@ def fill(recording, found):
 def blueprint(found, end, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
     what to look at; beside them plots, whose axes fit `lively` {plot: values}. `end`: in s."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
     trail = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)])
     # one legend will do, and it has room behind the end

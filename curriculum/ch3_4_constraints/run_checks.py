@@ -1,5 +1,7 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
+from numbers import Integral, Real
+
 from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.cli import meant, shorten
@@ -12,18 +14,15 @@ TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
 
 
 def chosen(hold, table):
-    """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s.
-
-    table(baumgarte=w) -> {name: Hold}. Raises ValueError if there is none of that name.
-    """
+    """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s. table(baumgarte=w)
+    -> {name: Hold}. Raises ValueError if there is none of that name."""
     if isinstance(hold, tuple):
         return hold
-    if not isinstance(hold, str):
-        number = isinstance(hold, (int, float, np.integer, np.floating))
-        if not (number and 0.0 <= hold < np.inf):
-            must = "must be a Hold, a mode's name, or a finite w >= 0 in rad/s"
-            raise ValueError(f"hold is {shorten(repr(hold))}; {must}")
+    if isinstance(hold, Real) and 0.0 <= hold < np.inf:
         return table(baumgarte=hold)["baumgarte"]
+    if not isinstance(hold, str):
+        must = "must be a Hold, a mode's name, or a finite w >= 0 in rad/s"
+        raise ValueError(f"hold is {shorten(repr(hold))}; {must}")
     named = table()
     if hold not in named:
         end = meant(hold, named, f"; modes are {', '.join(named)}")
@@ -41,21 +40,16 @@ def misfit(hold, rule):
 
 def fitting(modes, holds, rule):
     """Those of the modes that fit the integrator of this name; of each other one it prints why."""
-    kept = []
-    for mode in modes:
-        why = misfit(holds[mode], rule)
-        if why is None:
-            kept.append(mode)
-        else:
+    reasons = {mode: misfit(holds[mode], rule) for mode in modes}
+    for mode, why in reasons.items():
+        if why:
             say(f"{mode} left out: it {why}")
-    return kept
+    return [mode for mode, why in reasons.items() if not why]
 
 
 def watched(system, function):
-    """What a run is to watch: the function, where rods close a loop.
-
-    Elsewhere tensions answer whatever is asked, but for rounding.
-    """
+    """The function, for a run to watch, or None where no rods close a loop: there tensions answer
+    whatever is asked, but for rounding."""
     return function if has_loop(system["pairs"]) else None
 
 
@@ -73,19 +67,15 @@ def answerable(system, unheld):
 
 
 def check_run(system, force, dt, steps, keep, step_fn, rules):
-    """The system as check_system gives it; ValueError if something does not fit a run.
-
-    `rules`: integrators by name. A step_fn that is none of them is the caller's own affair.
-    """
+    """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
+    integrators by name. A step_fn that is none of them is the caller's own affair."""
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")
-    for name in (name for name, rule in rules.items() if rule is step_fn):
-        why = misfit(hold, name)
-        if why is not None:
-            raise ValueError(f"this force {why}")
-    number = isinstance(dt, (int, float, np.integer, np.floating))
-    if not (number and 0.0 < dt < np.inf):
+    for name, rule in rules.items():
+        if rule is step_fn and misfit(hold, name):
+            raise ValueError(f"this force {misfit(hold, name)}")
+    if not (isinstance(dt, Real) and 0.0 < dt < np.inf):
         raise ValueError(f"dt is {dt!r}; must be a finite number of seconds > 0")
     # a whole number of numpy's may be too short for one step more
     if not (type(steps) in (int, np.int64) and steps >= 0):
@@ -95,7 +85,7 @@ def check_run(system, force, dt, steps, keep, step_fn, rules):
     if iter(keep) is keep:
         raise ValueError("keep can be gone through but once; must be a list, or a range")
     for x in keep:
-        whole = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
+        whole = isinstance(x, Integral) and not isinstance(x, bool)
         if not (whole and 0 <= x <= steps):
             must = f"must be steps of the run, whole numbers 0 to {steps}"
             raise ValueError(f"keep has {shorten(repr(x))}; {must}")

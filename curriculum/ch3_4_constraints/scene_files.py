@@ -45,30 +45,21 @@ def load_scene(name, chapter, others, gravity):
         raise SceneError(f"{shorten(repr(name))} is neither the name of a scene nor a path")
     name, scenes = os.fspath(name), shipped(chapter)
     shown = repr(name if len(name) < 100 else "..." + name[-97:])
+    path = name if os.path.lexists(name) else scenes.get(name, name)
     try:
-        path = scenes[name] if name in scenes and not exists(name) else Path(name)
-        if not name or not exists(path):
-            known = [*others, *scenes]
-            end = meant(name, known, f"; scenes are {', '.join(known)}")
-            raise SceneError(f"no scene and no file{end}")
-        system = parse_scene(read_document(path))
+        os.lstat(path)  # be it a link that leads nowhere
+        system = parse_scene(read_document(Path(path)))
         why = refusal(system, gravity)
         if why is None:
             return system
-    except OSError as error:
-        why = f"cannot be read: {error.strerror}"
     except SceneError as error:
         why = str(error)
-    raise SceneError(f"{shown}: {why}")
-
-
-def exists(path):
-    """Whether something has this name, be it a link that leads nowhere; OSError if none can."""
-    try:
-        os.lstat(path)
     except (FileNotFoundError, NotADirectoryError, ValueError):  # of no character that names have
-        return False
-    return True
+        known = [*others, *scenes]
+        why = "no scene and no file" + meant(name, known, f"; scenes are {', '.join(known)}")
+    except OSError as error:
+        why = f"cannot be read: {error.strerror}"
+    raise SceneError(f"{shown}: {why}")
 
 
 def read_document(path):
@@ -90,8 +81,8 @@ def once_each(pairs):
     found = {}
     for key, value in pairs:
         if key in found:
-            both = f"{json.dumps(found[key])} and {json.dumps(value)}"
-            raise SceneError(f"{json.dumps(key)} is given twice in one object: {shorten(both)}")
+            both = shorten(f"{json.dumps(found[key])} and {json.dumps(value)}")
+            raise SceneError(f"{json.dumps(key)} is given twice in one object: {both}")
         found[key] = value
     return found
 
@@ -99,11 +90,11 @@ def once_each(pairs):
 def only(x, field, keys):
     """Raise SceneError unless x is an object that has no keys but `keys`."""
     found = sorted(x) if isinstance(x, dict) else x
-    good = isinstance(x, dict) and {*x} <= {*keys}
-    need(good, field, found, f"an object with no keys but {', '.join(keys)}")
+    right = isinstance(x, dict) and {*x} <= {*keys}
+    need(right, field, found, f"an object with no keys but {', '.join(keys)}")
 
 
-def entries(data, field, keys=()):
+def entries(data, field, *keys):
     """The list data[field], of objects with no keys but `keys`; without any it may be empty."""
     rows, least = data.get(field, None if keys else []), int(bool(keys))
     fits = isinstance(rows, list) and least <= len(rows) <= MOST
@@ -116,8 +107,8 @@ def entries(data, field, keys=()):
 def parse_scene(data):
     """The system that a scene's JSON describes, checked; raises SceneError."""
     only(data, "the file", ("about", "anchors", "particles", "rods"))
-    particles = entries(data, "particles", ("position", "velocity", "mass"))
-    rods = entries(data, "rods", ("pair", "length"))
+    particles = entries(data, "particles", "position", "velocity", "mass")
+    rods = entries(data, "rods", "pair", "length")
     rows = {
         "q0": [particle.get("position") for particle in particles],
         "v0": [particle.get("velocity", [0, 0, 0]) for particle in particles],
@@ -126,17 +117,13 @@ def parse_scene(data):
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
     }
-    system = {key: read(key, rows[key]) for key in COLUMNS}
+    system, places = {}, {}
+    for key, (dtype, row, low, _, place, allowed) in COLUMNS.items():
+        for k, x in enumerate(rows[key]):
+            numbers = np.array(x, object)  # as they stand there: true is no number
+            right = numbers.shape == (() if key == "m" else row)
+            right = right and all(type(y) in (int, dtype) and low < y < HUGE for y in numbers.flat)
+            need(right, place.format(k), x, allowed)
+        system[key], places[key] = np.array(rows[key], dtype).reshape(-1, *row), place
     bare = [k for k, rod in enumerate(rods) if "length" not in rod]
-    return checked(system, FIT, lambda key, k: COLUMNS[key][4].format(k), bare)
-
-
-def read(key, rows):
-    """The array of one of a system's keys, whose rows are JSON."""
-    dtype, row, low, _, place, allowed = COLUMNS[key]
-    for k, x in enumerate(rows):
-        numbers = np.array(x, object)  # as they stand there: true is no number
-        right = numbers.shape == (() if key == "m" else row)
-        right = right and all(type(y) in (int, dtype) and low < y < HUGE for y in numbers.flat)
-        need(right, place.format(k), x, allowed)
-    return np.array(rows, dtype).reshape(-1, *row)
+    return checked(system, FIT, lambda key, k: places[key].format(k), bare)

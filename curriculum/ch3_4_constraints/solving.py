@@ -1,14 +1,7 @@
 """The linear system of the rods, solved; and how much of what it asks no tension answers."""
 
+from curriculum.common import elimination
 from curriculum.common.arrays import ordered
-from curriculum.common.elimination import (
-    System,
-    conjugated,
-    eliminated,
-    elimination_order,
-    parts,
-    refined,
-)
 
 import numpy as np
 
@@ -22,42 +15,38 @@ def solve(system, a, b, v=None, jac=None, rough=False):
     """lambda (C,) with A lambda = b, A being `a`: np.linalg.solve's, for fewer operations.
 
     Only rods that share a particle feel each other: along a chain this is a sweep out and one back,
-    O(N), as R. Featherstone's articulated bodies (1983). What hangs together is solved by itself.
-    In a loop a rod may be too many, and `a` singular. There a little is added to it, of SLACK and,
-    if the velocities v (N, 3) are given, of how the rods turn. Unless `rough`, rounds of refinement
-    remove the effect (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021) and, if J (C, 3N) is given
-    as `jac`, conjugate gradients take them further. What no lambda can meet is left: see
-    `unanswered`.
+    O(N), as R. Featherstone's articulated bodies (1983). In a loop a rod may be too many, and `a`
+    singular. There a little is added to it, of SLACK and, if the velocities v (N, 3) are given, of
+    how the rods turn. Unless `rough`, rounds of refinement remove the effect (J. Carpentier, R.
+    Budhiraja, N. Mansard, RSS 2021) and, if J (C, 3N) is given as `jac`, conjugate gradients take
+    them further. What no lambda can meet is left: see `unanswered`.
     """
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))
-    for part, loop in parts(system["pairs"]):
+    for part, loop in elimination.parts(system["pairs"]):
         inner, wanted = a[np.ix_(part, part)], b[part]
-        order = elimination_order([system["pairs"][k] for k in part])
+        order = elimination.elimination_order([system["pairs"][k] for k in part])
         if not loop:
-            lam[part] = eliminated(inner, order)(wanted)
+            lam[part] = elimination.eliminated(inner, order)(wanted)
             continue
         blur = SLACK * (inner * np.eye(len(part)))
         if v is not None:
             blur = blur + turned(system, v)[np.ix_(part, part)]
-        blurred = eliminated(inner + blur, order)
+        blurred = elimination.eliminated(inner + blur, order)
         if rough:
             lam[part] = blurred(wanted)
             continue
-        given = None if jac is None else jac[part]
-        times, diagonal = applied(system, inner, given), ordered(np.diagonal(inner))
-        asked = System(times, diagonal, ordered(wanted), blurred, SLACK, "no finite tensions")
-        found, left = refined(asked)
-        lam[part] = found if jac is None else conjugated(asked, found, left)
+        times = applied(system, inner, None if jac is None else jac[part])
+        known = times, ordered(np.diagonal(inner)), ordered(wanted), blurred, SLACK
+        asked = elimination.System(*known, "no finite tensions")
+        found, left = elimination.refined(asked)
+        lam[part] = found if jac is None else elimination.conjugated(asked, found, left)
     return ordered(lam)
 
 
 def applied(system, a, jac=None):
-    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) where that is given.
-
-    Where rods are nearly in line, A has the squares of small numbers beside large ones. J has them
-    themselves.
-    """
+    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) where that is given, since
+    where rods are nearly in line, A has the squares of small numbers beside large ones."""
     if jac is None:
         return lambda lam: ordered(a) @ lam
     m = np.repeat(system["m"], 3)
@@ -70,10 +59,7 @@ def applied(system, a, jac=None):
 
 
 def turned(system, v):
-    """h^2 Jdot M^-1 Jdot^T (C, C), where Jdot has d' where J has d; h for each rod.
-
-    v (N, 3) in m/s.
-    """
+    """h^2 Jdot M^-1 Jdot^T (C, C); Jdot has d' where J has d; h for each rod; v (N, 3) in m/s."""
     v = ordered(v)
     jdot = np.zeros_like(v, shape=(len(system["pairs"]), *v.shape))
     for k, (i, j) in enumerate(system["pairs"]):
@@ -88,12 +74,11 @@ def turned(system, v):
 
 
 def unanswered(system, jac, a, b, lam, v):
-    """The largest acceleration in m/s^2 that is asked for and not made: a number.
+    """The largest acceleration in m/s^2 that A lambda = b asks for and that is not made: a number.
 
-    Of A lambda = b, with J (C, 3N) and velocities v (N, 3). What is left of b is an acceleration
-    itself, along a rod. And where rods are nearly in line, a little along them is much across: so
-    see what a tension would do to the particles that met it. Of rods that are less than 1e-8 of
-    their length out of line even this tells too little: they are let go across.
+    What is left of b is one, along a rod. And where rods are nearly in line, a little along them is
+    much across: so see what a tension that met it would do to the particles. Of rods that are less
+    than 1e-8 of their length out of line even this tells too little: they are let go across.
     """
     left = b - applied(system, a, jac)(lam)
     along = np.max(np.abs(left) / system["lengths"])

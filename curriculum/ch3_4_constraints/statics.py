@@ -16,22 +16,20 @@ def near(lengths, q):
 
 
 def nodes(x, fixed):
-    """What pairs index: x (..., N, 3), and behind it, in reverse, what it is at the anchors."""
+    """What pairs index: x (..., N, 3), and behind it, in reverse, the anchors' `fixed` (K, 3)."""
     fixed = np.broadcast_to(fixed[::-1], (*x.shape[:-2], *fixed.shape))
     return np.concatenate([x, fixed], axis=-2)
 
 
 def differences(x, fixed, pairs):
-    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is (K, 3)."""
+    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is `fixed`."""
     ends, (i, j) = nodes(x, fixed), zip(*pairs, strict=True)
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.
-
-    gravity (3,) in m/s^2 is all that pulls beside the rods.
-    """
+    gravity (3,) in m/s^2 is all that pulls beside the rods."""
     pairs, lengths = system["pairs"], system["lengths"]
     unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
     rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)
@@ -41,10 +39,9 @@ def refusal(system, gravity):
     if abs(stretch[k]) > slow:
         found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0: velocities keep every length"
-    if not has_loop(pairs) or (k := torn(system, gravity, unit, rate, slow)) is None:
-        return None
+    k = torn(system, gravity, unit, rate, slow) if has_loop(pairs) else None
     pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
-    return f"{pose}; give the loop some slack, or leave a rod out"
+    return None if k is None else f"{pose}; give the loop some slack, or leave a rod out"
 
 
 def torn(system, gravity, unit, rate, slow):
@@ -54,48 +51,39 @@ def torn(system, gravity, unit, rate, slow):
     under `slow` is rest.
 
     Let u be a self-stress: tensions that cancel at every particle, J^T u = 0. Rods that move from
-    d to d + e and keep their lengths have d . e + e . e / 2 = 0. Add that up with u: the first
-    terms are (J^T u) . (what the particles move) = 0, so that
-
-        sum_k u_k |e_k|^2 = 0
-
-    holds for every motion whatever. With e = rate t + o(t) that asks for sum_k u_k |rate_k|^2 = 0:
-    else J a + Jdot v = 0 has no solution. If the rods of u are at rest, finite and continuous
-    tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0 is left, though the linear
-    system then has a solution: a level cable falls, which no rigid one can.
-
-    A cable that sags ever so little has no self-stress, and a tension that is large, but finite. It
-    is let through until A cannot be told from a singular matrix: at 1e-8 of the span.
+    d to d + e and keep their lengths have d . e + e . e / 2 = 0. Summed up with u the first terms
+    cancel, so that sum_k u_k |e_k|^2 = 0 for every motion whatever. With e = rate t + o(t) that
+    asks for sum_k u_k |rate_k|^2 = 0: else J a + Jdot v = 0 has no solution. If the rods of u are
+    at rest, finite and continuous tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0
+    is left, though the linear system then has a solution: a level cable falls, which no rigid one
+    can. One that sags ever so little has no self-stress, but a large tension: it is let through
+    until A cannot be told from a singular matrix, at 1e-8 of the span.
     """
     lengths, pairs, fixed = (system[key] for key in ("lengths", "pairs", "anchors"))
     ends = differences(np.eye(len(system["m"])), np.zeros((len(fixed), len(system["m"]))), pairs)
     rows = (ends[..., None] * unit[:, None]).reshape(len(unit), -1)  # J of unit vectors
-    stresses, bend = self_stresses(rows), np.sum(rate**2, axis=1) / lengths
-    k = worked_on(stresses, bend, 1e-12 * bend.max())
+    bend = np.sum(rate**2, axis=1) / lengths
+    k = strained(rows, bend, 1e-12 * bend.max())
     rest = np.flatnonzero(np.abs(rate).max(axis=1) < slow)
-    if k is not None or not stresses.any() or not len(rest):
+    if k is not None or not len(rest):
         return k
     root = np.sqrt(np.repeat(system["m"], 3))
     scaled, free = rows / root, root * np.tile(gravity, len(system["m"]))  # J M^-1/2, M^-1/2 f
     size = np.linalg.norm(scaled, axis=1)
     wanted = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
     held = np.linalg.lstsq(scaled / size[:, None], wanted, rcond=LOST)[0]
-    accel = ((free + held) / root).reshape(-1, 3)
+    accel = differences(((free + held) / root).reshape(-1, 3), np.zeros_like(fixed), pairs)
     floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 / lengths.min()  # of rounding
-    accel = differences(accel, np.zeros_like(fixed), pairs)
-    k = worked_on(self_stresses(rows[rest]), np.sum(accel**2, axis=1)[rest] / lengths[rest], floor)
+    k = strained(rows[rest], np.sum(accel**2, axis=1)[rest] / lengths[rest], floor)
     return None if k is None else rest[k]
 
 
-def self_stresses(rows):
-    """The projection (C, C) onto tensions u with rows^T u = 0."""
+def strained(rows, bend, floor):
+    """The first rod where the part of bend (C,) along self-stresses, which are tensions u with
+    rows^T u = 0, is not rounding; or None."""
     _, sizes, right = np.linalg.svd(np.linalg.qr(rows.T, mode="r"))
     free = right[np.sum(sizes > LOST * sizes[0]) :]
-    return free.T @ free
-
-
-def worked_on(stresses, bend, floor):
-    """The first rod where the part of bend (C,) along self-stresses is not rounding, or None."""
+    stresses = free.T @ free  # a projection
     part = np.abs(stresses @ bend)
     part[part <= TAUT * (np.abs(stresses) @ bend) + floor] = 0.0
     return int(np.argmax(part > 0.99 * part.max())) if part.any() else None

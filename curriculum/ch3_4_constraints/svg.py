@@ -5,15 +5,16 @@ from itertools import cycle, pairwise
 
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
-# Each colour on white paper, and on dark. Both have a contrast of at least 4.5 to their paper, as
-# words need, and are told apart in each kind of colour blindness: a test computes that.
-PALETTE = {
-    "none": ("#005368", "#2ee5ff"),
-    "baumgarte": ("#422bd1", "#8169f0"),
-    "impulse": ("#534406", "#ffc900"),
-    "soft": ("#bb3f9d", "#fa84c4"),
-    "project": ("#0c864b", "#1eb765"),
-    "spare": ("#092800", "#c6d5b8"),
+# Each colour on white paper, on dark paper and, of lines, in the plots of a recording, which are as
+# light or dark as the reader's viewer. All have a contrast of at least 4.5 to their paper, as words
+# need, or of 3 in plots, and are told apart in each kind of colour blindness: a test computes that.
+COLORS = {
+    "none": ("#005368", "#2ee5ff", "#126d78"),
+    "baumgarte": ("#422bd1", "#8169f0", "#424aef"),
+    "impulse": ("#534406", "#ffc900", "#6f6113"),
+    "soft": ("#bb3f9d", "#fa84c4", "#da6dac"),
+    "project": ("#0c864b", "#1eb765", "#03a252"),
+    "spare": ("#092800", "#c6d5b8", "#a65ae9"),
     "pull": ("#be5700", "#ed7705"),
     "push": ("#850aa4", "#b35cb4"),
     "excess": ("#ca2837", "#e63e37"),
@@ -23,15 +24,8 @@ PALETTE = {
     "pale": ("#d8dbdf", "#30363d"),
     "paper": ("#ffffff", "#0d1117"),
 }
-# Lines of a recording, whose plots are as light or dark as the reader's viewer: a contrast of 3.
-EITHER = {
-    "none": "#126d78",
-    "baumgarte": "#424aef",
-    "impulse": "#6f6113",
-    "soft": "#da6dac",
-    "project": "#03a252",
-    "spare": "#a65ae9",
-}
+PALETTE = {name: color[:2] for name, color in COLORS.items()}
+EITHER = {name: color[2] for name, color in COLORS.items() if len(color) == 3}
 LIGHT = {name: light for name, (light, _) in PALETTE.items()}
 DARK = dict(PALETTE.values())  # what a light colour becomes
 RECORDED = DARK | {LIGHT[name]: color for name, color in EITHER.items()}
@@ -66,6 +60,8 @@ class Drawing:
         paper = element("rect", width=width, height=height, rx=6, fill=PAPER)
         self.parts = [element("title", title.translate(ESCAPES)), STYLE, paper]
         self.look = {"width": width, "height": height, "viewBox": f"0 0 {width} {height}"}
+        self.look |= {"stroke_linecap": "round", "stroke_linejoin": "round"}
+        self.look |= {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
 
     def add(self, name, *inside, **attributes):
         """An element more."""
@@ -87,7 +83,8 @@ class Drawing:
 
     def arrow(self, start, end, color, width, head):
         """An arrow, if it is long enough to have a head."""
-        if (length := math.dist(start, end)) > head:
+        length = math.dist(start, end)
+        if length > head:
             dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
             x, y = end[0] - dx, end[1] - dy
             sides = [(x + s * 0.45 * dy, y - s * 0.45 * dx) for s in (1, -1)]
@@ -96,8 +93,6 @@ class Drawing:
 
     def text(self):
         """The file."""
-        self.look |= {"stroke_linecap": "round", "stroke_linejoin": "round"}
-        self.look |= {"xmlns": "http://www.w3.org/2000/svg", "font_family": "Arial, sans-serif"}
         return element("svg", "\n".join(["", *self.parts, ""]), role="img", **self.look) + "\n"
 
 
@@ -110,17 +105,10 @@ def position(value, limits, begin, end):
 def chart(title, x, y, curves, size=(480, 420), right=100):
     """The text of a chart of `curves`, as `plot` draws them; `right`: pixels for their names."""
     sheet = Drawing(*size, title)
-    left = 64
-    sheet.words(left, size[1] - 12, x[0])
+    sheet.words(64, size[1] - 12, x[0])
     sheet.words(16, 28, y[0])
-    plot(sheet, (left, 48, size[0] - right, size[1] - 58), x, y, curves)
+    plot(sheet, (64, 48, size[0] - right, size[1] - 58), x, y, curves)
     return sheet.text()
-
-
-def between(axis):
-    """The (value, words) of an axis that are within its limits."""
-    _, (low, high), values = axis
-    return [(value, words) for value, words in values.items() if low <= value <= high]
 
 
 def plot(sheet, corners, x, y, curves, size=15):
@@ -131,14 +119,16 @@ def plot(sheet, corners, x, y, curves, size=15):
     """
     left, top, end, bottom = corners
     line = 1.2 * size  # from a line of words to the next
-    for value, words in between(x):
-        at = position(value, x[1], left, end)
-        sheet.line([(at, bottom), (at, top)], PALE, 1)
-        sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
-    for value, words in between(y):
-        at = position(value, y[1], bottom, top)
-        sheet.line([(left, at), (end, at)], PALE, 1)
-        sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
+    for value, words in x[2].items():
+        if x[1][0] <= value <= x[1][1]:
+            at = position(value, x[1], left, end)
+            sheet.line([(at, bottom), (at, top)], PALE, 1)
+            sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
+    for value, words in y[2].items():
+        if y[1][0] <= value <= y[1][1]:
+            at = position(value, y[1], bottom, top)
+            sheet.line([(left, at), (end, at)], PALE, 1)
+            sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
     names = []
     for name, (color, values, *dash) in curves.items():
         points = [(position(a, x[1], left, end), position(b, y[1], bottom, top)) for a, b in values]

@@ -7,6 +7,7 @@ import json
 from argparse import ArgumentTypeError
 from decimal import Decimal, localcontext
 from itertools import accumulate
+from numbers import Integral
 from operator import mul
 
 from curriculum.ch3_4_constraints.statics import differences
@@ -48,8 +49,8 @@ def direction(angle):
 
 def check_links(links):
     """Raise SceneError unless a chain can have so many links."""
-    whole = isinstance(links, (int, np.integer))
-    need(whole and 1 <= links <= MOST, "links", links, f"a whole number of rods, 1 to {MOST}")
+    right = isinstance(links, Integral) and 1 <= links <= MOST
+    need(right, "links", links, f"a whole number of rods, 1 to {MOST}")
 
 
 def need(test, field, found, allowed):
@@ -60,51 +61,41 @@ def need(test, field, found, allowed):
 
 
 def states(system, *arrays):
-    """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order.
-
-    They may be lists. Raises ValueError for another shape, which would be repeated silently.
-    """
-    shape = len(system["m"]), 3
+    """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
+    be lists. Raises ValueError for another shape, which would be repeated silently."""
     made = [ordered(x) for x in arrays]
     for x in made:
-        if x.shape != shape:
-            must = f"must be {shape}, a row for each particle"
+        if x.shape != (len(system["m"]), 3):
+            must = f"must be {(len(system['m']), 3)}, a row for each particle"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")
     return made
 
 
 def check_system(system):
-    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
-
-    A length may be a tenth off. Raises SceneError.
-    """
+    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept. A
+    length may be a tenth off. Raises SceneError."""
     need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
-    typed = {key: column(key, system[key]) for key in COLUMNS}
+    typed = {}
+    for key, (dtype, row, low, shape, _, allowed) in COLUMNS.items():
+        try:
+            array = np.asarray(system[key])
+        except ValueError:
+            array = np.array(None)  # rows of several lengths
+        right = array.ndim == 1 + len(row) and array.shape[1:] == row
+        right = right and array.dtype.kind in ("iuf", "iu")[dtype is int]
+        need(right, key, system[key], f"a list or an array {shape}, each row {allowed}")
+        bad = ~((array > low) & (array < HUGE))
+        for k in np.argwhere(bad)[:1, 0].tolist():  # the first bad row
+            need(False, f"{key}[{k}]", array[k], allowed)
+        typed[key] = array.astype(dtype)
     return system | checked(typed, ROUGH, "{}[{}]".format, [])
-
-
-def column(key, typed):
-    """The array of one of a system's keys, that was typed as an array or a list."""
-    dtype, row, low, shape, _, allowed = COLUMNS[key]
-    try:
-        array = np.asarray(typed)
-    except ValueError:
-        array = np.array(None)  # rows of several lengths
-    right = array.ndim == 1 + len(row) and array.shape[1:] == row
-    right = right and array.dtype.kind in ("iuf", "iu")[dtype is int]
-    need(right, key, typed, f"a list or an array {shape}, each row {allowed}")
-    bad = ~((array > low) & (array < HUGE))
-    for k in np.argwhere(bad)[:1, 0].tolist():  # the first bad row
-        need(False, f"{key}[{k}]", array[k], allowed)
-    return array.astype(dtype)
 
 
 def checked(system, fit, name, bare):
     """The arrays of a system, checked against each other. Lengths may be off by a share `fit`, and
     those of the rods `bare` are measured; name(key, k): what row k is called."""
 
-    def refuse(key, bad, allowed):
-        """Raise SceneError for the first bad row of system[key]; allowed(its index): words."""
+    def refuse(key, bad, allowed):  # for the first bad row k of system[key]; allowed(k): words
         if np.any(bad):
             k = int(np.argmax(bad))
             need(False, name(key, k), np.squeeze(system[key][k]), allowed(k))
@@ -127,6 +118,6 @@ def checked(system, fit, name, bare):
     found = np.linalg.norm(differences(q0, anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[bare]
-    off, allowed = abs(lengths - found) > fit * found, "{:.9g} m, as its ends are apart, to {:g} %"
-    refuse("lengths", off, lambda k: allowed.format(found[k], 100 * fit))
+    off, apart = abs(lengths - found) > fit * found, "m, as its ends are apart, to"
+    refuse("lengths", off, lambda k: f"{found[k]:.9g} {apart} {100 * fit:g} %")
     return system | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}

@@ -23,13 +23,6 @@ def length(x):
     return f"{x / size:g} {unit}"
 
 
-def no_finer(error, known):
-    """An error in m, in words; or that it is less than what is known."""
-    if error >= known:
-        return length(error)
-    return length(error) if known < 1e-12 else f"< {length(known)}"
-
-
 def per_cent(share):
     """A share in per cent, two digits."""
     return f"{float(f'{100.0 * share:.2g}'):g} %"
@@ -38,27 +31,30 @@ def per_cent(share):
 def comparison(found):
     """Print the table of a Comparison, and a sentence for each mark in it."""
     rows, runs, truth, tol = found.rows, found.runs, found.truth, found.args.tol
-    at = f"{truth.step * found.dt:.3g} s"
+    at, notes = f"{truth.step * found.dt:.3g} s", []
     wide = max(10, *(len(mode) + 1 for mode in rows))  # a row of the reader's own may be longer
     print(f"\n{'':{wide}}     rods off by      energy off  from the truth    a step")
     print(f"{'mode':{wide}}    worst     at end    of m g L  {f'at {at}':>14}        us")
     for (mode, row), run in zip(rows.items(), runs.values(), strict=True):
         worst, end = (length(x) for x in (np.max(run.violations), run.violations[-1]))
-        energy, error = per_cent(row["energy_rel_max"]), row["error"]
+        energy, error = per_cent(row["energy_rel_max"]), "-"
         if len(run.tip) == 1:  # not a single step
             worst = end = energy = "-"
-        odd = row["unheld"] > UNHELD or (row["energy_step_max"] > JUMP and not run.stopped)
-        name = mode + "*" * bool(run.remark or odd)
-        error = "-" if error is None else no_finer(error, truth.known)
+        if row["error"] is not None:  # no finer than what is known
+            coarse = row["error"] < truth.known and truth.known >= 1e-12
+            error = f"< {length(truth.known)}" if coarse else length(row["error"])
+        said = [f" {run.remark}"] if run.remark else []
+        if row["unheld"] > UNHELD:
+            left = f"{row['unheld']:.2g} m/s^2 unanswered"
+            said.append(f": tensions leave an acceleration of {left}")
+        if row["energy_step_max"] > JUMP and not run.stopped:
+            jump = f"{per_cent(row['energy_step_max'])} of m g L in one step"
+            said.append(f": energy jumps by {jump}: too long a step")
+        name = mode + "*" * bool(said)
         print(f"{name:<{wide}}{worst:>9}  {end:>9}  {energy:>10}  {error:>14}  {run.pace:8.3g}")
-    for mode, run in runs.items():
-        if run.remark:
-            say(f"* {mode} {run.remark}")
-        left, jump = rows[mode]["unheld"], rows[mode]["energy_step_max"]
-        if left > UNHELD:
-            say(f"* {mode}: tensions leave an acceleration of {left:.2g} m/s^2 unanswered")
-        if jump > JUMP and not run.stopped:
-            say(f"* {mode}: energy jumps by {per_cent(jump)} of m g L in one step: too long a step")
+        notes += [f"* {mode}{words}" for words in said]
+    for note in notes:
+        say(note)
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
         unknown = "not known to 1 nm" if truth.sought else "not looked for"
@@ -96,29 +92,26 @@ def spread(samples, unit):
 
 def say(text):
     """Print a sentence, in lines that fit a terminal."""
-    lines = textwrap.TextWrapper(WIDTH, subsequent_indent="  ", break_on_hyphens=False)
-    lines.break_long_words = False  # a path is one
-    print(lines.fill(text))
+    whole = {"break_on_hyphens": False, "break_long_words": False}  # a path is one word
+    print(textwrap.fill(text, WIDTH, subsequent_indent="  ", **whole))
 
 
 def show(title, rows, bars=()):
     """Print a table, and of each bar (what, value, the most it may be) whether it is met."""
     cells = [[f"{x:.3g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
-    heads = fitting(list(rows[0]), cells)
-    widths = [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
-    gap = "  " if sum(widths) + 2 * len(widths) - 2 <= WIDTH else " "
+    heads = [list(rows[0])]
+
+    def widths():
+        return [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
+
+    gaps = 2 * len(rows[0]) - 2
+    if sum(widths()) + gaps > WIDTH:  # a line for each word of the longest header
+        words = [header.split() for header in rows[0]]
+        most = max(map(len, words))
+        heads = list(zip(*([""] * (most - len(x)) + x for x in words), strict=True))
+    gap = "  " if sum(widths()) + gaps <= WIDTH else " "
     print(f"\n{title}")
     for row in (*heads, *cells):
-        print(gap.join(x.rjust(width) for x, width in zip(row, widths, strict=True)))
+        print(gap.join(x.rjust(width) for x, width in zip(row, widths(), strict=True)))
     for bar, value, most in bars:
         print(f"{bar}: {value:.3g}, bar {most:.3g}: {'met' if value <= most else 'MISSED'}")
-
-
-def fitting(headers, cells):
-    """Lines of a table's head: one, or one a word of its longest header, if one is too wide."""
-    widths = [max(map(len, column)) for column in zip(headers, *cells, strict=True)]
-    if sum(widths) + 2 * len(widths) - 2 <= WIDTH:
-        return [headers]
-    words = [header.split() for header in headers]
-    most = max(map(len, words))
-    return list(zip(*([""] * (most - len(x)) + x for x in words), strict=True))

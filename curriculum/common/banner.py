@@ -19,9 +19,9 @@ SOON, OFTEN = 0.5, 0.1  # s: what takes longer is told of, and no more often tha
 def banner(chapter, title, device, default=False):
     """At most 80 columns; for a default run, how long one took where it was measured."""
     line = f"{chapter} {title} | device {device}"
-    for row in LEDGER.read_text(encoding="utf-8").splitlines() if default else ():
-        if row.startswith(f"{chapter},"):
-            line += " | a default run took {} s, {}, {}".format(*row.split(",")[1:])
+    measured = re.search(f"^{chapter},(.*),(.*),(.*)", LEDGER.read_text(encoding="utf-8"), re.M)
+    if default and measured:
+        line += " | a default run took {} s, {}, {}".format(*measured.groups())
     return line[:80]
 
 
@@ -58,12 +58,11 @@ class Work:
         now = time.monotonic()
         if not on_terminal() or now < max(self.begun + SOON, self.told + OFTEN):
             return
-        count = ""
+        line = f"{self.name}{what}"
         if len(self.names) > 1:
-            count = f"{self.names.index(self.name) + 1} of {len(self.names)}, "
-        line = f"{count}{self.name}{what}"[:79]
+            line = f"{self.names.index(self.name) + 1} of {len(self.names)}, {line}"
         # back to the line's start, so that an error writes over it
-        print(f"{line}\033[K", end="\r", file=sys.stderr, flush=True)
+        print(f"{line[:79]}\033[K", end="\r", file=sys.stderr, flush=True)
         self.told, self.visible = now, True
 
     def wipe(self):
@@ -99,16 +98,14 @@ def on_terminal():
 
 
 def progress(what, steps):
-    """tick(step) of a run, which is the part of the work under way, or one of several in it; or
-    all there is to be told of, as `what`."""
-    if not on_terminal() or (len(work.names) == 1 and not work.runs):
-        return lambda step: None
-    if len(work.names) > 1 and not work.runs:
-        return lambda step: work.tell()
+    """tick(step) of a run: a part of the work under way, or in one; or all there is, as `what`."""
     if not work.names:
         work.plan(what)
         work.begin(what, runs=True)
-    return lambda step: work.share(step, steps)
+    if work.runs:
+        return lambda step: work.share(step, steps)
+    several = len(work.names) > 1
+    return lambda step: work.tell() if several else None
 
 
 def processor():

@@ -52,10 +52,8 @@ def missing(package):
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, except that an error is a single line and no flag may be abbreviated.
-
-    `names`: {flag: words that it takes}, for those who forget the flag; a flag's choices are known.
-    """
+    """argparse, except that an error is a single line and no flag may be abbreviated. `names`:
+    {flag: words that it takes}, for those who forget the flag; a flag's choices are known."""
 
     def __init__(self, formatter_class=argparse.RawDescriptionHelpFormatter, **settings):
         super().__init__(formatter_class=formatter_class, allow_abbrev=False, **settings)
@@ -77,30 +75,24 @@ class Parser(argparse.ArgumentParser):
         if wrong:
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         elif stray:
-            likely = self.flags_like(stray[1]) if stray[1][0] == "-" else self.words_like(stray[1])
-            end = f"did you mean {likely[0]!r}?" if likely else "--help lists what is known"
-            message += f"; {end}"
+            likely = [f"did you mean {found!r}?" for found in self.likely(stray[1])]
+            message += f"; {[*likely, '--help lists what is known'][0]}"
         message = re.sub(r"\S{200,}", lambda long: long[0][:197] + "...", message)
         name = self.prog.split()[-1]  # of a study, without what runs it
         self.exit(2, f"{name}: error: {message}\n")
 
-    def flags_like(self, word):
-        """The flag that a wrong one stands for, in a list: the only one that begins so, or one that
-        is spelled nearly so."""
-        flags = [flag for action in self._actions for flag in action.option_strings]
-        known = {flag.strip("-"): flag for flag in flags}
-        word = word.partition("=")[0].strip("-")
-        begun = [name for name in known if name.startswith(word.lower())]
-        likely = begun if len(begun) == 1 else nearest(word, known)
-        return [known[name] for name in likely]
-
-    def words_like(self, word):
-        """What a word without a flag stands for: flags and the word that they take."""
-        known = {a.option_strings[-1]: map(str, a.choices) for a in self._actions if a.choices}
+    def likely(self, word):
+        """What a wrong word stands for, in a list: a flag, or a flag and the word that it takes."""
         if os.path.exists(word):  # a file of the reader's
             return [f"{flag} {word}" for flag in self.names]
-        known |= self.names
-        return [f"{flag} {x}" for flag, words in known.items() for x in nearest(word, words)]
+        known = {flag.strip("-"): flag for a in self._actions for flag in a.option_strings}
+        if word[0] != "-":
+            taken = {a.option_strings[-1]: a.choices for a in self._actions if a.choices}
+            pairs = [(flag, x) for flag, words in (taken | self.names).items() for x in words]
+            known = {str(x): f"{flag} {x}" for flag, x in pairs}
+        word = word.partition("=")[0].strip("-")
+        begun = [name for name in known if name.startswith(word.lower())]
+        return [known[name] for name in (begun if len(begun) == 1 else nearest(word, known))]
 
     def attempt(self, flag, function, *args):
         """function(*args), whose ArgumentTypeError becomes the error of the argument `flag`."""
@@ -111,10 +103,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def number(kind=float, low=1e-12, high=1e12):
-    """An argparse type: a `kind` (int or float) >= `low` and < `high`.
-
-    Numbers beyond are not meant, and they overflow once squared or divided by.
-    """
+    """An argparse type: a `kind` (int or float) >= `low` and < `high`: no square overflows."""
     allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
 
     def parse(text):
@@ -191,8 +180,8 @@ def mistake(error):
     return "".join(shown.format(chain=False)).rstrip()
 
 
-def prepare():
-    """Heed signals, write what a terminal cannot show as an escape; the streams that are open."""
+def run_script(main):
+    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     if signal.getsignal(signal.SIGINT) is leave:  # all modules are loaded
         signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
@@ -200,15 +189,9 @@ def prepare():
             # an exit leaves no temporary file
             signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
-    streams = list(filter(None, (sys.stdout, sys.stderr)))
-    for stream in streams:
+    prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
+    for stream in streams:  # those that are open; what a terminal cannot show is an escape
         stream.reconfigure(errors="backslashreplace")
-    return streams
-
-
-def run_script(main):
-    """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
-    prog, streams = Path(sys.argv[0]).name, prepare()
     gc.set_threshold(100_000)  # what is traced is many small things that all last
     try:
         try:
@@ -229,10 +212,11 @@ def run_script(main):
         where = f": {error.filename}" if error.filename else ""
         line = f"{prog}: error: {error.strerror or error}{where}"
         status = 1 if isinstance(error, BrokenPipeError) else line
+    except ModuleNotFoundError as error:
+        known = error.name in EXTRAS
+        status = f"{prog}: error: {missing(error.name)}" if known else mistake(error)
     except Exception as error:
-        status, name = mistake(error), getattr(error, "name", None)
-        if isinstance(error, ModuleNotFoundError) and name in EXTRAS:
-            status = f"{prog}: error: {missing(name)}"
+        status = mistake(error)
     gc.freeze()  # an exit need not look for what is not used: all goes with the process
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done: nothing is left to be told

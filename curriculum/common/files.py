@@ -8,8 +8,9 @@ import shutil
 import signal
 import stat
 from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
 
-UNFINISHED = ".unfinished-"  # and a process: files that are being written
+UNFINISHED = ".unfinished-"  # begins the names of folders of files that are being written
 
 
 def write_together(folder, contents):
@@ -21,7 +22,6 @@ def write_together(folder, contents):
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    made = {name: x.encode() if isinstance(x, str) else x for name, x in contents.items()}
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError, OSError):  # of a system that cannot lock folders
             import fcntl
@@ -31,21 +31,23 @@ def write_together(folder, contents):
             fcntl.flock(handle, fcntl.LOCK_EX)  # until it is closed, be it by a kill
             for left in folder.glob(f"{UNFINISHED}*"):  # by processes that were killed
                 with contextlib.suppress(OSError):  # somebody else's: it is in nobody's way
-                    remove(left)
-        new, old = (folder / f"{UNFINISHED}{os.getpid()}-{what}" for what in ("new", "old"))
-        for aside in (new, old):
-            aside.mkdir(exist_ok=True)
-            stack.callback(remove, aside)
-        for name, content in made.items():
+                    if left.is_dir():
+                        shutil.rmtree(left)
+                    else:
+                        left.unlink()
+        aside = [TemporaryDirectory(end, UNFINISHED, folder) for end in ("-new", "-old")]
+        new, old = (Path(stack.enter_context(place)) for place in aside)
+        for name, content in contents.items():
             with naming(folder / name):
                 if content is not None:
-                    (new / name).write_bytes(content)
+                    made = content.encode() if isinstance(content, str) else content
+                    (new / name).write_bytes(made)
                 with contextlib.suppress(OSError):  # none is there, or the disk knows no links
                     os.link(folder / name, old / name)
         replaced = []
         with undisturbed():
             try:
-                for name in made:
+                for name in contents:
                     with naming(folder / name):
                         move(new / name, folder / name)
                     replaced.append(name)
@@ -72,21 +74,12 @@ def naming(path):
         raise OSError(why.errno, why.strerror or str(why), str(path)) from None
 
 
-def remove(path):
-    """Remove a file, or a folder and all that is in it."""
-    if path.is_symlink() or not path.is_dir():
-        path.unlink()
-    else:
-        shutil.rmtree(path)
-
-
 @contextlib.contextmanager
 def undisturbed():
     """A moment in which no signal ends the program; one that comes then is heard afterwards."""
-    names = {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal))
     before, heard = {}, []
     with contextlib.suppress(ValueError):  # only the main thread hears signals
-        for name in names:
+        for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
             number = getattr(signal, name)
             before[number] = signal.signal(number, lambda number, _: heard.append(number))
     try:
@@ -111,7 +104,7 @@ def as_json(content):
 def check_writable(path):
     """Raise OSError now if `path`, whose folder is made if need be, could not be written later."""
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-        path.lstat()  # of a name that may be too long
+        path.lstat()  # its name may be too long
     try:
         whole = path.absolute()
     except FileNotFoundError:
@@ -121,26 +114,16 @@ def check_writable(path):
         raise OSError(f"{above.name} is {'no folder' if above.exists() else 'a link to nothing'}")
     if path.exists() and not path.is_file():  # a device, a pipe: a file would take its place
         raise OSError(f"{path.name} is {'a folder' if path.is_dir() else 'no plain file'} there")
-    probe = above / f"{UNFINISHED}{os.getpid()}"
-    with naming(path):
-        probe.touch()
-    probe.unlink(missing_ok=True)  # another process may have tidied up
-    if path.exists() and not replaceable(path):
-        raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")
-
-
-def replaceable(path):
-    """Whether a file, in a folder that can be written to, may be replaced by another of its name.
-
-    Not if it is immutable: such a file cannot be opened to be written by anybody, and that is told
-    as another error (EPERM) than of one that is just read-only (EACCES). And not if it is somebody
-    else's, in a folder of a third person whose sticky bit is set, as /tmp.
-    """
+    with naming(path), TemporaryFile(dir=above):
+        pass
+    if not path.exists():
+        return
+    fixed = False
     try:
         os.close(os.open(path, os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)))
-    except OSError as why:
-        if why.errno == errno.EPERM or os.name == "nt":
-            return False
-    folder = path.parent.stat()
+    except OSError as why:  # EACCES of one that is just read-only, EPERM of one that is immutable
+        fixed = why.errno == errno.EPERM or os.name == "nt"
+    folder = path.parent.stat()  # whose sticky bit may be set, as that of /tmp
     owners = {0, folder.st_uid, path.lstat().st_uid}
-    return not folder.st_mode & stat.S_ISVTX or os.geteuid() in owners
+    if fixed or (folder.st_mode & stat.S_ISVTX and os.geteuid() not in owners):
+        raise OSError(f"{path.name} is there and must not be replaced; remove it, or name another")
