@@ -9,11 +9,12 @@ import signal
 import sys
 import textwrap
 import warnings
+from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from curriculum import INTERRUPTED, leave
+from curriculum import leave
 from curriculum.common.banner import work
 from curriculum.common.files import check_writable
 
@@ -203,7 +204,9 @@ def run_script(main):
         for stream in streams:
             stream.flush()
     except KeyboardInterrupt:
-        status = f"\n{prog}: {INTERRUPTED}"
+        with suppress(OSError):
+            print(end="", flush=True)
+        leave(signal.SIGINT, None)  # dies of the signal: so a loop of the shell ends, too
     except MemoryError:
         status = f"{prog}: error: not enough memory; ask for fewer rods, members or steps"
     except OSError as error:
