@@ -114,7 +114,7 @@ def test_a_length_in_a_file_is_judged_by_its_rods_own(size):
         if right:
             assert c.build_system("scene.json")["lengths"] == [size * (1.0 + off)]
             continue
-        with pytest.raises(SceneError, match="as its ends are apart"):
+        with pytest.raises(SceneError, match="how far apart its ends are"):
             c.build_system("scene.json")
 
 

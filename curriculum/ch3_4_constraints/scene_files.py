@@ -89,9 +89,10 @@ def once_each(pairs):
 
 def only(x, field, keys):
     """Raise SceneError unless x is an object that has no keys but `keys`."""
-    found = sorted(x) if isinstance(x, dict) else x
-    right = isinstance(x, dict) and {*x} <= {*keys}
-    need(right, field, found, f"an object with no keys but {', '.join(keys)}")
+    allowed = f"an object with no keys but {', '.join(keys)}"
+    need(isinstance(x, dict), field, x, allowed)
+    for key in sorted({*x} - {*keys}):
+        raise SceneError(f"{field} has a key {shorten(json.dumps(key))}; must be {allowed}")
 
 
 def entries(data, field, *keys):

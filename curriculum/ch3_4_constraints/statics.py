@@ -37,8 +37,8 @@ def refusal(system, gravity):
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
     if abs(stretch[k]) > slow:
-        found = f"rods[{k}] is stretched at {stretch[k]:.3g} m/s"
-        return f"{found}; must be 0: velocities keep every length"
+        found = f"the velocities stretch rods[{k}] at {stretch[k]:.3g} m/s"
+        return f"{found}; must be 0, for a rod can only turn"
     k = torn(system, gravity, unit, rate, slow) if has_loop(pairs) else None
     pose = f"the rods around rods[{k}] are taut: in this pose no finite tension can hold them"
     return None if k is None else f"{pose}; give the loop some slack, or leave a rod out"

@@ -108,8 +108,9 @@ def checked(system, fit, name, bare):
     refuse("m", m[:, 0] > HUGE * m.min(), lambda _: f"at most {HUGE:g} times {m.min():g} kg")
     i, j = pairs.T
     wrong = (i < 0) | (i >= n) | (j < -fixed) | (j >= n) | (i == j)
-    ends = f" or to an anchor -1..-{fixed}" if fixed else "; there are no anchors"
-    refuse("pairs", wrong, lambda _: f"a particle 0..{n - 1}, tied to another{ends}")
+    anchor = "the anchor -1" if fixed == 1 else f"an anchor -1..-{fixed}"
+    ends = f" or {anchor}" if fixed else "; there are no anchors"
+    refuse("pairs", wrong, lambda _: f"a particle 0..{n - 1}, and then another{ends}")
     ties, seen = (np.minimum(i, j) * (n + fixed) + np.maximum(i, j)).tolist(), {}
     again = np.array([seen.setdefault(tie, k) < k for k, tie in enumerate(ties)])
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
@@ -118,6 +119,7 @@ def checked(system, fit, name, bare):
     found = np.linalg.norm(differences(q0, anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[bare]
-    off, apart = abs(lengths - found) > fit * found, "m, as its ends are apart, to"
-    refuse("lengths", off, lambda k: f"{found[k]:.9g} {apart} {100 * fit:g} %")
+    off = abs(lengths - found) > fit * found
+    ends = "; that is how far apart its ends are"
+    refuse("lengths", off, lambda k: f"{found[k]:.9g} m, to {100 * fit:g} %{ends}")
     return system | {"pairs": list(zip(i.tolist(), j.tolist(), strict=True))}
