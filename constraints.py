@@ -21,7 +21,7 @@ from typing import NamedTuple
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
-from curriculum.ch3_4_constraints.systems import check_links, direction, states
+from curriculum.ch3_4_constraints.systems import check_links, direction, energy_scale, states
 from curriculum.common import banner, ruler, rules
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, installed, number, run_script
@@ -426,7 +426,7 @@ def main(argv=None):
         watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
         runs[mode] = run(mode, rule, dt, steps, [truth.step, *shown], partial(usual, watch=watch))
         pulls[mode] = mapped(partial(tensions, system, hold=holds[mode]))
-    scale = np.sum(system["m"]) * np.max(np.abs(GRAVITY)) * np.sum(system["lengths"]) or 1.0
+    scale = energy_scale(system, GRAVITY)  # m g L, in J
     rows = {mode: runs[mode].summary(scale, truth) for mode in modes}
     motion = ruler.true_motion(partial(run, "project"), system, dt, shown, truth)
     found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)

@@ -60,6 +60,12 @@ def need(test, field, found, allowed):
         raise SceneError(f"{field} is {shorten(found)}; must be {allowed}")
 
 
+def energy_scale(system, gravity):
+    """m g L in J, of all masses and all rods; 1 where nothing weighs anything. gravity (3,)."""
+    scale = np.sum(system["m"]) * np.max(np.abs(gravity)) * np.sum(system["lengths"])
+    return scale if scale > 0.0 else 1.0
+
+
 def states(system, *arrays):
     """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
     be lists. Raises ValueError for another shape, which would be repeated silently."""
