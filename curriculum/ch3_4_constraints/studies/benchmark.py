@@ -46,32 +46,34 @@ CASES = {
 }
 
 
-def pace(engine, task, steps, *settings):
+def pace(go, steps):
     """Microseconds a step of an engine's run of a Task that has one sample."""
-    return 1e6 * engine(task, steps, *settings)[0] / steps
+    return 1e6 * go(steps)[0] / steps
+
+
+def share(found, name, other):
+    """The median of what one job took over what another took in the same turn."""
+    return float(np.median(np.divide(found[name], found[other])))
 
 
 def beside(cases, repeats):
     """(a) Rows and bars of a step beside the same lines in plain numpy, in Python, and MuJoCo's."""
     rows, bars = [], []
-    for (name, rule, mode), limits in cases.items():
-        system = c.build_system(name)
-        task = Task(system, 1, DT * STEPS, None)
-        jobs = {
-            "us": partial(pace, peers.run_ours, task, STEPS, rule, mode),
-            "plain": lambda case=(system, rule, mode): run(*case, DT, PLAIN, way=Plain).pace,
-            "python": partial(pace, peers.run_ours, task, STEPS, rule, mode, False),
-        }
+    for case in cases:
+        name, rule, mode = case
+        task = Task(c.build_system(name), 1, DT * STEPS, None)
+        engines = {"us": peers.ours(task, rule, mode)}
+        engines["python"] = peers.ours(task, rule, mode, machine=False)
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
-            jobs["MuJoCo"] = partial(pace, peers.run_hinges, task, STEPS, THEIRS[rule])
-        found = in_turns(jobs, repeats)
-        row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
+            engines["MuJoCo"] = peers.hinges(task, THEIRS[rule])
+        jobs = {engine: partial(pace, go, STEPS) for engine, go in engines.items()}
+        plain = partial(run, task.system, rule, mode, DT, PLAIN, way=Plain)
+        found = in_turns(jobs | {"plain": lambda plain=plain: plain().pace}, repeats)
+        row = {"case": " ".join(case), **spread(found["us"], "us")}
         for engine in ("plain", "python", "MuJoCo"):
-            known = engine in found
-            share = np.median(np.divide(found["us"], found[engine])) if known else "-"  # in a turn
-            row[f"over {engine}"] = share
+            row[f"over {engine}"] = share(found, "us", engine) if engine in found else "-"
         rows.append(row)
-        for column, limit in limits.items():
+        for column, limit in CASES[case].items():
             if NATIVE and row[column] != "-":
                 bars.append((f"{row['case']}, {column}", row[column], limit))
     return "(a) a step, us", rows, bars
@@ -79,20 +81,18 @@ def beside(cases, repeats):
 
 def growth(links, repeats):
     """(b) Rows and a bar of a step of a chain of N links, in Python and in quick machine code."""
-    jobs, rows, kinds = {}, [], ("python", "machine")[: 1 + NATIVE]
-    for n, kind in product(links, kinds):
-        system, steps = c.build_system("chain", links=n), max(20, 20_000 // n)
-        how = {"machine": kind == "machine", "best": False}
-        step = peers.compiled_step(system, "semi_implicit", "none", DT, **how)
-        task = Task(system, 1, DT * steps, None)
-        jobs[n, kind] = partial(pace, partial(peers.ours, step), task, steps)
-    found = in_turns(jobs, repeats)
-    for n in links:
-        us = {kind: found[n, kind] for kind in kinds}
-        rows.append({"links": n} | {kind: np.median(x) for kind, x in us.items()})
-    n, us = np.array([(row["links"], row["python"]) for row in rows if row["links"] >= 30]).T
+    jobs, rows = {}, {n: {"links": n} for n in links}
+    for n, kind in product(links, ("python", "machine")[: 1 + NATIVE]):
+        steps = max(20, 20_000 // n)
+        task = Task(c.build_system("chain", links=n), 1, DT * steps, None)
+        go = peers.ours(task, "semi_implicit", machine=kind == "machine", best=False)
+        jobs[n, kind] = partial(pace, go, steps)
+    for (n, kind), us in in_turns(jobs, repeats).items():
+        rows[n][kind] = np.median(us)
+    n, us = np.array([(n, row["python"]) for n, row in rows.items() if n >= 30]).T
     exponent = np.polyfit(np.log(n), np.log(us), 1)[0]
-    return "(b) a step of a chain, us", rows, [("grows as links to the power", exponent, 1.1)]
+    bars = [("grows as links to the power", exponent, 1.1)]
+    return "(b) a step of a chain, us", list(rows.values()), bars
 
 
 def process(*flags):
@@ -110,11 +110,10 @@ def beginnings():
     for links in BEGIN:
         flags = "--system", "chain", "--links", str(links), "--steps", "400"
         jobs[f"{links} links"] = partial(process, *flags)
-    found = in_turns(jobs, FEW)
-    rows, bars = [], []
+    found, rows, bars = in_turns(jobs, FEW), [], []
     for name, samples in found.items():
-        share = float(np.median(np.divide(samples, found["default run"])))  # in a turn
-        rows.append({"run": name, **spread(samples, "s"), "default runs": share})
+        runs = share(found, name, "default run")
+        rows.append({"run": name, **spread(samples, "s"), "default runs": runs})
     for row, limit in zip(rows[1:], BEGIN.values(), strict=True):
         bars.append((f"{row['run']}, in default runs", row["default runs"], limit))
     return "(c) whole processes, s", rows, bars
@@ -123,7 +122,6 @@ def beginnings():
 def long_run():
     """(d) A row and a bar of a long run of the double pendulum through `simulate`."""
     system = c.build_system("double")
-    task = Task(system, 1, DT * LONG, None)
 
     def measured():
         clock = time.perf_counter()
@@ -132,23 +130,19 @@ def long_run():
 
     jobs = {"ours": measured}
     if find_spec("mujoco"):
-        jobs["MuJoCo"] = lambda: peers.run_hinges(task, LONG, "Euler")[0]
+        hinges = peers.hinges(Task(system, 1, DT * LONG, None), "Euler")
+        jobs["MuJoCo"] = lambda: hinges(LONG)[0]
     found, bars = in_turns(jobs, FEW), []
     row = {"steps": LONG} | {f"{engine}, s": np.median(found[engine]) for engine in found}
     if NATIVE and "MuJoCo" in found:
-        row["ours/MuJoCo"] = float(np.median(np.divide(found["ours"], found["MuJoCo"])))
+        row["ours/MuJoCo"] = share(found, "ours", "MuJoCo")
         bars.append(("a run, ours over MuJoCo", row["ours/MuJoCo"], 0.3))
     return "(d) impulse, measured at every step", [row], bars
 
 
 def main(argv=None):
     """Measure and print."""
-    quick = {
-        "repeats": 1,
-        "cases": dict(list(CASES.items())[:2]),
-        "links": LINKS[:3],
-        "whole": False,
-    }
+    quick = {"repeats": 1, "cases": list(CASES)[:2], "links": LINKS[:3], "whole": False}
     usual = {"repeats": REPEATS, "cases": CASES, "links": LINKS, "whole": True}
     args = study_parser("benchmark", __doc__, quick, **usual).parse_args(argv)
     host(repeats=args.repeats)

@@ -17,8 +17,7 @@ from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
+from curriculum.ch3_4_constraints.studies import _runs, real_thing
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import work
 from curriculum.common.cli import number
@@ -32,8 +31,7 @@ CROWD, WORK, REPEATS = 1000, 4_000_000, 5  # members timed, steps of all of them
 LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second: the bars
 BLOCK = 256  # steps a call, which costs as much as some of them
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
-# of (d): s; m; steps of MuJoCo, as many as one has the patience for
-LONG, ERRORS, ROLLED = 5.0, (1e-3, 1e-6, 1e-9, 1e-12), [125, 140, 155, 170, 600, 660, 720, 800]
+LONG, ERRORS = 5.0, (1e-3, 1e-6, 1e-9, 1e-12)  # of (d): s, m
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
 # What a run came to, an entry a member: its worst rod error in m; the energy it has gained, as a
@@ -145,9 +143,8 @@ def parting(pairs, span):
     return rows
 
 
-# --- (d) beside peers ---
 def beside():
-    """(d) Rows and bars: how long each engine takes for the crowd to each error."""
+    """(d) Print a table and bars for each error: how long each engine takes for the crowd to it."""
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
@@ -156,25 +153,18 @@ def beside():
     def off(q):
         return np.max(np.linalg.norm(q - truth, axis=-1))
 
-    task, mine = _runs.Task(system, 1, LONG, off), OURS if _runs.NATIVE else PYTHON
-    theirs = {}
+    task, racers = _runs.Task(system, 1, LONG, off), {}
     if find_spec("heyoka"):
-        build, go = partial(peers.heyoka_batch, task), partial(peers.heyoka_crowd, task=task)
-        theirs[TAYLOR] = [_race.taylor_ladder(15.0, build, go)]
-    if find_spec("mujoco"):
-        build, go = partial(peers.hinges_model, task), partial(peers.hinges_crowd, task=task)
-        theirs[HINGES] = [[Rung(f"steps {n}", build, partial(go, per=n)) for n in ROLLED]]
-
-    def climb(rule):  # what is compiled takes any step
-        build = partial(_runs.crowd, system, rule, "none", LONG)
-        return _race.steps_ladder(task, 8, 400, build, peers.our_crowd, rule)
-
-    def racers(error):
-        return theirs | {mine: [climb(rule) for rule in _race.offered(error)]}
-
-    targets = dict.fromkeys(ERRORS, [(OURS, engine, STEPS, 1.0) for engine in theirs])
-    title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error of {{}} m"
-    return title, *_race.race(task, racers, targets)
+        racers[real_thing.TAYLOR] = [real_thing.taylor_ladder(peers.heyoka_crowd, task)]
+    if find_spec("mujoco"):  # as many steps as one has the patience for
+        racers[real_thing.HINGES] = [real_thing.steps_ladder(peers.hinges, task, 120, 200)]
+    limits = [(real_thing.OURS, engine, real_thing.STEPS, 1.0) for engine in racers]
+    for error in ERRORS:
+        names = real_thing.offered(error)
+        climbs = [real_thing.steps_ladder(peers.our_crowd, task, 8, 400, name) for name in names]
+        racers[real_thing.OURS if _runs.NATIVE else real_thing.PYTHON] = climbs
+        title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error of {error:.0e} m"
+        show(title, *real_thing.race(task, racers, error, limits))
 
 
 def main(argv=None):
@@ -186,8 +176,8 @@ def main(argv=None):
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
     if args.peers:
-        _runs.host(seeds=CROWD, repeats=_race.REPEATS, **_race.engines())
-        _race.show_race(*beside())
+        _runs.host(seeds=CROWD, repeats=real_thing.REPEATS, **real_thing.engines())
+        beside()
         return
     seeds = args.seeds
     steps, after = round(SECONDS / DT), f"{SECONDS:g} s"

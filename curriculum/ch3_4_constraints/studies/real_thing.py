@@ -16,32 +16,26 @@ missing at an error did not reach it.
 """
 
 import math
-from functools import partial
+import time
+from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
+from itertools import pairwise
+from typing import NamedTuple
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._race import (
-    ALL,
-    HINGES,
-    OURS,
-    PYTHON,
-    QUICK,
-    REPEATS,
-    SOON,
-    STEPS,
-    TAYLOR,
-    race,
-    show_race,
-    steps_ladder,
-)
-from curriculum.ch3_4_constraints.tables import say, show
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.tables import in_turns, say, show
+from curriculum.common import rules
 
 import numpy as np
 
-DT = 0.005  # s, of (a)
+DT, REPEATS = 0.005, 9  # s, of (a); timings
+OURS, SOON, PYTHON = "ours", "ours, soon built", "ours, Python"
+HINGES, TAYLOR, QUICK = "MuJoCo hinges", "heyoka", "heyoka, soon built"
+STEPS, ALL = "us", "in all, ms"  # of a table's columns those by which an engine is judged
+SOONEST = SOON, PYTHON, QUICK  # they are judged in all, and others by their steps
 # of (b), {error in m: (engine, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
     error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
@@ -80,41 +74,100 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-def our_ladder(task, low, high, rule, mode, **how):
-    """Rungs of ours; `how` as compiled_step takes it. dt is no part of what is compiled."""
-    build = partial(peers.compiled_step, task.system, rule, mode, 1.0, **how)
-    words = [rule] if mode == "none" else [rule, mode]
-    return steps_ladder(task, low, high, build, peers.ours, *words)
+class Rung(NamedTuple):
+    """A setting of an engine: build()(per) is a run, (seconds of its steps, positions)."""
+
+    setting: str
+    build: object  # what is made once; rungs may share it
+    per: int = 1  # steps a sample
 
 
-def hinge_ladder(task, low, high):
-    """Rungs of MuJoCo in joint angles."""
-    return steps_ladder(task, low, high, partial(peers.hinges_model, task), peers.hinges)
+def steps_ladder(engine, task, low, high, *words, **how):
+    """Rungs of engine(task, *words, **how): ever more steps a sample, each about a tenth more."""
+    build = partial(engine, task, *words, **how)
+    pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
+    names = {per: " ".join([*words, f"dt {task.every / per:.3g}"]) for per in pers.tolist()}
+    return [Rung(name, build, per) for per, name in names.items()]
 
 
-def taylor_ladder(task, **how):
-    """Rungs of heyoka; `how` as heyoka takes it."""
-    words = ["fast_math"] if how.get("fast_math") else []
-    build, go = partial(peers.heyoka_flow, task, **how), partial(peers.heyoka, task=task)
-    return _race.taylor_ladder(16.0, build, go, *words)
+def taylor_ladder(engine, task, *words, **how):
+    """Rungs of heyoka, four a power of ten: engine(task, tol=tol, **how)."""
+    tols = 10.0 ** -np.arange(1.0, 15.0, 0.25)
+    builds = {f"tol {tol:.1e}": partial(engine, task, tol=tol, **how) for tol in tols}
+    return [Rung(" ".join([tol, *words]), build) for tol, build in builds.items()]
+
+
+def offered(error):
+    """The names of our rules among which --tol chooses for an error."""
+    families = (rules.offered(family, c.INTEGRATORS, error) for family in rules.FAMILIES)
+    return [name for family in families for name in family]
+
+
+def engines():
+    """{name: version} of the other engines that are installed."""
+    return {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
+
+
+def first_there(task, rungs, error):
+    """The first of rungs that is as near as `error`, and the next one, too: it is no accident."""
+    built = cache(lambda build: build())
+    near = (task.error(built(rung.build)(rung.per)[1]) <= error for rung in rungs)
+    for rung, both in zip(rungs, pairwise(near), strict=False):
+        if all(both):
+            return rung
+    return None
+
+
+def timed(task, rung):
+    """Seconds of the steps, and with what there is to build; and the error."""
+    clock = time.perf_counter()
+    go = rung.build()
+    built = time.perf_counter() - clock
+    seconds, q = go(rung.per)
+    return seconds, seconds + built, task.error(q)
+
+
+def race(task, racers, error, limits=()):
+    """Rows and bars: how long each engine takes to an error.
+
+    racers: {engine: ladders of Rungs, each from coarse and quick to fine and slow}; limits:
+    (engine, peer, STEPS or ALL, the share of the peer's least time that is allowed).
+    """
+    jobs, best, bars = {}, {}, []
+    for engine, ladders in racers.items():
+        for rung in filter(None, (first_there(task, rungs, error) for rungs in ladders)):
+            jobs[engine, rung.setting] = partial(timed, task, rung)
+    for (engine, setting), samples in in_turns(jobs, REPEATS).items():
+        steps, whole, off = np.array(samples).T
+        row = {"engine": engine, "error": f"{off[0]:.1e}", STEPS: 1e6 * steps.min()}
+        row |= {"build, ms": 1e3 * np.min(whole - steps), ALL: 1e3 * whole.min()}
+        own = ALL if engine in SOONEST else STEPS
+        if engine not in best or row[own] < best[engine][own]:  # of the ladders of each
+            best[engine] = row | {"ours/it": "-", "setting": setting}
+    for row in best.values():
+        if OURS in best:
+            row["ours/it"] = f"{best[OURS][STEPS] / row[STEPS]:.2g}"
+    for engine, peer, column, limit in limits:
+        if {engine, peer} <= best.keys():
+            what = "its steps" if column == STEPS else "in all"
+            share = best[engine][column] / best[peer][column]
+            bars.append((f"{error:.0e}: {engine}, {what}, over {peer}", share, limit))
+    return list(best.values()), bars
 
 
 def ladders(task, error):
-    """{engine: ladders, from coarse to fine}: each at its best, for the end state.
-
-    Ours are what --tol chooses among for that error.
-    """
-    found = {HINGES: [hinge_ladder(task, 60, 30_000)]}
+    """{engine: ladders, from coarse to fine}: each at its best, for the end state."""
+    found = {HINGES: [steps_ladder(peers.hinges, task, 60, 30_000)]}
     if find_spec(TAYLOR):
-        found[TAYLOR] = [taylor_ladder(task, fast_math=fast) for fast in (True, False)]
-        found[QUICK] = [taylor_ladder(task, opt_level=0)]
+        fast = taylor_ladder(peers.heyoka, task, "fast_math", fast_math=True)
+        found[TAYLOR] = [fast, taylor_ladder(peers.heyoka, task)]
+        found[QUICK] = [taylor_ladder(peers.heyoka, task, opt_level=0)]
     kinds = {PYTHON: {"machine": False}}
     if _runs.NATIVE:
-        kinds |= {SOON: {"machine": True, "best": False}, OURS: {"machine": True}}
+        kinds |= {SOON: {"best": False}, OURS: {}}
     for engine, how in kinds.items():
-        found[engine] = [
-            our_ladder(task, 8, 400, rule, "none", **how) for rule in _race.offered(error)
-        ]
+        names = offered(error)
+        found[engine] = [steps_ladder(peers.ours, task, 8, 400, name, **how) for name in names]
     return found
 
 
@@ -162,20 +215,20 @@ def main(argv=None):
         rows = names(peers.random_chain(np.random.default_rng(0), 3))
         show(f"(a) soft and MuJoCo {version('mujoco')}, tendons of a random chain", rows)
         return
-    _runs.host(repeats=REPEATS, **_race.engines())
+    _runs.host(repeats=REPEATS, **engines())
     if args.a01:
         task = a01()
-
-        def racers(_):
-            modes = {OURS: "none", f"{OURS}, project": "project"}
-            mine = {name: [our_ladder(task, 2, 3, "gauss", mode)] for name, mode in modes.items()}
-            return mine | {HINGES: [hinge_ladder(task, 60, 110)]}
-
-        found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})
-        show_race("(c) A01, the simple pendulum, 2000 s, time to high precision, {}", *found)
+        racers = {
+            OURS: [steps_ladder(peers.ours, task, 2, 3, "gauss")],
+            f"{OURS}, project": [steps_ladder(peers.ours, task, 2, 3, "gauss", "project")],
+            HINGES: [steps_ladder(peers.hinges, task, 60, 110)],
+        }
+        title = f"(c) A01, the simple pendulum, 2000 s, time to high precision, {HIGH:.0e}"
+        show(title, *race(task, racers, HIGH, [(OURS, HINGES, STEPS, 0.01)]))
         return
     if not find_spec(TAYLOR):
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = _runs.double(end=True)
-    found = race(task, partial(ladders, task), TARGETS)
-    show_race("(b) the double pendulum after 5 s, time to an error of {} m", *found)
+    for error, limits in TARGETS.items():
+        title = f"(b) the double pendulum after 5 s, time to an error of {error:.0e} m"
+        show(title, *race(task, ladders(task, error), error, limits))
