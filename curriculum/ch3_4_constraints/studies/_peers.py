@@ -6,7 +6,7 @@ positions). Positions are (samples, N, 2) or, of a crowd with one sample, (R, N,
 imported where it is used, so that this module needs none.
 """
 
-import time
+import timeit
 from functools import partial
 from unittest.mock import patch
 
@@ -24,19 +24,14 @@ POINT = 1e-14
 TRIES, SHARE = 15, 0.02  # of a run that is timed: how often, and for how many s
 
 
-def least(go, again=lambda: None):
-    """The least seconds of go(), and what it returned last; each after again().
+def least(go, again="pass"):
+    """The least seconds of go(), each after again(): TRIES times, or as often as fits in SHARE s.
 
-    It is called TRIES times, or as often as fits in SHARE s. A peer's code has been called before,
-    as a user's second run would find it.
+    A peer's code has been called before, as a user's second run would find it.
     """
-    times = []
-    while len(times) < TRIES and sum(times) < SHARE:
-        again()
-        clock = time.perf_counter()
-        found = go()
-        times.append(time.perf_counter() - clock)
-    return min(times), found
+    seconds = timeit.timeit(go, again, number=1)
+    tries = min(TRIES, int(SHARE / seconds))
+    return min([seconds, *timeit.repeat(go, again, number=1, repeat=tries)])
 
 
 def ours(task, rule, mode="none", machine=NATIVE, best=True):
@@ -55,17 +50,17 @@ def ours(task, rule, mode="none", machine=NATIVE, best=True):
 
     def go(per):
         steps, dt = per * task.samples, task.every / per
-        state, rows = start.copy(), np.empty((steps, len(start)))
-        run = partial(single.easy, start[:, 0], rows, dt)
+        state, rows, done = start.copy(), np.empty((steps, len(start))), []
+        call = partial(single.easy, start[:, 0], rows, dt)
         if machine:  # addresses are taken once, as a peer's binding does
             place = rows.ctypes.data if task.samples > 1 else None
             knobs, unsettled = np.array([dt]), np.zeros(1, np.int64)
             ends = knobs.ctypes.data, unsettled.ctypes.data
-            run = partial(single.machine.function, state.ctypes.data, steps, place, 1, *ends)
-        seconds, done = least(run, partial(np.copyto, state, start))
+            call = partial(single.machine.function, state.ctypes.data, steps, place, 1, *ends)
+        seconds = least(lambda: done.append(call()), partial(np.copyto, state, start))
         if machine and task.samples == 1:
             rows[-1] = state[:, 0]
-        rows[np.ravel(done)[0] :] = np.nan
+        rows[np.ravel(done[-1])[0] :] = np.nan
         return seconds, single.traced.states(rows[per - 1 :: per])[0][..., :2]
 
     return go
@@ -77,11 +72,9 @@ def our_crowd(task, rule):
     many = crowd(system, rule, "none", DT)
 
     def go(per):
-        many.dt = task.every / per
+        many.dt, again = task.every / per, partial(many.put, system["q0"], system["v0"])
         with patch.object(native, "CORES", 1):
-            again = partial(many.put, system["q0"], system["v0"])
-            seconds, _ = least(partial(many.advance, per), again)
-        return seconds, many.states()[0][..., :2]
+            return least(partial(many.advance, per), again), many.states()[0][..., :2]
 
     return go
 
@@ -146,7 +139,7 @@ def hinges(task, integrator="RK4"):
         how = {"nstep": steps, "skip_checks": False, "state": kept}
         how["sensordata"] = np.empty((len(starts), steps, 0))
         with Rollout(nthread=0) as alone:  # no thread but this one
-            seconds, _ = least(partial(alone.rollout, model, data, begin, **how))
+            seconds = least(partial(alone.rollout, model, data, begin, **how))
         found = kept[:, per - 1 :: per, 1 : 1 + model.nq].reshape(-1, model.nq)
         return seconds, placed(task.system, np.cumsum(found, axis=-1))
 
@@ -226,7 +219,7 @@ def heyoka(task, tol, **how):
         flow.time, flow.state[:] = 0.0, start
 
     def go(per):
-        seconds, _ = least(partial(flow.propagate_until, task.every), again)
+        seconds = least(partial(flow.propagate_until, task.every), again)
         return seconds, placed(task.system, flow.state[None, :2])
 
     return go
@@ -253,7 +246,7 @@ def heyoka_crowd(task, tol):
             end[:] = flow.state[:2]
 
     def go(per):
-        seconds, _ = least(run)
+        seconds = least(run)
         angles = ends.transpose(0, 2, 1).reshape(-1, 2)[: len(starts)]
         return seconds, placed(task.system, angles)
 

@@ -2,11 +2,9 @@
 
 (a) How fast do many seeds go in step?  (b) In how many does the drift ordering hold, and what does
 drift make of the crowd?  (c) How fast do neighbours part: the largest Lyapunov exponent?
-(d), with --peers: how long do a thousand take for 5 s, to the same error of the worst of them? On
-one core each, from the start to the end: ours, by the rules among which --tol chooses; heyoka's
-batch mode, a register of members at a time, with `fast_math`; MuJoCo's rollout, in joint angles.
-Seeds are members along a leading axis: q0, v0 (R, N, 3). Each computes what it computes alone, to
-the last bit.
+(d), with --peers: how long do a thousand take for 5 s, to the same error of the worst of them,
+beside heyoka's batch mode, with `fast_math`, and MuJoCo's rollout, in joint angles, on one core?
+Seeds are members along a leading axis: q0, v0 (R, N, 3). Each has the bits that it has alone.
 """
 
 import math
@@ -59,10 +57,7 @@ def follow(system, rule, mode, steps):
 
 
 def speed(whole, repeats):
-    """(a) A row of how fast a thousand go, by samples taken in turns, and what they must reach.
-
-    `whole`: the steps of all of them.
-    """
+    """(a) A row of how fast a thousand go, `whole` steps in all, and what they must reach."""
     system, steps = ensemble("double", range(CROWD)), -(-whole // CROWD)
 
     def measure(q, v):  # of each the largest over all steps: how far rods and energy ever are off
@@ -74,9 +69,9 @@ def speed(whole, repeats):
         many.advance(steps)
         return 1e-6 * steps * CROWD / (time.perf_counter() - clock)
 
-    alone, measured = (_runs.crowd(system, *RUNS[0], DT, asked) for asked in (None, measure))
-    jobs = {"alone": partial(pace, alone), "measured": partial(pace, measured)}
-    row, bars = {"seeds": CROWD}, []
+    jobs, row, bars = {}, {"seeds": CROWD}, []
+    for what, asked in {"alone": None, "measured": measure}.items():
+        jobs[what] = partial(pace, _runs.crowd(system, *RUNS[0], DT, asked))
     for what, samples in in_turns(jobs, repeats).items():
         row |= spread(samples, what)
         if _runs.NATIVE:
@@ -97,7 +92,7 @@ def fates(found):
     rows = []
     for (rule, mode), ends in found.items():
         row = {"run": f"{rule} {mode}", "rods m": np.median(ends.rods), "worst": ends.rods.max()}
-        row |= {"energy gained": np.median(ends.gained)}
+        row["energy gained"] = np.median(ends.gained)
         rows.append(row | {"tips spread m": np.sqrt(np.var(ends.tip, axis=0).sum())})
     return rows
 
@@ -131,16 +126,6 @@ def growth(system, skip, span, dt):
 def standard_error(samples):
     """Of the mean of independent samples: their standard deviation, by n - 1, over sqrt(n)."""
     return np.std(samples, ddof=1) / math.sqrt(len(samples))
-
-
-def parting(pairs, span):
-    """(c) A row each of two steps, with the standard error."""
-    system, rows = ensemble("double", range(pairs)), []
-    for dt in (FINE, 2.0 * FINE):
-        members = growth(system, SKIP, span, dt).mean(axis=1)
-        row = {"pairs": pairs, "dt": dt, "1/s": members.mean(), "+-": standard_error(members)}
-        rows.append(row)
-    return rows
 
 
 def beside():
@@ -187,4 +172,9 @@ def main(argv=None):
     found = {run: follow(system, *run, steps) for run in RUNS}
     show(f"(b) worst rod error in {after}, none over baumgarte", [ordering(found)])
     show(f"and after {after}: medians, and worst; energy as a share of m g L", fates(found))
-    show("(c) the largest Lyapunov exponent, rk4", parting(args.pairs, args.span))
+    system, rows = ensemble("double", range(args.pairs)), []
+    for dt in (FINE, 2.0 * FINE):
+        rates = growth(system, SKIP, args.span, dt).mean(axis=1)
+        row = {"pairs": args.pairs, "dt": dt, "1/s": rates.mean(), "+-": standard_error(rates)}
+        rows.append(row)
+    show("(c) the largest Lyapunov exponent, rk4", rows)

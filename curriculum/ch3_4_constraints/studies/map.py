@@ -5,10 +5,6 @@ middle both hang. The colour is the time at which the second rod first passes th
 is early, black is never. Starts inside the white curve have too little energy to turn over. Below
 the line, as in a mirror, are the lowest rows once more by the mode `none`, whose rods let energy
 leak: what turns over late there does not turn over at all.
-
-A rod is looked at every LOOK steps. While energy is kept, it turns by no more than sqrt(24 g / L),
-15 rad/s: far less than a quarter turn. So a rod that went over stands left of its joint at one look
-and right of it at the next, and above it. One that falls back between two looks has not turned.
 """
 
 import base64
@@ -40,7 +36,13 @@ def starts(angles):
 
 
 def first_turns(angles, mode, seconds):
-    """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
+    """The look (R,) at which the second rod has first passed the upright; 0: it does not.
+
+    A rod is looked at every LOOK steps. While energy is kept, it turns by no more than sqrt(24 g /
+    L), 15 rad/s: far less than a quarter turn. So a rod that went over stands left of its joint at
+    one look and right of it at the next, and above it. One that falls back between two looks has
+    not turned.
+    """
     q, turns = starts(angles), np.zeros(len(angles), dtype=int)
     start = c.build_system("double") | {"q0": q, "v0": np.zeros_like(q)}
     crowd = _runs.crowd(start, "semi_implicit", mode, DT)
@@ -70,17 +72,13 @@ def lights(size, rows, mode, seconds):
     return pixels.reshape(rows, size)
 
 
-def palette():
-    """Black, dark red, over yellow to white: (256, 3)."""
-    share = np.linspace(0.0, 1.0, 256)[:, None]
-    return (255.0 * np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)).round().astype(np.uint8)
-
-
 def png(pixels):
-    """The bytes of a PNG of palette entries (rows, columns)."""
+    """The bytes of a PNG of palette entries (rows, columns), from black over red to white."""
+    share = np.linspace(0.0, 1.0, 256)[:, None]
+    palette = 255.0 * np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)
     parts = {b"IHDR": struct.pack(">IIBBBBB", *pixels.shape[::-1], 8, 3, 0, 0, 0)}
-    parts[b"PLTE"] = palette().tobytes()
+    parts[b"PLTE"] = palette.round().astype(np.uint8).tobytes()
     parts |= {b"IDAT": zlib.compress(rows, 9), b"IEND": b""}
     found = b"\x89PNG\r\n\x1a\n"
     for name, data in parts.items():
@@ -99,11 +97,9 @@ def sheet(pixels, size, gap, seconds):
     drawn = Drawing(LEFT + EDGE + 104, round(TOP + tall + 64), "When does it turn over?")
 
     def image(what, x, y, width, height):
-        data = base64.b64encode(png(what)).decode()
+        data = f"data:image/png;base64,{base64.b64encode(png(what)).decode()}"
         place = {"x": x, "y": y, "width": width, "height": f"{height:.1f}"}
-        drawn.add(
-            "image", href=f"data:image/png;base64,{data}", preserveAspectRatio="none", **place
-        )
+        drawn.add("image", href=data, preserveAspectRatio="none", **place)
 
     image(pixels, LEFT, TOP, EDGE, tall)
     for degrees in (-180, -90, 0, 90, 180):

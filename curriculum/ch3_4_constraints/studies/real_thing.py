@@ -6,13 +6,12 @@ precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
 Each engine climbs ladders of settings to the first that reaches the error, and still does at the
 next finer one: what is near by accident does not count. These are timed in turns, A B A B, and of
 each engine the quickest is shown: `us` is the least time of its steps, one call for a whole run of
-code that has been called before, with no state kept but the last. `build` is tracing, compiling,
-making a model; `in all` is both. What is soon built, or runs in Python, is judged by that. Bars and
-`ours/it`, our time over theirs, are of least times, to which a busy machine can only add.
+code that has been called before. `build` is tracing, compiling, making a model; `in all` is both.
+What is soon built, or runs in Python, is judged by that. Bars and `ours/it`, our time over theirs,
+are of least times, to which a busy machine can only add.
 MuJoCo runs RK4 in joint angles, all else switched off. heyoka runs a Taylor series in angles, with
-and without `fast_math`, all optimized; soon built, it is not (`opt_level=0`). Ours are the rules
-among which --tol chooses, with rods held by `none` where no mode is named. An engine that is
-missing at an error did not reach it.
+and without `fast_math`; soon built, it is not optimized. Ours are the rules among which --tol
+chooses, with rods held by `none` where no mode is named.
 """
 
 import math
@@ -21,7 +20,6 @@ from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import pairwise
-from typing import NamedTuple
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
@@ -74,27 +72,20 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-class Rung(NamedTuple):
-    """A setting of an engine: build()(per) is a run, (seconds of its steps, positions)."""
-
-    setting: str
-    build: object  # what is made once; rungs may share it
-    per: int = 1  # steps a sample
-
-
 def steps_ladder(engine, task, low, high, *words, **how):
-    """Rungs of engine(task, *words, **how): ever more steps a sample, each about a tenth more."""
-    build = partial(engine, task, *words, **how)
-    pers = np.geomspace(low, high, round(10 * np.log(high / low))).round().astype(int)
-    names = {per: " ".join([*words, f"dt {task.every / per:.3g}"]) for per in pers.tolist()}
-    return [Rung(name, build, per) for per, name in names.items()]
+    """{setting: (build, steps a sample)} of an engine, each with about a tenth more steps.
+
+    A run is build()(steps a sample); build is engine(task, *words, **how).
+    """
+    build, count = partial(engine, task, *words, **how), round(10 * np.log(high / low))
+    pers = np.unique(np.geomspace(low, high, count).round().astype(int)).tolist()
+    return {" ".join([*words, f"dt {task.every / per:.3g}"]): (build, per) for per in pers}
 
 
 def taylor_ladder(engine, task, *words, **how):
-    """Rungs of heyoka, four a power of ten: engine(task, tol=tol, **how)."""
-    tols = 10.0 ** -np.arange(1.0, 15.0, 0.25)
-    builds = {f"tol {tol:.1e}": partial(engine, task, tol=tol, **how) for tol in tols}
-    return [Rung(" ".join([tol, *words]), build) for tol, build in builds.items()]
+    """The same of heyoka, four tolerances a power of ten: engine(task, tol, **how)."""
+    builds = {tol: partial(engine, task, tol, **how) for tol in 10.0 ** -np.arange(1.0, 15.0, 0.25)}
+    return {" ".join([f"tol {tol:.1e}", *words]): (build, 1) for tol, build in builds.items()}
 
 
 def offered(error):
@@ -108,35 +99,35 @@ def engines():
     return {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
 
 
-def first_there(task, rungs, error):
-    """The first of rungs that is as near as `error`, and the next one, too: it is no accident."""
-    built = cache(lambda build: build())
-    near = (task.error(built(rung.build)(rung.per)[1]) <= error for rung in rungs)
-    for rung, both in zip(rungs, pairwise(near), strict=False):
-        if all(both):
-            return rung
-    return None
+def first_there(task, ladder, error):
+    """The first setting that is as near as `error`, and the next one, too: it is no accident."""
+    made = cache(lambda build: build())
+    near = (task.error(made(build)(per)[1]) <= error for build, per in ladder.values())
+    both = zip(ladder, pairwise(near), strict=False)
+    return next((setting for setting, pair in both if all(pair)), None)
 
 
-def timed(task, rung):
+def timed(task, build, per):
     """Seconds of the steps, and with what there is to build; and the error."""
     clock = time.perf_counter()
-    go = rung.build()
+    go = build()
     built = time.perf_counter() - clock
-    seconds, q = go(rung.per)
+    seconds, q = go(per)
     return seconds, seconds + built, task.error(q)
 
 
 def race(task, racers, error, limits=()):
     """Rows and bars: how long each engine takes to an error.
 
-    racers: {engine: ladders of Rungs, each from coarse and quick to fine and slow}; limits:
-    (engine, peer, STEPS or ALL, the share of the peer's least time that is allowed).
+    racers: {engine: ladders, each from coarse and quick to fine and slow}; limits: (engine, peer,
+    STEPS or ALL, the share of the peer's least time that is allowed).
     """
     jobs, best, bars = {}, {}, []
     for engine, ladders in racers.items():
-        for rung in filter(None, (first_there(task, rungs, error) for rungs in ladders)):
-            jobs[engine, rung.setting] = partial(timed, task, rung)
+        for ladder in ladders:
+            setting = first_there(task, ladder, error)
+            if setting:
+                jobs[engine, setting] = partial(timed, task, *ladder[setting])
     for (engine, setting), samples in in_turns(jobs, REPEATS).items():
         steps, whole, off = np.array(samples).T
         row = {"engine": engine, "error": f"{off[0]:.1e}", STEPS: 1e6 * steps.min()}
@@ -166,8 +157,8 @@ def ladders(task, error):
     if _runs.NATIVE:
         kinds |= {SOON: {"best": False}, OURS: {}}
     for engine, how in kinds.items():
-        names = offered(error)
-        found[engine] = [steps_ladder(peers.ours, task, 8, 400, name, **how) for name in names]
+        climbs = [steps_ladder(peers.ours, task, 8, 400, x, **how) for x in offered(error)]
+        found[engine] = climbs
     return found
 
 

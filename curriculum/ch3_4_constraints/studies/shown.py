@@ -1,8 +1,7 @@
 """What the chapter says on its way, shown: one small table a name.  All of them, or those named.
 
 A table is a function that yields its rows. None holds a time, and none is rounded finer than
-processors agree: a reader sees the digits of the text. `hour` takes long, and is shown only if it
-is named.
+processors agree: a reader sees the digits of the text. `hour`, which takes long, must be named.
 """
 
 import math
@@ -52,23 +51,20 @@ def wrong(system, q, v):
 @table("seeds = {} | tips apart at the start, m = {:.6f} | after 20 s, m = {:.6f}")
 def seeds():
     """the double pendulum, semi_implicit, baumgarte"""
-    first = c.build_system("double", 0)
-    end = run(first, hold="baumgarte").tip[-1]
-    for seed in (0, 1):
-        second = c.build_system("double", seed)
-        start = np.linalg.norm(second["q0"][-1] - first["q0"][-1])
-        yield f"0 and {seed}", start, np.linalg.norm(run(second, hold="baumgarte").tip[-1] - end)
+    tips = [run(c.build_system("double", seed), hold="baumgarte").tip for seed in (0, 1)]
+    for seed, tip in enumerate(tips):
+        yield f"0 and {seed}", *np.linalg.norm(tip[[0, -1]] - tips[0][[0, -1]], axis=1)
 
 
 @table("system = {} | seed 0 = {:.1f} | seed 1 = {:.1f} | seed 2 = {:.1f}")
 def ratios():
     """worst rod error over 20 s, semi_implicit: that of none over that of baumgarte"""
+
+    def worst(name, seed, mode):
+        return run(c.build_system(name, seed), hold=mode).violations.max()
+
     for name in c.SYSTEMS:
-        drawn = [c.build_system(name, seed) for seed in range(3)]
-        off = [
-            [run(x, hold=mode).violations.max() for x in drawn] for mode in ("none", "baumgarte")
-        ]
-        yield name, *np.divide(*off)
+        yield name, *(worst(name, k, "none") / worst(name, k, "baumgarte") for k in range(3))
 
 
 @table(
@@ -192,13 +188,6 @@ def turning():
         yield rule, wrong(dumbbell, q, v), dt * (rate @ rate) / w, off
 
 
-def farthest(system, rule, mode):
-    """The rod error in mm, with its sign, that was largest over 2 s, of the first rod."""
-    found = run(system, rule, mode, steps=400, keep=range(401))
-    off = np.array([c.rod_errors(system, q)[0] for q in found.q])
-    return 1e3 * off[np.argmax(np.abs(off))]
-
-
 @table("mode = {} | rule = {} | while = {} | by hand, mm = {:+.3f} | found, mm = {:+.3f}")
 def by_hand():
     """largest error of a rod of 1 m over 2 s, dt 0.005; what swings was let go level"""
@@ -216,7 +205,9 @@ def by_hand():
         ("soft", "semi_implicit", "one bob hangs", one, stands),
         ("soft", "semi_implicit", "two bobs hang", two, 2.0 * stands),
     ):
-        yield mode, rule, what, 1e3 * metres, farthest(system, rule, mode)
+        states = run(system, rule, mode, steps=400, keep=range(401)).q
+        off = np.array([c.rod_errors(system, q)[0] for q in states])
+        yield mode, rule, what, 1e3 * metres, 1e3 * off[np.argmax(np.abs(off))]
 
 
 @table("impulse under = {} | steps 0 to 7 = {} | later = {:.3f}")
@@ -229,17 +220,6 @@ def nudge():
         yield rule, "  ".join(f"{x:.3f}" for x in off[:8]), off[1995:].max()
 
 
-def back_onto_rods(along_those_after, v_is_told):
-    """A way back onto the rods, right or wrong: project, which goes along the rods as they were
-    before the step, or the shortest, along those after it; v changes by the move or not."""
-
-    def back(system, q_start, q, v, dt):
-        along = q if along_those_after else q_start
-        return c.project(system, along, q, v, dt if v_is_told else math.inf)
-
-    return back
-
-
 @table(
     "along the rods = {} | v told = {} | off, m = {:.0e} | 1 s = {} | 5 s = {} | 10 s = {}"
     " | 20 s = {} | worst = {:.2g}"
@@ -248,7 +228,12 @@ def way_back():
     """the double pendulum, semi_implicit: energy error as a share of m g L after"""
     system, hold = c.build_system("double"), c.hold_table()["project"]
     for told, after in product((True, False), (False, True)):
-        found = run(system, hold=hold._replace(after=back_onto_rods(after, told)))
+
+        def back(system, q_start, q, v, dt, told=told, after=after):
+            """Newton's way back, right or wrong: project goes along the rods before the step."""
+            return c.project(system, q if after else q_start, q, v, dt if told else math.inf)
+
+        found = run(system, hold=hold._replace(after=back))
         off = np.abs(found.energies - found.energies[0]) / energy_scale(system)
         steps = [round(t / DT) for t in (1, 5, 10, 20)]
         texts = [f"{off[k]:.2g}" if k < len(off) else "lost" for k in steps]
