@@ -115,9 +115,10 @@ def inertial(m, x, inertia):
 
 
 def hinges(task, integrator="RK4"):
-    """MuJoCo in joint angles, one start or many, by one C call of its rollout, on one core.
+    """MuJoCo in joint angles, a sample in one C call; RK4 is its rule of the highest order.
 
-    Rods cannot stretch, and nothing is constrained. RK4 is its rule of the highest order.
+    Rods cannot stretch, and nothing is constrained. Many starts are one call of its rollout, on one
+    core, which keeps all states and takes its time for that.
     """
     import mujoco
     from mujoco.rollout import Rollout
@@ -128,20 +129,30 @@ def hinges(task, integrator="RK4"):
         body = f'<body>{rod}<frame pos="{length!r} 0 0">{body}</frame></body>'
     model = mjcf(body, off=OFF, integrator=integrator)
     data, whole = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    # the angles of hinges, each from the rod before it, stand after the time
-    starts = np.atleast_2d(np.diff(start_angles(task.system), prepend=0.0))
-    begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
-    begin[:, 1 : 1 + model.nq] = starts
+    starts = np.diff(start_angles(task.system), prepend=0.0)  # each from the rod before it
+    found = np.empty((task.samples, model.nq))
+
+    def again():
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = starts
+
+    def alone(per):
+        for k in range(task.samples):
+            mujoco.mj_step(model, data, per)
+            found[k] = data.qpos
 
     def go(per):
-        model.opt.timestep, steps = task.every / per, per * task.samples
-        kept = np.empty((len(starts), steps, begin.shape[1]))  # it keeps all states
-        how = {"nstep": steps, "skip_checks": False, "state": kept}
-        how["sensordata"] = np.empty((len(starts), steps, 0))
-        with Rollout(nthread=0) as alone:  # no thread but this one
-            seconds = least(partial(alone.rollout, model, data, begin, **how))
-        found = kept[:, per - 1 :: per, 1 : 1 + model.nq].reshape(-1, model.nq)
-        return seconds, placed(task.system, np.cumsum(found, axis=-1))
+        model.opt.timestep = task.every / per
+        if starts.ndim == 1:
+            return least(partial(alone, per), again), placed(task.system, np.cumsum(found, axis=-1))
+        begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
+        begin[:, 1 : 1 + model.nq] = starts  # after the time
+        kept = np.empty((len(starts), per, begin.shape[1]))
+        how = {"nstep": per, "skip_checks": False, "state": kept}
+        how["sensordata"] = np.empty((len(starts), per, 0))
+        with Rollout(nthread=0) as many:  # no thread but this one
+            seconds = least(partial(many.rollout, model, data, begin, **how))
+        return seconds, placed(task.system, np.cumsum(kept[:, -1, 1 : 1 + model.nq], axis=-1))
 
     return go
 

@@ -4,16 +4,15 @@
 (b) How does a step grow with the chain?  (c) How soon does a long chain begin?  Whole processes,
 400 steps without the viewer, in units of a default run.  (d) What does a long run cost, all of it
 measured at every step, beside MuJoCo's Euler on hinges, of which nothing is measured?
-Whatever is compared is timed in turns, A B A B, so that a busy machine slows both: only ratios and
+What is compared is timed in turns, A B A B, so that a busy machine slows both: only ratios and
 exponents carry over to another. Steps in (a) are those of one call for a whole run, of which
-nothing is measured. `plain` is the chapter's lines as numpy runs them, `python` the step compiled
-to Python alone, MuJoCo its rule of the same order on hinges.
+nothing is measured; MuJoCo's rule is of the same order, on hinges.
 """
 
 import subprocess
 import sys
 import tempfile
-import time
+import timeit
 from functools import partial
 from importlib.util import find_spec
 from itertools import product
@@ -62,13 +61,13 @@ def beside(cases, repeats):
     for case in cases:
         name, rule, mode = case
         task = Task(c.build_system(name), 1, DT * STEPS, None)
-        engines = {"us": peers.ours(task, rule, mode)}
-        engines["python"] = peers.ours(task, rule, mode, machine=False)
-        if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
-            engines["MuJoCo"] = peers.hinges(task, THEIRS[rule])
-        jobs = {engine: partial(pace, go, STEPS) for engine, go in engines.items()}
         plain = partial(run, task.system, rule, mode, DT, PLAIN, way=Plain)
-        found = in_turns(jobs | {"plain": lambda plain=plain: plain().pace}, repeats)
+        jobs = {"us": partial(pace, peers.ours(task, rule, mode), STEPS)}
+        jobs["plain"] = lambda plain=plain: plain().pace
+        jobs["python"] = partial(pace, peers.ours(task, rule, mode, machine=False), STEPS)
+        if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
+            jobs["MuJoCo"] = partial(pace, peers.hinges(task, THEIRS[rule]), STEPS)
+        found = in_turns(jobs, repeats)
         row = {"case": " ".join(case), **spread(found["us"], "us")}
         for engine in ("plain", "python", "MuJoCo"):
             row[f"over {engine}"] = share(found, "us", engine) if engine in found else "-"
@@ -99,41 +98,35 @@ def process(*flags):
     """Seconds of a whole process, from its start to its end, without the viewer."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, c.HERE / "constraints.py", "--no-rerun", "--out", folder, *flags]
-        clock = time.perf_counter()
-        subprocess.run(command, check=True, capture_output=True)
-        return time.perf_counter() - clock
+        whole = partial(subprocess.run, command, check=True, capture_output=True)
+        return timeit.timeit(whole, number=1)
 
 
 def beginnings():
     """(c) Rows and bars of how soon a chain has begun."""
-    jobs = {"default run": process}
+    jobs, rows, bars = {"default run": process}, [], []
     for links in BEGIN:
         flags = "--system", "chain", "--links", str(links), "--steps", "400"
         jobs[f"{links} links"] = partial(process, *flags)
-    found, rows, bars = in_turns(jobs, FEW), [], []
-    for name, samples in found.items():
+    found = in_turns(jobs, FEW)
+    for name, limit in zip(jobs, (None, *BEGIN.values()), strict=True):
         runs = share(found, name, "default run")
-        rows.append({"run": name, **spread(samples, "s"), "default runs": runs})
-    for row, limit in zip(rows[1:], BEGIN.values(), strict=True):
-        bars.append((f"{row['run']}, in default runs", row["default runs"], limit))
+        rows.append({"run": name, **spread(found[name], "s"), "default runs": runs})
+        if limit:
+            bars.append((f"{name}, in default runs", runs, limit))
     return "(c) whole processes, s", rows, bars
 
 
 def long_run():
     """(d) A row and a bar of a long run of the double pendulum through `simulate`."""
     system = c.build_system("double")
-
-    def measured():
-        clock = time.perf_counter()
-        run(system, "semi_implicit", "impulse", DT, LONG)
-        return time.perf_counter() - clock
-
-    jobs = {"ours": measured}
+    measured = partial(run, system, "semi_implicit", "impulse", DT, LONG)
+    jobs, row, bars = {"ours": partial(timeit.timeit, measured, number=1)}, {"steps": LONG}, []
     if find_spec("mujoco"):
         hinges = peers.hinges(Task(system, 1, DT * LONG, None), "Euler")
         jobs["MuJoCo"] = lambda: hinges(LONG)[0]
-    found, bars = in_turns(jobs, FEW), []
-    row = {"steps": LONG} | {f"{engine}, s": np.median(found[engine]) for engine in found}
+    found = in_turns(jobs, FEW)
+    row |= {f"{engine}, s": np.median(found[engine]) for engine in found}
     if NATIVE and "MuJoCo" in found:
         row["ours/MuJoCo"] = share(found, "ours", "MuJoCo")
         bars.append(("a run, ours over MuJoCo", row["ours/MuJoCo"], 0.3))
