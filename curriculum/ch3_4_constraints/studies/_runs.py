@@ -5,6 +5,7 @@ import json
 import sys
 import textwrap
 from collections import namedtuple
+from functools import partial
 from pathlib import Path
 
 import constraints as c
@@ -15,6 +16,7 @@ from curriculum.common.banner import processor
 from curriculum.common.cli import Parser
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
+from curriculum.common.runs import distance
 from curriculum.common.steps import followed
 from curriculum.common.trace import Untraceable
 
@@ -68,12 +70,8 @@ def double(end=False):
     """
     truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
     first = -1 if end else 0
-    times, q = truth["times"][first:], np.array(truth["cases"]["double"]["positions"])[first:]
-
-    def error(found):
-        return np.max(np.linalg.norm(found - q, axis=-1))
-
-    return Task(c.build_system("double"), len(q), times[0], error)
+    times, q = truth["times"][first:], truth["cases"]["double"]["positions"][first:]
+    return Task(c.build_system("double"), len(q), times[0], partial(distance, np.array(q)))
 
 
 def energy_scale(system):
@@ -102,7 +100,7 @@ class Preset(argparse.Action):
 def study_parser(name, doc, quick=None, **usual):
     """The Parser of the study `name`; `usual`: what else it goes by, as attributes, without flags.
 
-    `quick`: what --quick has instead, of these or of its flags; a study without is quick enough.
+    `quick`: what --quick has instead, of these or of its flags.
     """
     about = "\n\n".join(textwrap.fill(paragraph, 80) for paragraph in doc.split("\n\n"))
     parser = Parser(prog=f"python -m {__package__} {name}", description=about)

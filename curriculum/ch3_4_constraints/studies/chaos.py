@@ -4,7 +4,6 @@
 drift make of the crowd?  (c) How fast do neighbours part: the largest Lyapunov exponent?
 (d), with --peers: how long do a thousand take for 5 s, to the same error of the worst of them,
 beside heyoka's batch mode, with `fast_math`, and MuJoCo's rollout, in joint angles, on one core?
-Seeds are members along a leading axis: q0, v0 (R, N, 3). Each has the bits that it has alone.
 """
 
 import math
@@ -20,6 +19,7 @@ from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import work
 from curriculum.common.cli import number
 from curriculum.common.crowds import mapped
+from curriculum.common.runs import distance
 
 import numpy as np
 
@@ -38,7 +38,7 @@ Ends = namedtuple("Ends", "rods gained tip")
 
 
 def ensemble(name, seeds):
-    """The system `name` with q0, v0 (R, N, 3), the starts that build_system draws for `seeds`."""
+    """The system `name` with q0, v0 (R, N, 3), a start for each of `seeds`, as build_system's."""
     drawn = (c.build_system(name, seed) for seed in seeds)
     q0, v0 = np.stack([(system["q0"], system["v0"]) for system in drawn], axis=1)
     return c.build_system(name) | {"q0": q0, "v0": v0}
@@ -133,12 +133,8 @@ def beside():
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
-    truth = true.states()[0][..., :2]
-
-    def off(q):
-        return np.max(np.linalg.norm(q - truth, axis=-1))
-
-    task, racers = _runs.Task(system, 1, LONG, off), {}
+    error_of, racers = partial(distance, true.states()[0][..., :2]), {}
+    task = _runs.Task(system, 1, LONG, error_of)
     if find_spec("heyoka"):
         racers[real_thing.TAYLOR] = [real_thing.taylor_ladder(peers.heyoka_crowd, task)]
     if find_spec("mujoco"):  # as many steps as one has the patience for

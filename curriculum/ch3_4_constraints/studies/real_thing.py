@@ -1,17 +1,12 @@
 """Read the real thing: what MuJoCo calls our quantities, and what speed is worth at an error.
 
 (a) The same quantity, two names: `soft` is MuJoCo's equality constraint of a tendon.  (b) Time to a
-given error: where the double pendulum is after 5 s, beside reference.json.  (c) Time to high
-precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
-Each engine climbs ladders of settings to the first that reaches the error, and still does at the
-next finer one: what is near by accident does not count. These are timed in turns, A B A B, and of
-each engine the quickest is shown: `us` is the least time of its steps, one call for a whole run of
-code that has been called before. `build` is tracing, compiling, making a model; `in all` is both.
-What is soon built, or runs in Python, is judged by that. Bars and `ours/it`, our time over theirs,
-are of least times, to which a busy machine can only add.
-MuJoCo runs RK4 in joint angles, all else switched off. heyoka runs a Taylor series in angles, with
-and without `fast_math`; soon built, it is not optimized. Ours are the rules among which --tol
-chooses, with rods held by `none` where no mode is named.
+given error: where the double pendulum is after 5 s.  (c) Time to high precision: the simple
+pendulum of IFToMM's benchmark, beside its closed form.
+An engine climbs ladders of settings to the first that reaches the error, and still does at the next
+finer one. These are timed in turns, and of each engine the quickest is shown, by least times, to
+which a busy machine can only add: `us` for its steps, in one call of code that has been called
+before, `build` for tracing, compiling, making a model, and `in all`.
 """
 
 import math
