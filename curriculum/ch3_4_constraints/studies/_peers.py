@@ -74,7 +74,8 @@ def our_crowd(task, rule):
     def go(per):
         many.dt, again = task.every / per, partial(many.put, system["q0"], system["v0"])
         with patch.object(native, "CORES", 1):
-            return least(partial(many.advance, per), again), many.states()[0][..., :2]
+            seconds = least(partial(many.advance, per), again)
+        return seconds, many.states()[0][..., :2]
 
     return go
 
@@ -144,7 +145,8 @@ def hinges(task, integrator="RK4"):
     def go(per):
         model.opt.timestep = task.every / per
         if starts.ndim == 1:
-            return least(partial(alone, per), again), placed(task.system, np.cumsum(found, axis=-1))
+            seconds = least(partial(alone, per), again)
+            return seconds, placed(task.system, np.cumsum(found, axis=-1))
         begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
         begin[:, 1 : 1 + model.nq] = starts  # after the time
         kept = np.empty((len(starts), per, begin.shape[1]))
@@ -213,9 +215,9 @@ def taylor(system, lanes=None, **how):
     share = whole - m2 * cos * cos
     turning = (p - m2 * cos * r) / (a * share), (whole * r - cos * p) / (b * share)
     equations = [(th1, w1), (th2, w2), *zip((w1, w2), turning, strict=True)]
-    if lanes:
-        return hy.taylor_adaptive_batch(equations, np.zeros((4, lanes)), **how)
-    return hy.taylor_adaptive(equations, np.zeros(4), **how)
+    if lanes is None:
+        return hy.taylor_adaptive(equations, np.zeros(4), **how)
+    return hy.taylor_adaptive_batch(equations, np.zeros((4, lanes)), **how)
 
 
 def heyoka(task, tol, **how):

@@ -112,7 +112,7 @@ def beginnings():
     for name, limit in zip(jobs, (None, *BEGIN.values()), strict=True):
         runs = share(found, name, "default run")
         rows.append({"run": name, **spread(found[name], "s"), "default runs": runs})
-        if limit:
+        if limit is not None:
             bars.append((f"{name}, in default runs", runs, limit))
     return "(c) whole processes, s", rows, bars
 

@@ -70,7 +70,7 @@ def listed(what):
         end = starting(last, first.lineno)
     shown = lines[first.lineno - 1 : end.end_lineno]
     docstring = ast.get_docstring(first, clean=False) if first is function else None
-    if docstring:
+    if docstring is not None:
         del shown[1 : 1 + len(docstring.splitlines())]
     return textwrap.dedent("\n".join(shown)) + "\n"
 

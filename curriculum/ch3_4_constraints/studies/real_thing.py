@@ -111,7 +111,7 @@ def timed(task, build, per):
     return seconds, seconds + built, task.error(q)
 
 
-def race(task, racers, error, limits=()):
+def race(task, racers, error, limits):
     """Rows and bars: how long each engine takes to an error.
 
     racers: {engine: ladders, each from coarse and quick to fine and slow}; limits: (engine, peer,
@@ -121,7 +121,7 @@ def race(task, racers, error, limits=()):
     for engine, ladders in racers.items():
         for ladder in ladders:
             setting = first_there(task, ladder, error)
-            if setting:
+            if setting is not None:
                 jobs[engine, setting] = partial(timed, task, *ladder[setting])
     for (engine, setting), samples in in_turns(jobs, REPEATS).items():
         steps, whole, off = np.array(samples).T
