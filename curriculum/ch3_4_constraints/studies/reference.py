@@ -14,7 +14,6 @@ the energy shows it, and is kept. Storing as double adds at most half a unit in 
 """
 
 import json
-from functools import partial
 from pathlib import Path
 
 import constraints as c
@@ -33,9 +32,8 @@ COARSE, FINE = 16, 19  # digits of the two computations
 TOLERANCE = 1e-14  # m, for --check
 
 
-@partial(np.frompyfunc, nin=2, nout=1)
 def dot(a, b):
-    """a . b of vectors that are complex numbers, or of arrays of them."""
+    """a . b of vectors that are complex numbers."""
     return (a.conjugate() * b).real
 
 
@@ -44,21 +42,24 @@ def linkage(system):
     from mpmath import mp
 
     points = np.concatenate([system["q0"], system["anchors"][::-1]])  # index -1: the first anchor
-    start = np.array([mp.mpc(x, y) for x, y, _ in points.tolist()])
+    start = [mp.mpc(x, y) for x, y, _ in points.tolist()]
     n, m = len(system["q0"]), [mp.mpf(x) for x in system["m"][:, 0].tolist()]
     rods = [[] for _ in range(n)]
     for (i, j), length in zip(system["pairs"], system["lengths"].tolist(), strict=True):
         rods[i].append((j, mp.mpf(length)))
     own = [k for k in range(n) if len(rods[k]) == 1]  # particles with an angle of their own
+    angles = range(len(own))
 
     def motion(th, rate):
-        z, speed, h, turn = start.copy(), 0 * start, 0 * start, np.outer(0 * start, own)  # dz/dth
-        for k, ((a, r), *other) in enumerate(rods):
+        z, speed, h = start[:], [mp.zero] * len(start), [mp.zero] * len(start)
+        turn = [[mp.zero for _ in angles] for _ in start]  # dz/dth
+        for k in range(n):
+            (a, r), *other = rods[k]
             if not other:
                 angle = own.index(k)
                 arm = r * mp.expj(th[angle])
-                z[k], h[k], turn[k] = z[a] + arm, h[a] - rate[angle] ** 2 * arm, turn[a]
-                turn[k, angle] += 1j * arm
+                z[k], h[k], turn[k] = z[a] + arm, h[a] - rate[angle] ** 2 * arm, turn[a][:]
+                turn[k][angle] += 1j * arm
             for b, s in other:
                 side = mp.sign(dot(1j * (start[b] - start[a]), start[k] - start[a]))
                 base = z[b] - z[a]
@@ -71,14 +72,15 @@ def linkage(system):
                     """The vector u with p . u = x and q . u = y."""
                     return 1j * (y * p - x * q) / dot(1j * p, q)
 
-                turn[k] = corner(dot(p, turn[a]), dot(q, turn[b]))
-            speed[k] = turn[k] @ rate
+                both = zip(turn[a], turn[b], strict=True)
+                turn[k] = [corner(dot(p, x), dot(q, y)) for x, y in both]
+            speed[k] = sum(w * x for w, x in zip(rate, turn[k], strict=True))
             for b, _ in other:  # both rods keep their lengths
                 spin = [abs(speed[k] - speed[j]) ** 2 for j in (a, b)]
                 h[k] = corner(dot(p, h[a]) - spin[0], dot(q, h[b]) - spin[1])
         bodies = list(zip(m, turn, h, strict=False))  # of the particles, not the anchors
-        matrix = sum(w * dot(x[:, None], x) for w, x, _ in bodies)
-        right = -sum(w * dot(x, y + UP) for w, x, y in bodies)
+        matrix = [[sum(w * dot(x[i], x[j]) for w, x, _ in bodies) for j in angles] for i in angles]
+        right = [-sum(w * dot(x[i], y + UP) for w, x, y in bodies) for i in angles]
         return z[:n], speed[:n], list(mp.lu_solve(mp.matrix(matrix), mp.matrix(right)))
 
     return [mp.arg(start[k] - start[rods[k][0][0]]) for k in own], motion
