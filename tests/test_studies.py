@@ -4,12 +4,11 @@ import base64
 import math
 import re
 import zlib
-from functools import partial
 from xml.etree import ElementTree
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _race, _runs, chaos, real_thing, speed_vs_error
+from curriculum.ch3_4_constraints.studies import _runs, chaos, real_thing, speed_vs_error
 from curriculum.ch3_4_constraints.studies import map as plane
 from curriculum.ch3_4_constraints.studies._runs import Task, double, energy_scale, run
 from curriculum.ch3_4_constraints.tables import spread
@@ -114,19 +113,17 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
         assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
 
 
-def run_heyoka(task, tol):
-    return peers.heyoka(peers.heyoka_flow(task, tol), task)
-
-
-ANGLES = {"mujoco": (peers.run_hinges, 60, 40_000), "heyoka": (run_heyoka, 1e-3, 1e-16)}
+ANGLES = {
+    "mujoco": lambda task: map(peers.hinges(task), (60, 40_000)),
+    "heyoka": lambda task: (peers.heyoka(task, tol)(1) for tol in (1e-3, 1e-16)),
+}
 
 
 @pytest.mark.parametrize("package", ANGLES)
 def test_joint_angles_give_the_same_motion_the_finer_they_go(package):
     pytest.importorskip(package, reason="the extras compare and peers bring them")
-    engine, *settings = ANGLES[package]
     task = double(end=True)
-    far, near = (task.error(engine(task, x)[1]) for x in settings)
+    far, near = (task.error(q) for _, q in ANGLES[package](task))
     assert near < 1e-8 * far
 
 
@@ -138,8 +135,8 @@ def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_
     np.testing.assert_allclose(xy, [[1, 0], [0, -1], [-1, 0], [0, -1]], rtol=0, atol=1e-11)
     task = real_thing.a01(2000.0 if peers.NATIVE else 60.0)
     for mode in ("none", "project"):
-        assert task.error(peers.run_ours(task, 2, "gauss", mode)[1]) < 1e-2 * real_thing.HIGH
-    assert task.error(peers.run_ours(task, 2, "rk4", "project")[1]) > 100.0 * real_thing.HIGH
+        assert task.error(peers.ours(task, "gauss", mode)(2)[1]) < 1e-2 * real_thing.HIGH
+    assert task.error(peers.ours(task, "rk4", "project")(2)[1]) > 100.0 * real_thing.HIGH
 
 
 def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_error():
@@ -155,8 +152,8 @@ def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_err
 
 
 CROWDS = {
-    "mujoco": lambda task: peers.hinges_crowd(peers.hinges_model(task), task, 2000),
-    "heyoka": lambda task: peers.heyoka_crowd(peers.heyoka_batch(task, 1e-14), task),
+    "mujoco": lambda task: peers.hinges(task)(2000),
+    "heyoka": lambda task: peers.heyoka_crowd(task, 1e-14)(1),
 }
 
 
@@ -176,31 +173,30 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     """A climb ends at what reaches the error and does not lose it at the next rung; of two ladders
     the quicker one counts; a racer judged in all pays for what it builds."""
     clock = [0.0]
-    monkeypatch.setattr(_race.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(real_thing.time, "perf_counter", lambda: clock[0])
 
     def ladder(built, *rungs):
         """Rungs of seconds and errors in m."""
 
         def build():
             clock[0] += built
+            return lambda per: (rungs[per][0], np.array([[[rungs[per][1], 0.0]]]))
 
-        def go(_, found):
-            return found[0], np.array([[[found[1], 0.0]]])
-
-        return [_race.Rung(str(found[0]), build, partial(go, found=found)) for found in rungs]
+        return {str(seconds): (build, per) for per, (seconds, _) in enumerate(rungs)}
 
     lucky = ladder(0.5, (0.25, 1e-4), (0.5, 1.0), (2.0, 1e-4), (4.0, 1e-4), (6.0, 0.0), (7.0, 0.0))
     quick = ladder(0.25, (1.0, 1e-4), (3.0, 0.0), (5.0, 0.0))
     soon = ladder(0.0, (1.125, 1e-4), (3.125, 0.0), (5.0, 0.0))
     racers = {"ours": [lucky, quick], "heyoka": [lucky], "ours, Python": [quick, soon]}
-    limits = ("ours", "heyoka", 0, 0.6), ("ours, Python", "heyoka", 1, 0.4), ("ours", "X", 0, 1.0)
+    limits = [("ours", "heyoka", real_thing.STEPS, 0.6), ("ours", "X", real_thing.STEPS, 1.0)]
+    limits += [("ours, Python", "heyoka", real_thing.ALL, 0.4)]
     task = Task(c.build_system("pendulum"), 1, 1.0, lambda q: float(q[0, 0, 0]))
-    rows, bars = _race.race(task, lambda error: racers, {1e-3: limits, 1e-5: ()})
-    won = [("1e-03", "1.0", "2.0", "1.125"), ("1e-05", "3.0", "6.0", "3.125")]
-    expected = [
-        (error, engine, setting, float(best[0]) / float(setting))
-        for error, *best in won
-        for engine, setting in zip(racers, best, strict=True)
-    ]
-    assert [(row["to"], row["engine"], row["setting"], row["ours/it"]) for row in rows] == expected
-    assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]
+    won = {1e-3: (1.0, 2.0, 1.125), 1e-5: (3.0, 6.0, 3.125)}
+    for error, best in won.items():
+        rows, bars = real_thing.race(task, racers, error, limits)
+        expected = [
+            (engine, str(x), f"{best[0] / x:.2g}") for engine, x in zip(racers, best, strict=True)
+        ]
+        assert [(row["engine"], row["setting"], row["ours/it"]) for row in rows] == expected
+        if error == 1e-3:
+            assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]

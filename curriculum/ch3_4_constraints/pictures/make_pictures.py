@@ -7,7 +7,6 @@ a hand has pulled the first bob of the third tile for 0.7 s.
 
 import contextlib
 import io
-import re
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -117,7 +116,7 @@ def cost():
     task, curves = _runs.double(), {}
     for rule, mode in METHODS:
         rows = speed_vs_error.ladder(task, rule, mode)
-        spots = [(row["solves"], row["error"]) for row in rows]
+        spots = ((row["solves"], row["error"]) for row in rows)
         spots = [(x, error) for x, error in spots if x > 28.0 and 1e-14 < error < 20.0]
         curves[f"{rule} {mode}"] = MODES[mode], spots, DASHES[rule]
     x = "linear systems solved for a simulated second", (28.0, 20_000.0), SOLVES
@@ -127,28 +126,30 @@ def cost():
 
 def hard_cases():
     """The table of the study hard_cases, as the studies' page shows it: the larger the better."""
-    table = (_runs.SCENES.parent / "studies/README.md").read_text(encoding="utf-8")
-    cells = rf"((?: +(?:-|[\d./]+)){{{len(hard.TITLES)}}})"
-    rows = re.findall(rf"^ *({'|'.join(hard.NAMES)}){cells}$", table, re.MULTILINE)
-    methods, sheet = list(hard.TITLES), Drawing(760, 470, "What holds when it gets hard?")
+    page = (_runs.SCENES.parent / "studies/README.md").read_text(encoding="utf-8")
+    table = page.partition("hard_cases -->")[2].partition("\n```\n")[0]
+    lines = (line.split() for line in table.splitlines())
+    rows = [x for x in lines if len(x) == 1 + len(hard.TITLES) and x[0] in hard.NAMES]
+    sizes = {dt: 3 + 2 * k for k, dt in enumerate(hard.LADDER[::-1])}
+    sheet = Drawing(760, 470, "What holds when it gets hard?")
     sheet.words(16, 26, "a dot: the largest step that holds all starts; a ring: some starts only")
-    for k, title in enumerate(methods):
-        color = MODES[title.split()[-1]]
+    for column, title in enumerate(hard.TITLES):
+        x, color = 160 + 78 * column, MODES[title.split()[-1]]
         for line, word in enumerate(title.split()):
-            sheet.words(160 + 78 * k, 52 + 17 * line, word, color, "middle", 14, "bold")
-    for row, (name, cells) in enumerate(rows):
+            sheet.words(x, 52 + 17 * line, word, color, "middle", 14, "bold")
+    for row, (name, *cells) in enumerate(rows):
         y = 96 + 28 * row
         sheet.words(110, y + 5, name, INK, "end", 14)
-        for k, cell in enumerate(cells.split()):
-            spot, color = (160 + 78 * k, y), MODES[methods[k].split()[-1]]
+        for column, (title, cell) in enumerate(zip(hard.TITLES, cells, strict=True)):
+            x, color = 160 + 78 * column, MODES[title.split()[-1]]
             if "/" in cell:
-                sheet.add("circle", cx=spot[0], cy=y, r=4, fill="none", stroke=color)
+                sheet.add("circle", cx=x, cy=y, r=4, fill="none", stroke=color)
             elif cell != "-":
-                sheet.dot(spot, 3 + 2 * hard.LADDER[::-1].index(float(cell)), color)
+                sheet.dot((x, y), sizes[float(cell)], color)
     y = 96 + 28 * len(rows) + 8
     sheet.words(110, y + 5, "steps, s", GREY, "end", 14)
     for k, dt in enumerate(hard.LADDER):
-        sheet.dot((160 + 98 * k, y), 3 + 2 * hard.LADDER[::-1].index(dt), GREY)
+        sheet.dot((160 + 98 * k, y), sizes[dt], GREY)
         sheet.words(178 + 98 * k, y + 5, f"{dt:g}", GREY, size=14)
     return sheet.text()
 
@@ -156,13 +157,11 @@ def hard_cases():
 def chaos():
     """How much energy a thousand double pendulums have gained after 20 s, with rods that leak."""
     system, curves = thousand.ensemble("double", range(1000)), {}
-    dashes = {"semi_implicit": "none", "rk4": "10 5"}
     for rule, mode in thousand.RUNS:
         gained = np.sort(thousand.follow(system, rule, mode, 4000).gained)
-        share = np.linspace(0.0, 1.0, len(gained))
-        points = list(zip(np.clip(gained, -0.6, 1.0)[::10], share[::10], strict=True))
+        points = zip(np.clip(gained, -0.6, 1.0), np.linspace(0.0, 1.0, len(gained)), strict=True)
         name = mode if rule == "semi_implicit" else f"{rule} {mode}"
-        curves[name] = MODES[mode], points, dashes[rule]
+        curves[name] = MODES[mode], list(points)[::10], DASHES[rule]
     shares = {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"}
     x = "energy gained, of m g L", (-0.6, 1.0), shares
     y = "share of the seeds below", (0.0, 1.0), {0.0: "0", 0.5: "half", 1.0: "all"}
@@ -177,8 +176,8 @@ def moving(name):
         return Path(folder, "motion.svg").read_text(encoding="utf-8")
 
 
-PICTURES = {f"{x.__name__}.svg": x for x in (two_pendulums, eigenvalue, forces, drift, cost)}
-PICTURES |= {f"{x.__name__}.svg": x for x in (hard_cases, chaos)}
+DRAWN = two_pendulums, eigenvalue, forces, drift, cost, hard_cases, chaos
+PICTURES = {f"{x.__name__}.svg": x for x in DRAWN}
 PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
 
 

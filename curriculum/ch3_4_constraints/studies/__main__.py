@@ -12,8 +12,7 @@ NAMES = sorted(path.stem for path in Path(__file__).parent.glob("[!_]*.py"))
 def main(argv=None):
     """Hand what follows the name to the study that has it."""
     words = sys.argv[1:] if argv is None else argv
-    command = f"python -m {__package__}"
-    known = f"one of {', '.join(NAMES)}"
+    command, known = f"python -m {__package__}", f"one of {', '.join(NAMES)}"
     parser = Parser(prog=command, usage=f"{command} NAME [its flags, or --help]")
     parser.add_argument("name", metavar="NAME", choices=NAMES, help=f"a question each: {known}")
     if not words:

@@ -1,19 +1,22 @@
 """The systems of constraints.py in our hands and in other engines, each at its fastest.
 
-An engine is imported where it is used, so that this module needs none. What a run returns first is
-the seconds of its steps alone: models are built, and read, while that clock stands.
+An engine is a function of a Task and of settings. It makes what is made once, a compiled step or a
+model, and returns go(per), a run of it with `per` steps a sample: (seconds of the steps alone,
+positions). Positions are (samples, N, 2) or, of a crowd with one sample, (R, N, 2). An engine is
+imported where it is used, so that this module needs none.
 """
 
-import time
+import timeit
 from functools import partial
 from unittest.mock import patch
 
-from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, make_system
+from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, crowd, make_system
 from curriculum.common import native
 from curriculum.common.steps import Single, Traced, followed
 
 import numpy as np
 
+DT = 0.005  # s: steps of other lengths want a mode that does not know them, none or project
 OFF = """contact warmstart island sensor actuation spring damper midphase filterparent eulerdamp
 nativeccd autoreset constraint"""  # of MuJoCo: what joint angles do not need
 # kg m^2 about a particle: MuJoCo wants some; as a share of m L^2 this moves no digit we show
@@ -21,75 +24,60 @@ POINT = 1e-14
 TRIES, SHARE = 15, 0.02  # of a run that is timed: how often, and for how many s
 
 
-def compiled_step(system, rule, mode, dt, machine=NATIVE, best=True):
-    """A step, compiled to machine code, the `best` or what is soon made, or to Python."""
-    rule, force = case(system, rule, mode, dt)
-    step = followed(rule, force.after)
-    single = Single(Traced(step, system["m"], force, system["q0"], system["v0"]))
-    if machine:
-        single.to_machine(best)
-    return single
-
-
-def least(again, go):
+def least(go, again="pass"):
     """The least seconds of go(), each after again(): TRIES times, or as often as fits in SHARE s.
 
     A peer's code has been called before, as a user's second run would find it.
     """
-    times = []
-    while len(times) < TRIES and sum(times) < SHARE:
-        again()
-        clock = time.perf_counter()
-        go()
-        times.append(time.perf_counter() - clock)
-    return min(times)
+    seconds = timeit.timeit(go, again, number=1)
+    tries = min(TRIES, int(SHARE / seconds))
+    return min([seconds, *timeit.repeat(go, again, number=1, repeat=tries)])
 
 
-def ours(step, task, per):
-    """A whole run in one call of a compiled step, `per` steps a sample.
+def ours(task, rule, mode="none", machine=NATIVE, best=True):
+    """A step compiled to machine code, the `best` or what is soon made, or to Python.
 
-    (seconds, positions (samples, N, 2), NaN from where it ended). As a peer's loop in C: without
-    what `simulate` measures, logs and compares. Of a task with one sample only the end is kept.
+    As a peer's loop in C a run is one call, without what `simulate` measures, logs and compares. Of
+    a task with one sample only the end is kept. Positions are NaN from where a run ended.
     """
-    steps, dt = per * task.samples, task.every / per
-    start = step.traced.columns(task.system["q0"], task.system["v0"])[:, 0]
-    state, rows, done = start[:, None].copy(), np.empty((steps, len(start))), [0]
-    call = partial(step.easy, start, rows, dt)
-    knobs, unsettled = np.array([dt]), np.zeros(1, np.int64)
-    if step.machine:  # addresses are taken once, as a peer's binding does
-        place = rows.ctypes.data if task.samples > 1 else None
-        addresses = state.ctypes.data, steps, place, 1, knobs.ctypes.data, unsettled.ctypes.data
-        call = partial(step.machine.function, *addresses)
+    system = task.system
+    rule, force = case(system, rule, mode, DT)
+    step = followed(rule, force.after)
+    single = Single(Traced(step, system["m"], force, system["q0"], system["v0"]))
+    if machine:
+        single.to_machine(best)
+    start = single.traced.columns(system["q0"], system["v0"])
 
-    def again():
-        state[:, 0] = start
+    def go(per):
+        steps, dt = per * task.samples, task.every / per
+        state, rows, done = start.copy(), np.empty((steps, len(start))), []
+        call = partial(single.easy, start[:, 0], rows, dt)
+        if machine:  # addresses are taken once, as a peer's binding does
+            place = rows.ctypes.data if task.samples > 1 else None
+            knobs, unsettled = np.array([dt]), np.zeros(1, np.int64)
+            ends = knobs.ctypes.data, unsettled.ctypes.data
+            call = partial(single.machine.function, state.ctypes.data, steps, place, 1, *ends)
+        seconds = least(lambda: done.append(call()), partial(np.copyto, state, start))
+        if machine and task.samples == 1:
+            rows[-1] = state[:, 0]
+        rows[np.ravel(done[-1])[0] :] = np.nan
+        return seconds, single.traced.states(rows[per - 1 :: per])[0][..., :2]
 
-    def go():
-        done[0] = call() if step.machine else call()[0]
-
-    seconds = least(again, go)
-    if step.machine and task.samples == 1:
-        rows[-1] = state[:, 0]
-    rows[done[0] :] = np.nan
-    return seconds, step.traced.states(rows[per - 1 :: per])[0][:, :, :2]
-
-
-def run_ours(task, per, rule, mode, machine=NATIVE):
-    """Compile, and run: as `ours`."""
-    step = compiled_step(task.system, rule, mode, task.every / per, machine)
-    return ours(step, task, per)
+    return go
 
 
-def our_crowd(many, task, per):
-    """A run of a Crowd, on one core, whatever there are: (seconds, positions (R, N, 2))."""
-    many.dt = task.every / per
+def our_crowd(task, rule):
+    """A Crowd, on one core, whatever there are."""
+    system = task.system
+    many = crowd(system, rule, "none", DT)
 
-    def again():
-        many.put(task.system["q0"], task.system["v0"])
+    def go(per):
+        many.dt, again = task.every / per, partial(many.put, system["q0"], system["v0"])
+        with patch.object(native, "CORES", 1):
+            seconds = least(partial(many.advance, per), again)
+        return seconds, many.states()[0][..., :2]
 
-    with patch.object(native, "CORES", 1):
-        seconds = least(again, lambda: many.advance(per))
-    return seconds, many.states()[0][..., :2]
+    return go
 
 
 def start_angles(system):
@@ -102,6 +90,11 @@ def placed(system, angles):
     """Positions (..., N, 2) of a chain whose rods are at `angles` (..., N)."""
     unit = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     return np.cumsum(system["lengths"][:, None] * unit, axis=-2)
+
+
+def masses_and_lengths(system):
+    """(mass, length) of a chain's particles and rods."""
+    return list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True))
 
 
 # --- MuJoCo ---
@@ -118,55 +111,52 @@ def mjcf(world, rest="", off="", **option):
     )
 
 
-def masses_and_lengths(system):
-    """(mass, length) of a chain's particles and rods."""
-    return list(zip(system["m"][:, 0].tolist(), system["lengths"].tolist(), strict=True))
-
-
 def inertial(m, x, inertia):
     return f'<inertial pos="{x!r} 0 0" mass="{m!r}" diaginertia="{inertia} {inertia} {inertia}"/>'
 
 
-def hinges_model(task, integrator="RK4"):
-    """MuJoCo's model of a chain in joint angles: rods cannot stretch, and nothing is constrained.
+def hinges(task, integrator="RK4"):
+    """MuJoCo in joint angles, a sample in one C call; RK4 is its rule of the highest order.
 
-    RK4 is the rule of the highest order that it has.
+    Rods cannot stretch, and nothing is constrained. Many starts are one call of its rollout, on one
+    core, which keeps all states and takes its time for that.
     """
+    import mujoco
+    from mujoco.rollout import Rollout
+
     body = ""
     for m, length in reversed(masses_and_lengths(task.system)):  # from the tip inwards
         rod = f'<joint type="hinge" axis="0 0 1"/>{inertial(m, length, POINT)}'
         body = f'<body>{rod}<frame pos="{length!r} 0 0">{body}</frame></body>'
-    return mjcf(body, off=OFF, integrator=integrator)
-
-
-def hinge_angles(angles):
-    """The angles (..., N) of a chain's hinges in rad: each rod's from the one before it."""
-    return np.diff(angles, axis=-1, prepend=0.0)
-
-
-def hinges(model, task, per):
-    """A run of that model, `per` steps a sample in one C call: (seconds, positions)."""
-    import mujoco
-
-    model.opt.timestep = task.every / per
-    data, found = mujoco.MjData(model), np.empty((task.samples, model.nq))
+    model = mjcf(body, off=OFF, integrator=integrator)
+    data, whole = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    starts = np.diff(start_angles(task.system), prepend=0.0)  # each from the rod before it
+    found = np.empty((task.samples, model.nq))
 
     def again():
         mujoco.mj_resetData(model, data)
-        data.qpos[:] = hinge_angles(start_angles(task.system))
+        data.qpos[:] = starts
 
-    def go():
+    def alone(per):
         for k in range(task.samples):
             mujoco.mj_step(model, data, per)
             found[k] = data.qpos
 
-    seconds = least(again, go)
-    return seconds, placed(task.system, np.cumsum(found, axis=-1))
+    def go(per):
+        model.opt.timestep = task.every / per
+        if starts.ndim == 1:
+            seconds = least(partial(alone, per), again)
+            return seconds, placed(task.system, np.cumsum(found, axis=-1))
+        begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
+        begin[:, 1 : 1 + model.nq] = starts  # after the time
+        kept = np.empty((len(starts), per, begin.shape[1]))
+        how = {"nstep": per, "skip_checks": False, "state": kept}
+        how["sensordata"] = np.empty((len(starts), per, 0))
+        with Rollout(nthread=0) as many:  # no thread but this one
+            seconds = least(partial(many.rollout, model, data, begin, **how))
+        return seconds, placed(task.system, np.cumsum(kept[:, -1, 1 : 1 + model.nq], axis=-1))
 
-
-def run_hinges(task, per, integrator="RK4"):
-    """Build, and run: as `hinges`."""
-    return hinges(hinges_model(task, integrator), task, per)
+    return go
 
 
 def random_chain(rng, count):
@@ -178,9 +168,14 @@ def random_chain(rng, count):
     return make_system(d.cumsum(0), v, m, [(k, k - 1) for k in range(count)], lengths)
 
 
-def tendons(system, dt, solver):
-    """MuJoCo's model of a chain in particles: each slides along three axes, each rod is a tendon
-    made equal to L, as soft as MuJoCo makes it by default."""
+def named(system, dt, fields):
+    """{field: value} of MuJoCo's model of a chain in particles, at the same state.
+
+    Each particle slides along three axes; each rod is a tendon made equal to L, as soft as MuJoCo
+    makes it by default.
+    """
+    import mujoco
+
     joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
     bodies, ropes, equal = '<site name="s-1"/>', "", ""
     for k, (m, length) in enumerate(masses_and_lengths(system)):
@@ -188,18 +183,10 @@ def tendons(system, dt, solver):
         ropes += f'<spatial name="t{k}"><site site="s{k - 1}"/><site site="s{k}"/></spatial>'
         equal += f'<tendon tendon1="t{k}" polycoef="{length!r} 0 0 0 0" '
         equal += 'solref="0.02 1" solimp="0.95 0.95 0.001 0.5 2"/>'
-    rest = f"<tendon>{ropes}</tendon><equality>{equal}</equality>"
-    return mjcf(bodies, rest, timestep=dt, solver=solver, tolerance=0, jacobian="dense")
-
-
-def named(system, dt, fields):
-    """{field: value} of MuJoCo at the same state."""
-    import mujoco
-
-    found = {}
+    rest, found = f"<tendon>{ropes}</tendon><equality>{equal}</equality>", {}
     # efc_AR is made for the dual solver PGS only; the primal one's force is exact, and comes last
     for solver in ("PGS", "Newton"):
-        model = tendons(system, dt, solver)
+        model = mjcf(bodies, rest, timestep=dt, solver=solver, tolerance=0, jacobian="dense")
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = system["q0"].ravel(), system["v0"].ravel()
         mujoco.mj_forward(model, data)
@@ -208,34 +195,18 @@ def named(system, dt, fields):
     return found
 
 
-def hinges_crowd(model, task, per):
-    """A run of many in one call of MuJoCo's rollout, on one core: (seconds, positions)."""
-    import mujoco
-    from mujoco.rollout import Rollout
-
-    model.opt.timestep = task.every / per
-    data, whole = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    starts = hinge_angles(start_angles(task.system))
-    begin = np.zeros((len(starts), mujoco.mj_stateSize(model, whole.value)))
-    begin[:, 1 : 1 + model.nq] = starts  # after the time
-    kept = np.empty((len(starts), per, begin.shape[1]))  # it keeps all states
-    sensed = np.empty((len(starts), per, 0))
-    with Rollout(nthread=0) as alone:  # no thread but this one
-        how = {"nstep": per, "skip_checks": False, "state": kept, "sensordata": sensed}
-        seconds = least(lambda: None, lambda: alone.rollout(model, data, begin, **how))
-    return seconds, placed(task.system, np.cumsum(kept[:, -1, 1 : 1 + model.nq], axis=-1))
-
-
 # --- heyoka ---
-def taylor_equations(system):
-    """A double pendulum in angles from +x, as heyoka's symbols: Lagrange's equations, solved.
+def taylor(system, lanes=None, **how):
+    """heyoka's integrator, compiled, of a double pendulum in angles from +x, or of many `lanes`.
 
-    With d = th_1 - th_2 and M = m_1 + m_2,
+    Lagrange's equations, solved. With d = th_1 - th_2 and M = m_1 + m_2,
         M a th_1'' + m_2 b cos d th_2'' = -m_2 b sin d th_2'^2 - M g cos th_1
           a cos d th_1'' + b th_2''     =      a sin d th_1'^2 -   g cos th_2
     """
     import heyoka as hy
 
+    hy.llvm_state.set_diskcache_enabled(False)  # it compiles as for whoever asks once
+    hy.llvm_state.clear_memcache()
     (m1, a), (m2, b) = masses_and_lengths(system)
     th1, th2, w1, w2 = hy.make_vars("th1", "th2", "w1", "w2")
     sin, cos, whole = hy.sin(th1 - th2), hy.cos(th1 - th2), m1 + m2
@@ -243,60 +214,53 @@ def taylor_equations(system):
     r = a * sin * w1 * w1 - G * hy.cos(th2)
     share = whole - m2 * cos * cos
     turning = (p - m2 * cos * r) / (a * share), (whole * r - cos * p) / (b * share)
-    return [(th1, w1), (th2, w2), *zip((w1, w2), turning, strict=True)]
+    equations = [(th1, w1), (th2, w2), *zip((w1, w2), turning, strict=True)]
+    if lanes is None:
+        return hy.taylor_adaptive(equations, np.zeros(4), **how)
+    return hy.taylor_adaptive_batch(equations, np.zeros((4, lanes)), **how)
 
 
-def uncached():
-    """heyoka, which compiles as for whoever asks once."""
-    import heyoka as hy
+def heyoka(task, tol, **how):
+    """heyoka's Taylor series to the end of a Task that has one sample; `how`: as heyoka takes it.
 
-    hy.llvm_state.set_diskcache_enabled(False)
-    hy.llvm_state.clear_memcache()
-    return hy
-
-
-def heyoka_flow(task, tol, **how):
-    """heyoka's Taylor integrator, compiled; `how`: fast_math, opt_level and the like."""
-    start = np.zeros(4)
-    return uncached().taylor_adaptive(taylor_equations(task.system), start, tol=tol, **how)
-
-
-def heyoka(flow, task):
-    """A run of it to the end of a Task that has one sample: (seconds, positions)."""
+    It chooses its own steps.
+    """
+    flow = taylor(task.system, tol=tol, **how)
     start = np.append(start_angles(task.system), [0.0, 0.0])
 
     def again():
         flow.time, flow.state[:] = 0.0, start
 
-    seconds = least(again, lambda: flow.propagate_until(task.every))
-    return seconds, placed(task.system, flow.state[None, :2])
+    def go(per):
+        seconds = least(partial(flow.propagate_until, task.every), again)
+        return seconds, placed(task.system, flow.state[None, :2])
+
+    return go
 
 
-def heyoka_batch(task, tol):
-    """heyoka's integrator of a register of members at once, as many as it recommends."""
-    hy = uncached()
-    start = np.zeros((4, hy.recommended_simd_size()))
-    how = {"tol": tol, "fast_math": True}
-    return hy.taylor_adaptive_batch(taylor_equations(task.system), start, **how)
-
-
-def heyoka_crowd(flow, task):
-    """A run of many, register by register, on one core: (seconds, positions).
+def heyoka_crowd(task, tol):
+    """A run of many, a register of as many as heyoka recommends after the other, on one core.
 
     The last register is filled with the last member.
     """
-    starts, lanes = start_angles(task.system), flow.batch_size
-    count = len(starts)
-    filled = np.concatenate([starts, np.repeat(starts[-1:], -count % lanes, axis=0)])
+    from heyoka import recommended_simd_size
+
+    starts, lanes = start_angles(task.system), recommended_simd_size()
+    flow = taylor(task.system, lanes, tol=tol, fast_math=True)
+    filled = np.concatenate([starts, np.repeat(starts[-1:], -len(starts) % lanes, axis=0)])
     registers = filled.reshape(-1, lanes, 2).transpose(0, 2, 1)
     ends = np.empty_like(registers)
 
-    def go():
+    def run():
         for begin, end in zip(registers, ends, strict=True):
             flow.set_time(0.0)
             flow.state[:2], flow.state[2:] = begin, 0.0
             flow.propagate_until(task.every)
             end[:] = flow.state[:2]
 
-    seconds = least(lambda: None, go)
-    return seconds, placed(task.system, ends.transpose(0, 2, 1).reshape(-1, 2)[:count])
+    def go(per):
+        seconds = least(run)
+        angles = ends.transpose(0, 2, 1).reshape(-1, 2)[: len(starts)]
+        return seconds, placed(task.system, angles)
+
+    return go

@@ -5,6 +5,7 @@ import json
 import sys
 import textwrap
 from collections import namedtuple
+from functools import partial
 from pathlib import Path
 
 import constraints as c
@@ -15,6 +16,7 @@ from curriculum.common.banner import processor
 from curriculum.common.cli import Parser
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
+from curriculum.common.runs import distance
 from curriculum.common.steps import followed
 from curriculum.common.trace import Untraceable
 
@@ -67,15 +69,9 @@ def double(end=False):
     That is at twenty times or, if only the `end` counts, at the last of them.
     """
     truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
-    q = np.array(truth["cases"]["double"]["positions"])
-    times = truth["times"]
-    if end:
-        q, times = q[-1:], times[-1:]
-
-    def error(found):
-        return np.max(np.linalg.norm(found - q, axis=-1))
-
-    return Task(c.build_system("double"), len(q), times[0], error)
+    first = -1 if end else 0
+    times, q = truth["times"][first:], truth["cases"]["double"]["positions"][first:]
+    return Task(c.build_system("double"), len(q), times[0], partial(distance, np.array(q)))
 
 
 def energy_scale(system):
@@ -104,7 +100,7 @@ class Preset(argparse.Action):
 def study_parser(name, doc, quick=None, **usual):
     """The Parser of the study `name`; `usual`: what else it goes by, as attributes, without flags.
 
-    `quick`: what --quick has instead, of these or of its flags; a study without is quick enough.
+    `quick`: what --quick has instead, of these or of its flags.
     """
     about = "\n\n".join(textwrap.fill(paragraph, 80) for paragraph in doc.split("\n\n"))
     parser = Parser(prog=f"python -m {__package__} {name}", description=about)

@@ -4,16 +4,15 @@
 (b) How does a step grow with the chain?  (c) How soon does a long chain begin?  Whole processes,
 400 steps without the viewer, in units of a default run.  (d) What does a long run cost, all of it
 measured at every step, beside MuJoCo's Euler on hinges, of which nothing is measured?
-Whatever is compared is timed in turns, A B A B, so that a busy machine slows both: only ratios and
-exponents carry over to another. Steps in (a) are those of one call for a whole run, of which
-nothing is measured. `plain` is the chapter's lines as numpy runs them, `python` the step compiled
-to Python alone, MuJoCo its rule of the same order on hinges.
+What is compared is timed in turns, A B A B, so that a busy machine slows both: only ratios and
+exponents carry over to another. Steps in (a) are those of one call, of which nothing is measured;
+MuJoCo's rule there is of the same order, in joint angles.
 """
 
 import subprocess
 import sys
 import tempfile
-import time
+import timeit
 from functools import partial
 from importlib.util import find_spec
 from itertools import product
@@ -46,32 +45,34 @@ CASES = {
 }
 
 
-def pace(engine, task, steps, *settings):
+def pace(go, steps):
     """Microseconds a step of an engine's run of a Task that has one sample."""
-    return 1e6 * engine(task, steps, *settings)[0] / steps
+    return 1e6 * go(steps)[0] / steps
+
+
+def share(found, name, other):
+    """The median of what one job took over what another took in the same turn."""
+    return float(np.median(np.divide(found[name], found[other])))
 
 
 def beside(cases, repeats):
     """(a) Rows and bars of a step beside the same lines in plain numpy, in Python, and MuJoCo's."""
     rows, bars = [], []
-    for (name, rule, mode), limits in cases.items():
-        system = c.build_system(name)
-        task = Task(system, 1, DT * STEPS, None)
-        jobs = {
-            "us": partial(pace, peers.run_ours, task, STEPS, rule, mode),
-            "plain": lambda case=(system, rule, mode): run(*case, DT, PLAIN, way=Plain).pace,
-            "python": partial(pace, peers.run_ours, task, STEPS, rule, mode, False),
-        }
+    for case in cases:
+        name, rule, mode = case
+        task = Task(c.build_system(name), 1, DT * STEPS, None)
+        plain = partial(run, task.system, rule, mode, DT, PLAIN, way=Plain)
+        jobs = {"us": partial(pace, peers.ours(task, rule, mode), STEPS)}
+        jobs["plain"] = lambda plain=plain: plain().pace
+        jobs["python"] = partial(pace, peers.ours(task, rule, mode, machine=False), STEPS)
         if name in c.SYSTEMS and mode == "none" and find_spec("mujoco"):
-            jobs["MuJoCo"] = partial(pace, peers.run_hinges, task, STEPS, THEIRS[rule])
+            jobs["MuJoCo"] = partial(pace, peers.hinges(task, THEIRS[rule]), STEPS)
         found = in_turns(jobs, repeats)
-        row = {"case": f"{name} {rule} {mode}", **spread(found["us"], "us")}
+        row = {"case": " ".join(case), **spread(found["us"], "us")}
         for engine in ("plain", "python", "MuJoCo"):
-            known = engine in found
-            share = np.median(np.divide(found["us"], found[engine])) if known else "-"  # in a turn
-            row[f"over {engine}"] = share
+            row[f"over {engine}"] = share(found, "us", engine) if engine in found else "-"
         rows.append(row)
-        for column, limit in limits.items():
+        for column, limit in CASES[case].items():
             if NATIVE and row[column] != "-":
                 bars.append((f"{row['case']}, {column}", row[column], limit))
     return "(a) a step, us", rows, bars
@@ -79,76 +80,62 @@ def beside(cases, repeats):
 
 def growth(links, repeats):
     """(b) Rows and a bar of a step of a chain of N links, in Python and in quick machine code."""
-    jobs, rows, kinds = {}, [], ("python", "machine")[: 1 + NATIVE]
-    for n, kind in product(links, kinds):
-        system, steps = c.build_system("chain", links=n), max(20, 20_000 // n)
-        how = {"machine": kind == "machine", "best": False}
-        step = peers.compiled_step(system, "semi_implicit", "none", DT, **how)
-        task = Task(system, 1, DT * steps, None)
-        jobs[n, kind] = partial(pace, partial(peers.ours, step), task, steps)
-    found = in_turns(jobs, repeats)
-    for n in links:
-        us = {kind: found[n, kind] for kind in kinds}
-        rows.append({"links": n} | {kind: np.median(x) for kind, x in us.items()})
-    n, us = np.array([(row["links"], row["python"]) for row in rows if row["links"] >= 30]).T
+    jobs, rows = {}, {n: {"links": n} for n in links}
+    for n, kind in product(links, ("python", "machine")[: 1 + NATIVE]):
+        steps = max(20, 20_000 // n)
+        task = Task(c.build_system("chain", links=n), 1, DT * steps, None)
+        go = peers.ours(task, "semi_implicit", machine=kind == "machine", best=False)
+        jobs[n, kind] = partial(pace, go, steps)
+    for (n, kind), us in in_turns(jobs, repeats).items():
+        rows[n][kind] = np.median(us)
+    n, us = np.array([(n, row["python"]) for n, row in rows.items() if n >= 30]).T
     exponent = np.polyfit(np.log(n), np.log(us), 1)[0]
-    return "(b) a step of a chain, us", rows, [("grows as links to the power", exponent, 1.1)]
+    bars = [("grows as links to the power", exponent, 1.1)]
+    return "(b) a step of a chain, us", list(rows.values()), bars
 
 
 def process(*flags):
     """Seconds of a whole process, from its start to its end, without the viewer."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, c.HERE / "constraints.py", "--no-rerun", "--out", folder, *flags]
-        clock = time.perf_counter()
-        subprocess.run(command, check=True, capture_output=True)
-        return time.perf_counter() - clock
+        whole = partial(subprocess.run, command, check=True, capture_output=True)
+        return timeit.timeit(whole, number=1)
 
 
 def beginnings():
     """(c) Rows and bars of how soon a chain has begun."""
-    jobs = {"default run": process}
+    jobs, rows, bars = {"default run": process}, [], []
     for links in BEGIN:
         flags = "--system", "chain", "--links", str(links), "--steps", "400"
         jobs[f"{links} links"] = partial(process, *flags)
     found = in_turns(jobs, FEW)
-    rows, bars = [], []
-    for name, samples in found.items():
-        share = float(np.median(np.divide(samples, found["default run"])))  # in a turn
-        rows.append({"run": name, **spread(samples, "s"), "default runs": share})
-    for row, limit in zip(rows[1:], BEGIN.values(), strict=True):
-        bars.append((f"{row['run']}, in default runs", row["default runs"], limit))
+    for name, limit in zip(jobs, (None, *BEGIN.values()), strict=True):
+        runs = share(found, name, "default run")
+        rows.append({"run": name, **spread(found[name], "s"), "default runs": runs})
+        if limit is not None:
+            bars.append((f"{name}, in default runs", runs, limit))
     return "(c) whole processes, s", rows, bars
 
 
 def long_run():
     """(d) A row and a bar of a long run of the double pendulum through `simulate`."""
     system = c.build_system("double")
-    task = Task(system, 1, DT * LONG, None)
-
-    def measured():
-        clock = time.perf_counter()
-        run(system, "semi_implicit", "impulse", DT, LONG)
-        return time.perf_counter() - clock
-
-    jobs = {"ours": measured}
+    measured = partial(run, system, "semi_implicit", "impulse", DT, LONG)
+    jobs, row, bars = {"ours": partial(timeit.timeit, measured, number=1)}, {"steps": LONG}, []
     if find_spec("mujoco"):
-        jobs["MuJoCo"] = lambda: peers.run_hinges(task, LONG, "Euler")[0]
-    found, bars = in_turns(jobs, FEW), []
-    row = {"steps": LONG} | {f"{engine}, s": np.median(found[engine]) for engine in found}
+        hinges = peers.hinges(Task(system, 1, DT * LONG, None), "Euler")
+        jobs["MuJoCo"] = lambda: hinges(LONG)[0]
+    found = in_turns(jobs, FEW)
+    row |= {f"{engine}, s": np.median(found[engine]) for engine in found}
     if NATIVE and "MuJoCo" in found:
-        row["ours/MuJoCo"] = float(np.median(np.divide(found["ours"], found["MuJoCo"])))
+        row["ours/MuJoCo"] = share(found, "ours", "MuJoCo")
         bars.append(("a run, ours over MuJoCo", row["ours/MuJoCo"], 0.3))
     return "(d) impulse, measured at every step", [row], bars
 
 
 def main(argv=None):
     """Measure and print."""
-    quick = {
-        "repeats": 1,
-        "cases": dict(list(CASES.items())[:2]),
-        "links": LINKS[:3],
-        "whole": False,
-    }
+    quick = {"repeats": 1, "cases": list(CASES)[:2], "links": LINKS[:3], "whole": False}
     usual = {"repeats": REPEATS, "cases": CASES, "links": LINKS, "whole": True}
     args = study_parser("benchmark", __doc__, quick, **usual).parse_args(argv)
     host(repeats=args.repeats)

@@ -2,27 +2,24 @@
 
 (a) How fast do many seeds go in step?  (b) In how many does the drift ordering hold, and what does
 drift make of the crowd?  (c) How fast do neighbours part: the largest Lyapunov exponent?
-(d), with --peers: how long do a thousand take for 5 s, to the same error of the worst of them? On
-one core each, from the start to the end: ours, by the rules among which --tol chooses; heyoka's
-batch mode, a register of members at a time, with `fast_math`; MuJoCo's rollout, in joint angles.
-Seeds are members along a leading axis: q0, v0 (R, N, 3). Each computes what it computes alone, to
-the last bit.
+(d), with --peers: how long do a thousand take for 5 s, to the same error of the worst of them,
+beside heyoka's batch mode, with `fast_math`, and MuJoCo's rollout, in joint angles, on one core?
 """
 
 import math
-import time
+import timeit
 from collections import namedtuple
 from functools import partial
 from importlib.util import find_spec
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._race import HINGES, OURS, PYTHON, STEPS, TAYLOR, Rung
+from curriculum.ch3_4_constraints.studies import _runs, real_thing
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
 from curriculum.common.banner import work
 from curriculum.common.cli import number
 from curriculum.common.crowds import mapped
+from curriculum.common.runs import distance
 
 import numpy as np
 
@@ -32,8 +29,7 @@ CROWD, WORK, REPEATS = 1000, 4_000_000, 5  # members timed, steps of all of them
 LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second: the bars
 BLOCK = 256  # steps a call, which costs as much as some of them
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
-# of (d): s; m; steps of MuJoCo, as many as one has the patience for
-LONG, ERRORS, ROLLED = 5.0, (1e-3, 1e-6, 1e-9, 1e-12), [125, 140, 155, 170, 600, 660, 720, 800]
+LONG, ERRORS = 5.0, (1e-3, 1e-6, 1e-9, 1e-12)  # of (d): s, m
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
 # What a run came to, an entry a member: its worst rod error in m; the energy it has gained, as a
@@ -42,7 +38,7 @@ Ends = namedtuple("Ends", "rods gained tip")
 
 
 def ensemble(name, seeds):
-    """The system `name` with q0, v0 (R, N, 3), the starts that build_system draws for `seeds`."""
+    """The system `name` with q0, v0 (R, N, 3), a start for each of `seeds`, as build_system's."""
     drawn = (c.build_system(name, seed) for seed in seeds)
     q0, v0 = np.stack([(system["q0"], system["v0"]) for system in drawn], axis=1)
     return c.build_system(name) | {"q0": q0, "v0": v0}
@@ -61,10 +57,7 @@ def follow(system, rule, mode, steps):
 
 
 def speed(whole, repeats):
-    """(a) A row of how fast a thousand go, by samples taken in turns, and what they must reach.
-
-    `whole`: the steps of all of them.
-    """
+    """(a) A row of how fast a thousand go, `whole` steps in all, and what they must reach."""
     system, steps = ensemble("double", range(CROWD)), -(-whole // CROWD)
 
     def measure(q, v):  # of each the largest over all steps: how far rods and energy ever are off
@@ -72,13 +65,11 @@ def speed(whole, repeats):
         return np.abs(c.rod_errors(system, q)), joules, -joules
 
     def pace(many):
-        clock = time.perf_counter()
-        many.advance(steps)
-        return 1e-6 * steps * CROWD / (time.perf_counter() - clock)
+        return 1e-6 * steps * CROWD / timeit.timeit(partial(many.advance, steps), number=1)
 
-    alone, measured = (_runs.crowd(system, *RUNS[0], DT, asked) for asked in (None, measure))
-    jobs = {"alone": partial(pace, alone), "measured": partial(pace, measured)}
-    row, bars = {"seeds": CROWD}, []
+    jobs, row, bars = {}, {"seeds": CROWD}, []
+    for what, asked in {"alone": None, "measured": measure}.items():
+        jobs[what] = partial(pace, _runs.crowd(system, *RUNS[0], DT, asked))
     for what, samples in in_turns(jobs, repeats).items():
         row |= spread(samples, what)
         if _runs.NATIVE:
@@ -99,7 +90,7 @@ def fates(found):
     rows = []
     for (rule, mode), ends in found.items():
         row = {"run": f"{rule} {mode}", "rods m": np.median(ends.rods), "worst": ends.rods.max()}
-        row |= {"energy gained": np.median(ends.gained)}
+        row["energy gained"] = np.median(ends.gained)
         rows.append(row | {"tips spread m": np.sqrt(np.var(ends.tip, axis=0).sum())})
     return rows
 
@@ -135,46 +126,24 @@ def standard_error(samples):
     return np.std(samples, ddof=1) / math.sqrt(len(samples))
 
 
-def parting(pairs, span):
-    """(c) A row each of two steps, with the standard error."""
-    system, rows = ensemble("double", range(pairs)), []
-    for dt in (FINE, 2.0 * FINE):
-        members = growth(system, SKIP, span, dt).mean(axis=1)
-        row = {"pairs": pairs, "dt": dt, "1/s": members.mean(), "+-": standard_error(members)}
-        rows.append(row)
-    return rows
-
-
-# --- (d) beside peers ---
 def beside():
-    """(d) Rows and bars: how long each engine takes for the crowd to each error."""
+    """(d) Print a table and bars for each error: how long each engine takes for the crowd to it."""
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
-    truth = true.states()[0][..., :2]
-
-    def off(q):
-        return np.max(np.linalg.norm(q - truth, axis=-1))
-
-    task, mine = _runs.Task(system, 1, LONG, off), OURS if _runs.NATIVE else PYTHON
-    theirs = {}
+    error_of, racers = partial(distance, true.states()[0][..., :2]), {}
+    task = _runs.Task(system, 1, LONG, error_of)
     if find_spec("heyoka"):
-        build, go = partial(peers.heyoka_batch, task), partial(peers.heyoka_crowd, task=task)
-        theirs[TAYLOR] = [_race.taylor_ladder(15.0, build, go)]
-    if find_spec("mujoco"):
-        build, go = partial(peers.hinges_model, task), partial(peers.hinges_crowd, task=task)
-        theirs[HINGES] = [[Rung(f"steps {n}", build, partial(go, per=n)) for n in ROLLED]]
-
-    def climb(rule):  # what is compiled takes any step
-        build = partial(_runs.crowd, system, rule, "none", LONG)
-        return _race.steps_ladder(task, 8, 400, build, peers.our_crowd, rule)
-
-    def racers(error):
-        return theirs | {mine: [climb(rule) for rule in _race.offered(error)]}
-
-    targets = dict.fromkeys(ERRORS, [(OURS, engine, STEPS, 1.0) for engine in theirs])
-    title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error of {{}} m"
-    return title, *_race.race(task, racers, targets)
+        racers[real_thing.TAYLOR] = [real_thing.taylor_ladder(peers.heyoka_crowd, task)]
+    if find_spec("mujoco"):  # as many steps as one has the patience for
+        racers[real_thing.HINGES] = [real_thing.steps_ladder(peers.hinges, task, 120, 200)]
+    limits = [(real_thing.OURS, engine, real_thing.STEPS, 1.0) for engine in racers]
+    for error in ERRORS:
+        names = real_thing.offered(error)
+        climbs = [real_thing.steps_ladder(peers.our_crowd, task, 8, 400, name) for name in names]
+        racers[real_thing.OURS if _runs.NATIVE else real_thing.PYTHON] = climbs
+        title = f"(d) {CROWD} double pendulums, {LONG:g} s, one core, to an error of {error:.0e} m"
+        show(title, *real_thing.race(task, racers, error, limits))
 
 
 def main(argv=None):
@@ -186,8 +155,8 @@ def main(argv=None):
     parser.add_argument("--peers", action="store_true", help="(d) alone")
     args = parser.parse_args(argv)
     if args.peers:
-        _runs.host(seeds=CROWD, repeats=_race.REPEATS, **_race.engines())
-        _race.show_race(*beside())
+        _runs.host(seeds=CROWD, repeats=real_thing.REPEATS, **real_thing.engines())
+        beside()
         return
     seeds = args.seeds
     steps, after = round(SECONDS / DT), f"{SECONDS:g} s"
@@ -197,4 +166,9 @@ def main(argv=None):
     found = {run: follow(system, *run, steps) for run in RUNS}
     show(f"(b) worst rod error in {after}, none over baumgarte", [ordering(found)])
     show(f"and after {after}: medians, and worst; energy as a share of m g L", fates(found))
-    show("(c) the largest Lyapunov exponent, rk4", parting(args.pairs, args.span))
+    system, rows = ensemble("double", range(args.pairs)), []
+    for dt in (FINE, 2.0 * FINE):
+        rates = growth(system, SKIP, args.span, dt).mean(axis=1)
+        row = {"pairs": args.pairs, "dt": dt, "1/s": rates.mean(), "+-": standard_error(rates)}
+        rows.append(row)
+    show("(c) the largest Lyapunov exponent, rk4", rows)

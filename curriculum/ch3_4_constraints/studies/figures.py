@@ -5,14 +5,12 @@ A block is one of these lines and a fenced block below it, which may begin with 
 
     <!-- printed by: COMMAND -->
     <!-- listing of: FILE FUNCTION -->
-    <!-- listing of: FILE FUNCTION, from START -->
     <!-- listing of: FILE FUNCTION, from START, to START -->
 
 A listing is a function without its docstring; or, of its body, the statement whose line begins
-with the first START, up to and with the one that begins with the second. A text is written after
-each of its blocks; a block that cannot be made stays as it was, is told of, and makes the exit
-status 1. Studies of speed want a machine that does nothing else. What is quick and the same
-everywhere is compared by tests/test_texts.py, too.
+with the first START, up to and with the one, if any, that begins with the second. A text is written
+after each of its blocks; a block that cannot be made stays as it was, and makes the exit status 1.
+Studies of speed want a machine that does nothing else.
 """
 
 import ast
@@ -48,15 +46,6 @@ def printed(command):
     return done.stdout.strip("\n") + "\n"
 
 
-def starting(statements, lines, start, after=0):
-    """The first of the statements below line `after` whose own line begins with `start`."""
-    for statement in sorted(statements, key=lambda x: x.lineno):
-        line = lines[statement.lineno - 1].lstrip()
-        if statement.lineno > after and line.startswith(start):
-            return statement
-    raise ValueError(f"no statement there begins with {start!r}")
-
-
 def listed(what):
     """The code that `what`, "FILE FUNCTION, from START, to START", names. Raises ValueError."""
     part = PART.fullmatch(what)
@@ -64,15 +53,24 @@ def listed(what):
         raise ValueError("a listing is of FILE FUNCTION, from START, to START")
     file, name, start, last = part.groups()
     text = (ROOT / file).read_text(encoding="utf-8")
-    statements = [x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.stmt)]
     lines = text.splitlines()
-    function = starting(statements, lines, f"def {name}(")
-    first, end, docstring = function, function, ast.get_docstring(function, clean=False)
+    statements = [x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.stmt)]
+    statements.sort(key=lambda x: x.lineno)
+
+    def starting(words, after=0):
+        for statement in statements:
+            if statement.lineno > after and lines[statement.lineno - 1].lstrip().startswith(words):
+                return statement
+        raise ValueError(f"no statement there begins with {words!r}")
+
+    first = end = function = starting(f"def {name}(")
     if start:
-        first = starting(statements, lines, start, function.lineno)
-        end = starting(statements, lines, last, first.lineno) if last else first
+        first = end = starting(start, function.lineno)
+    if last:
+        end = starting(last, first.lineno)
     shown = lines[first.lineno - 1 : end.end_lineno]
-    if docstring and not start:
+    docstring = ast.get_docstring(first, clean=False) if first is function else None
+    if docstring is not None:
         del shown[1 : 1 + len(docstring.splitlines())]
     return textwrap.dedent("\n".join(shown)) + "\n"
 
@@ -96,8 +94,7 @@ def machine_free(text):
 def main(argv=None):
     """Rewrite the blocks."""
     parser = study_parser("figures", __doc__.partition("\n\n")[0])
-    told = "blocks whose command contains it"
-    parser.add_argument("--only", default="", metavar="WORD", help=told)
+    parser.add_argument("--only", default="", metavar="WORD", help="blocks whose command has it")
     args, failed = parser.parse_args(argv), False
     texts = {path: path.read_text(encoding="utf-8") for path in TEXTS}
     blocks = [(path, match) for path, text in texts.items() for match in BLOCK.finditer(text)]
@@ -112,11 +109,9 @@ def main(argv=None):
             print(f"figures: {command}: {why}", file=sys.stderr)
             failed = True
             continue
-        if output == body:
-            continue
         if machine_free(output) != machine_free(body):
             print(f"{path.relative_to(ROOT)}: {command}: changed", flush=True)
         new = match["head"] + (match["prompt"] or "") + output + match["end"]
-        texts[path] = text = texts[path].replace(match[0], new)
-        write_whole(path, text)
+        texts[path] = texts[path].replace(match[0], new)
+        write_whole(path, texts[path])
     return int(failed)

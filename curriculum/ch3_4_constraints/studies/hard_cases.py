@@ -83,8 +83,7 @@ def main(argv=None):
     """Print the table, all processors at work."""
     quick = {"starts": 2, "seconds": 1.0, "names": ["cable", "spin", "windows"]}
     parser = study_parser("hard_cases", __doc__, quick, names=NAMES)
-    add = parser.add_argument
-    scenes = f"only these, of {', '.join(NAMES)}"
+    add, scenes = parser.add_argument, f"only these, of {', '.join(NAMES)}"
     add("scenes", nargs="*", choices=[*NAMES, []], metavar="SCENE", help=scenes)
     add("--starts", type=number(int, 1, 10**4), default=40, help="of each scene (40)")
     add("--seconds", type=number(float, 0.1, 1e4), default=10.0, help="to be held (10)")

@@ -5,10 +5,6 @@ middle both hang. The colour is the time at which the second rod first passes th
 is early, black is never. Starts inside the white curve have too little energy to turn over. Below
 the line, as in a mirror, are the lowest rows once more by the mode `none`, whose rods let energy
 leak: what turns over late there does not turn over at all.
-
-A rod is looked at every LOOK steps. While energy is kept, it turns by no more than sqrt(24 g / L),
-15 rad/s: far less than a quarter turn. So a rod that went over stands left of its joint at one look
-and right of it at the next, and above it. One that falls back between two looks has not turned.
 """
 
 import base64
@@ -18,7 +14,7 @@ import zlib
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing, position
+from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
 from curriculum.common.cli import number, writable
@@ -40,7 +36,13 @@ def starts(angles):
 
 
 def first_turns(angles, mode, seconds):
-    """The look (R,) at which the second rod has first passed the upright; 0: it does not."""
+    """The look (R,) at which the second rod has first passed the upright; 0: it does not.
+
+    A rod is looked at every LOOK steps. While energy is kept, it turns by no more than sqrt(24 g /
+    L), 15 rad/s: far less than a quarter turn. So a rod that went over stands left of its joint at
+    one look and right of it at the next, and above it. One that falls back between two looks has
+    not turned.
+    """
     q, turns = starts(angles), np.zeros(len(angles), dtype=int)
     start = c.build_system("double") | {"q0": q, "v0": np.zeros_like(q)}
     crowd = _runs.crowd(start, "semi_implicit", mode, DT)
@@ -70,17 +72,13 @@ def lights(size, rows, mode, seconds):
     return pixels.reshape(rows, size)
 
 
-def palette():
-    """Black, dark red, over yellow to white: (256, 3)."""
-    share = np.linspace(0.0, 1.0, 256)[:, None]
-    return (255.0 * np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)).round().astype(np.uint8)
-
-
 def png(pixels):
-    """The bytes of a PNG of palette entries (rows, columns)."""
+    """The bytes of a PNG of palette entries (rows, columns), from black over red to white."""
+    share = np.linspace(0.0, 1.0, 256)[:, None]
+    palette = 255.0 * np.clip(3.0 * share - [0.0, 1.0, 2.0], 0.0, 1.0)
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)
     parts = {b"IHDR": struct.pack(">IIBBBBB", *pixels.shape[::-1], 8, 3, 0, 0, 0)}
-    parts[b"PLTE"] = palette().tobytes()
+    parts[b"PLTE"] = palette.round().astype(np.uint8).tobytes()
     parts |= {b"IDAT": zlib.compress(rows, 9), b"IEND": b""}
     found = b"\x89PNG\r\n\x1a\n"
     for name, data in parts.items():
@@ -94,25 +92,22 @@ def sheet(pixels, size, gap, seconds):
 
     Of its rows the first `size` are the map, then `gap` a line, and the last the strip by `none`.
     """
-    rows = len(pixels)
-    tall = EDGE * rows / size  # pixels of the sheet
+    tall = EDGE * len(pixels) / size  # pixels of the sheet
     drawn = Drawing(LEFT + EDGE + 104, round(TOP + tall + 64), "When does it turn over?")
 
     def image(what, x, y, width, height):
-        data = base64.b64encode(png(what)).decode()
+        data = f"data:image/png;base64,{base64.b64encode(png(what)).decode()}"
         place = {"x": x, "y": y, "width": width, "height": f"{height:.1f}"}
-        drawn.add(
-            "image", href=f"data:image/png;base64,{data}", preserveAspectRatio="none", **place
-        )
+        drawn.add("image", href=data, preserveAspectRatio="none", **place)
 
     image(pixels, LEFT, TOP, EDGE, tall)
     for degrees in (-180, -90, 0, 90, 180):
-        across = position(degrees, (-180.0, 180.0), LEFT, LEFT + EDGE)
-        up = position(degrees, (-180.0, 180.0), TOP + EDGE, TOP)
+        words, share = f"{degrees}\u00b0", EDGE * (degrees + 180) / 360
+        across, up = LEFT + share, TOP + EDGE - share
         drawn.line([(across, TOP + tall), (across, TOP + tall + 6)], GREY, 1)
         drawn.line([(LEFT - 6, up), (LEFT, up)], GREY, 1)
-        drawn.words(across, TOP + tall + 22, f"{degrees}\u00b0", GREY, "middle")
-        drawn.words(LEFT - 10, up + (0 if degrees == -180 else 10), f"{degrees}\u00b0", GREY, "end")
+        drawn.words(across, TOP + tall + 22, words, GREY, "middle")
+        drawn.words(LEFT - 10, up + (0 if degrees == -180 else 10), words, GREY, "end")
     drawn.words(LEFT + EDGE / 2, TOP + tall + 46, "second rod's angle at the start", INK, "middle")
     strip = TOP + EDGE * (size + gap) / size
     drawn.words(LEFT - 10, (strip + TOP + tall) / 2 + 5, "none", INK, "end", weight="bold")
@@ -123,9 +118,9 @@ def sheet(pixels, size, gap, seconds):
     image(np.array([[NEVER]], dtype=np.uint8), right, low + 16, 18, 18)
     drawn.words(right, high - 30, "turns over")
     drawn.words(right, high - 12, "after")
-    for share in (0.0, 0.5, 1.0):
-        at = position(share, (0.0, 1.0), low, high)
-        drawn.words(right + 24, at + 5, f"{(1.0 - share) * seconds:.3g} s", GREY)
+    for share in (1.0, 0.5, 0.0):
+        at = high + share * (low - high)
+        drawn.words(right + 24, at + 5, f"{share * seconds:.3g} s", GREY)
     drawn.words(right + 24, low + 30, "never", GREY)
     return drawn.text()
 
@@ -138,14 +133,14 @@ def main(argv=None):
     add("--seconds", type=number(float, 0.1, 1000), default=10.0, help="to wait for it (10)")
     add("--out", type=writable, default="outputs/map.svg", metavar="PATH", help="of the picture")
     args = parser.parse_args(argv)
-    size, seconds = args.size, args.seconds
+    size, seconds, rows = args.size, args.seconds, []
     _runs.host(size=size, seconds=seconds, dt=DT)
     half, strip = (size + 1) // 2, max(1, size // STRIP)
     low, leaky = lights(size, half, MODE, seconds), lights(size, strip, "none", seconds)
     # a mirror image moves as the mirror image of the motion, to the last bit: half was enough
     whole = np.concatenate([low, low[size // 2 - 1 :: -1, ::-1]])
     # those with less energy than the lowest pose with the second rod up; of these the outermost
-    poor, rows = 2.0 * np.cos(angle(size))[:, None] + np.cos(angle(size)) > 1.0, []
+    poor = 2.0 * np.cos(angle(size))[:, None] + np.cos(angle(size)) > 1.0
     inner = [np.roll(poor, shift, axis) for shift in (1, -1) for axis in (0, 1)]
     edge = poor & ~np.logical_and.reduce(inner)
     for mode, seen in ((MODE, whole), (MODE, whole[:strip]), ("none", leaky)):

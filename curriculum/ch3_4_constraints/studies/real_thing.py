@@ -1,47 +1,34 @@
 """Read the real thing: what MuJoCo calls our quantities, and what speed is worth at an error.
 
 (a) The same quantity, two names: `soft` is MuJoCo's equality constraint of a tendon.  (b) Time to a
-given error: where the double pendulum is after 5 s, beside reference.json.  (c) Time to high
-precision: the simple pendulum of IFToMM's benchmark, beside its closed form.
-Each engine climbs ladders of settings to the first that reaches the error, and still does at the
-next finer one: what is near by accident does not count. These are timed in turns, A B A B, and of
-each engine the quickest is shown: `us` is the least time of its steps, one call for a whole run of
-code that has been called before, with no state kept but the last. `build` is tracing, compiling,
-making a model; `in all` is both. What is soon built, or runs in Python, is judged by that. Bars and
-`ours/it`, our time over theirs, are of least times, to which a busy machine can only add.
-MuJoCo runs RK4 in joint angles, all else switched off. heyoka runs a Taylor series in angles, with
-and without `fast_math`, all optimized; soon built, it is not (`opt_level=0`). Ours are the rules
-among which --tol chooses, with rods held by `none` where no mode is named. An engine that is
-missing at an error did not reach it.
+given error: where the double pendulum is after 5 s.  (c) Time to high precision: the simple
+pendulum of IFToMM's benchmark, beside its closed form.
+An engine climbs ladders of settings to the first that reaches the error, and still does at the next
+finer one. These are timed in turns, and of each engine the quickest is shown, by least times, to
+which a busy machine can only add: `us` for its steps, in one call of code that has been called
+before, `build` for tracing, compiling, making a model, and `in all`.
 """
 
 import math
-from functools import partial
+import time
+from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
+from itertools import pairwise
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
-from curriculum.ch3_4_constraints.studies import _race, _runs
-from curriculum.ch3_4_constraints.studies._race import (
-    ALL,
-    HINGES,
-    OURS,
-    PYTHON,
-    QUICK,
-    REPEATS,
-    SOON,
-    STEPS,
-    TAYLOR,
-    race,
-    show_race,
-    steps_ladder,
-)
-from curriculum.ch3_4_constraints.tables import say, show
+from curriculum.ch3_4_constraints.studies import _runs
+from curriculum.ch3_4_constraints.tables import in_turns, say, show
+from curriculum.common import rules
 
 import numpy as np
 
-DT = 0.005  # s, of (a)
+DT, REPEATS = 0.005, 9  # s, of (a); timings
+OURS, SOON, PYTHON = "ours", "ours, soon built", "ours, Python"
+HINGES, TAYLOR, QUICK = "MuJoCo hinges", "heyoka", "heyoka, soon built"
+STEPS, ALL = "us", "in all, ms"  # of a table's columns those by which an engine is judged
+SOONEST = SOON, PYTHON, QUICK  # they are judged in all, and others by their steps
 # of (b), {error in m: (engine, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
     error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
@@ -80,41 +67,93 @@ def names(system, dt=DT):
 
 
 # --- (b) time to an error ---
-def our_ladder(task, low, high, rule, mode, **how):
-    """Rungs of ours; `how` as compiled_step takes it. dt is no part of what is compiled."""
-    build = partial(peers.compiled_step, task.system, rule, mode, 1.0, **how)
-    words = [rule] if mode == "none" else [rule, mode]
-    return steps_ladder(task, low, high, build, peers.ours, *words)
+def steps_ladder(engine, task, low, high, *words, **how):
+    """{setting: (build, steps a sample)} of an engine, each with about a tenth more steps.
+
+    A run is build()(steps a sample); build is engine(task, *words, **how).
+    """
+    build, count = partial(engine, task, *words, **how), round(10 * np.log(high / low))
+    pers = np.unique(np.geomspace(low, high, count).round().astype(int)).tolist()
+    return {" ".join([*words, f"dt {task.every / per:.3g}"]): (build, per) for per in pers}
 
 
-def hinge_ladder(task, low, high):
-    """Rungs of MuJoCo in joint angles."""
-    return steps_ladder(task, low, high, partial(peers.hinges_model, task), peers.hinges)
+def taylor_ladder(engine, task, *words, **how):
+    """The same of heyoka, four tolerances a power of ten: engine(task, tol, **how)."""
+    builds = {tol: partial(engine, task, tol, **how) for tol in 10.0 ** -np.arange(1.0, 15.0, 0.25)}
+    return {" ".join([f"tol {tol:.1e}", *words]): (build, 1) for tol, build in builds.items()}
 
 
-def taylor_ladder(task, **how):
-    """Rungs of heyoka; `how` as heyoka takes it."""
-    words = ["fast_math"] if how.get("fast_math") else []
-    build, go = partial(peers.heyoka_flow, task, **how), partial(peers.heyoka, task=task)
-    return _race.taylor_ladder(16.0, build, go, *words)
+def offered(error):
+    """The names of our rules among which --tol chooses for an error."""
+    families = (rules.offered(family, c.INTEGRATORS, error) for family in rules.FAMILIES)
+    return [name for family in families for name in family]
+
+
+def engines():
+    """{name: version} of the other engines that are installed."""
+    return {name: version(name) for name in ("mujoco", "heyoka") if find_spec(name)}
+
+
+def first_there(task, ladder, error):
+    """The first setting that is as near as `error`, and the next one, too: it is no accident."""
+    made = cache(lambda build: build())
+    near = (task.error(made(build)(per)[1]) <= error for build, per in ladder.values())
+    both = zip(ladder, pairwise(near), strict=False)
+    return next((setting for setting, pair in both if all(pair)), None)
+
+
+def timed(task, build, per):
+    """Seconds of the steps, and with what there is to build; and the error."""
+    clock = time.perf_counter()
+    go = build()
+    built = time.perf_counter() - clock
+    seconds, q = go(per)
+    return seconds, seconds + built, task.error(q)
+
+
+def race(task, racers, error, limits):
+    """Rows and bars: how long each engine takes to an error.
+
+    racers: {engine: ladders, each from coarse and quick to fine and slow}; limits: (engine, peer,
+    STEPS or ALL, the share of the peer's least time that is allowed).
+    """
+    jobs, best, bars = {}, {}, []
+    for engine, ladders in racers.items():
+        for ladder in ladders:
+            setting = first_there(task, ladder, error)
+            if setting is not None:
+                jobs[engine, setting] = partial(timed, task, *ladder[setting])
+    for (engine, setting), samples in in_turns(jobs, REPEATS).items():
+        steps, whole, off = np.array(samples).T
+        row = {"engine": engine, "error": f"{off[0]:.1e}", STEPS: 1e6 * steps.min()}
+        row |= {"build, ms": 1e3 * np.min(whole - steps), ALL: 1e3 * whole.min()}
+        own = ALL if engine in SOONEST else STEPS
+        if engine not in best or row[own] < best[engine][own]:  # of the ladders of each
+            best[engine] = row | {"ours/it": "-", "setting": setting}
+    for row in best.values():
+        if OURS in best:
+            row["ours/it"] = f"{best[OURS][STEPS] / row[STEPS]:.2g}"
+    for engine, peer, column, limit in limits:
+        if {engine, peer} <= best.keys():
+            what = "its steps" if column == STEPS else "in all"
+            share = best[engine][column] / best[peer][column]
+            bars.append((f"{error:.0e}: {engine}, {what}, over {peer}", share, limit))
+    return list(best.values()), bars
 
 
 def ladders(task, error):
-    """{engine: ladders, from coarse to fine}: each at its best, for the end state.
-
-    Ours are what --tol chooses among for that error.
-    """
-    found = {HINGES: [hinge_ladder(task, 60, 30_000)]}
+    """{engine: ladders, from coarse to fine}: each at its best, for the end state."""
+    found = {HINGES: [steps_ladder(peers.hinges, task, 60, 30_000)]}
     if find_spec(TAYLOR):
-        found[TAYLOR] = [taylor_ladder(task, fast_math=fast) for fast in (True, False)]
-        found[QUICK] = [taylor_ladder(task, opt_level=0)]
+        fast = taylor_ladder(peers.heyoka, task, "fast_math", fast_math=True)
+        found[TAYLOR] = [fast, taylor_ladder(peers.heyoka, task)]
+        found[QUICK] = [taylor_ladder(peers.heyoka, task, opt_level=0)]
     kinds = {PYTHON: {"machine": False}}
     if _runs.NATIVE:
-        kinds |= {SOON: {"machine": True, "best": False}, OURS: {"machine": True}}
+        kinds |= {SOON: {"best": False}, OURS: {}}
     for engine, how in kinds.items():
-        found[engine] = [
-            our_ladder(task, 8, 400, rule, "none", **how) for rule in _race.offered(error)
-        ]
+        climbs = [steps_ladder(peers.ours, task, 8, 400, x, **how) for x in offered(error)]
+        found[engine] = climbs
     return found
 
 
@@ -162,20 +201,20 @@ def main(argv=None):
         rows = names(peers.random_chain(np.random.default_rng(0), 3))
         show(f"(a) soft and MuJoCo {version('mujoco')}, tendons of a random chain", rows)
         return
-    _runs.host(repeats=REPEATS, **_race.engines())
+    _runs.host(repeats=REPEATS, **engines())
     if args.a01:
         task = a01()
-
-        def racers(_):
-            modes = {OURS: "none", f"{OURS}, project": "project"}
-            mine = {name: [our_ladder(task, 2, 3, "gauss", mode)] for name, mode in modes.items()}
-            return mine | {HINGES: [hinge_ladder(task, 60, 110)]}
-
-        found = race(task, racers, {HIGH: [(OURS, HINGES, STEPS, 0.01)]})
-        show_race("(c) A01, the simple pendulum, 2000 s, time to high precision, {}", *found)
+        racers = {
+            OURS: [steps_ladder(peers.ours, task, 2, 3, "gauss")],
+            f"{OURS}, project": [steps_ladder(peers.ours, task, 2, 3, "gauss", "project")],
+            HINGES: [steps_ladder(peers.hinges, task, 60, 110)],
+        }
+        title = f"(c) A01, the simple pendulum, 2000 s, time to high precision, {HIGH:.0e}"
+        show(title, *race(task, racers, HIGH, [(OURS, HINGES, STEPS, 0.01)]))
         return
     if not find_spec(TAYLOR):
         say(f"{TAYLOR} is not installed, its rows are left out: pip install -e '.[peers]'")
     task = _runs.double(end=True)
-    found = race(task, partial(ladders, task), TARGETS)
-    show_race("(b) the double pendulum after 5 s, time to an error of {} m", *found)
+    for error, limits in TARGETS.items():
+        title = f"(b) the double pendulum after 5 s, time to an error of {error:.0e} m"
+        show(title, *race(task, ladders(task, error), error, limits))

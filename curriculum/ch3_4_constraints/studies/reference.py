@@ -8,10 +8,9 @@ dz/dth (a column an angle) and the acceleration z'' at th'' = 0, called h. Then 
 are, with sums over particles of mass m,
     sum m dz/dth_i . (dz/dth_j th_j'' + h + g) = 0,   g = 9.81 m/s^2 up
 
-mpmath integrates them by Taylor series, to the digits it is asked for. "error" in the file is the
-largest difference in any coordinate, in m, from a second computation with fewer digits. A wrong
-term would spoil both alike; the energy shows it, and is kept. Storing as double adds at most half a
-unit in the last place.
+mpmath integrates them by Taylor series. "error" in the file is the largest difference in any
+coordinate, in m, from a second computation with fewer digits. A wrong term would spoil both alike;
+the energy shows it, and is kept. Storing as double adds at most half a unit in the last place.
 """
 
 import json
@@ -106,39 +105,30 @@ def integrate(system, digits):
         return q, max(abs(x - energy[0]) for x in energy)
 
 
-def compute(names):
-    """{name: its case}; prints a line a case."""
-    cases = {}
-    for name in work.through("digits", names):
+def main(argv=None):
+    """Write the file, or compare with it; returns 1 if they differ."""
+    quick, about = {"names": NAMES[:1], "check": True}, __doc__.partition("\n\n")[0]
+    parser = study_parser("reference", about, quick, names=NAMES)
+    parser.add_argument("--check", action="store_true", help="compare, exit 1 beyond 1e-14 m")
+    args, cases = parser.parse_args(argv), {}
+    if not args.check:
+        parser.attempt("--check: without it", writable, str(FILE))
+    for name in work.through("digits", args.names):
         (coarse, _), (fine, drift) = (integrate(c.build_system(name), d) for d in (COARSE, FINE))
         assert drift < 10.0**-COARSE, f"{name}: energy error {float(drift):.1e} J"
         error = np.max(np.abs(fine - coarse))
         cases[name] = {"error": float(f"{error:.1e}"), "positions": fine.astype(float).tolist()}
         work.wipe()
         print(f"{name:15} error {error:.1e} m, energy error {float(drift):.1e} J", flush=True)
-    return cases
-
-
-def main(argv=None):
-    """Write the file, or compare with it; returns 1 if they differ."""
-    quick, about = {"names": NAMES[:1], "check": True}, __doc__.partition("\n\n")[0]
-    parser = study_parser("reference", about, quick, names=NAMES)
-    parser.add_argument("--check", action="store_true", help="compare, exit 1 beyond 1e-14 m")
-    args = parser.parse_args(argv)
-    if not args.check:
-        parser.attempt("--check: without it", writable, str(FILE))
-    cases = compute(args.names)
     if args.check:
         stored = json.loads(FILE.read_text(encoding="utf-8"))["cases"]
-        pairs = [(stored[name]["positions"], cases[name]["positions"]) for name in cases]
-        gap = max(np.max(np.abs(np.subtract(*both))) for both in pairs)
+        gaps = [np.subtract(stored[name]["positions"], cases[name]["positions"]) for name in cases]
+        gap = max(np.max(np.abs(x)) for x in gaps)
         print(f"{FILE.name}: largest difference {gap:.1e} m, {TOLERANCE:g} is allowed")
         return int(gap > TOLERANCE)
     what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems "
-    document = {
-        "what": f"{what}and of two of its scenes.",
-        "made_by": f"python -m {__package__} reference",
-    }
+    document = {"what": f"{what}and of two of its scenes."}
+    document["made_by"] = f"python -m {__package__} reference"
     # "]], [[" stands between two samples and nowhere else: one line a sample
     text = json.dumps(document | {"times": TIMES, "cases": cases}).replace("]], [[", "]],\n[[")
     text = text.replace('"positions": [', '"positions": [\n') + "\n"

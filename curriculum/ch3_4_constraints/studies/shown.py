@@ -1,8 +1,7 @@
 """What the chapter says on its way, shown: one small table a name.  All of them, or those named.
 
 A table is a function that yields its rows. None holds a time, and none is rounded finer than
-processors agree: a reader sees the digits of the text. `hour` takes long, and is shown only if it
-is named.
+processors agree: a reader sees the digits of the text. `hour`, which takes long, must be named.
 """
 
 import math
@@ -17,6 +16,7 @@ from curriculum.common.runs import distance
 import numpy as np
 
 DT = 0.005  # s, where nothing else is said
+PENDULUM, DOUBLE = map(c.build_system, ("pendulum", "double"))
 SHOWN = {}  # {name: (function, [(header, format), ...])}
 
 
@@ -52,23 +52,20 @@ def wrong(system, q, v):
 @table("seeds = {} | tips apart at the start, m = {:.6f} | after 20 s, m = {:.6f}")
 def seeds():
     """the double pendulum, semi_implicit, baumgarte"""
-    first = c.build_system("double", 0)
-    end = run(first, hold="baumgarte").tip[-1]
-    for seed in (0, 1):
-        second = c.build_system("double", seed)
-        start = np.linalg.norm(second["q0"][-1] - first["q0"][-1])
-        yield f"0 and {seed}", start, np.linalg.norm(run(second, hold="baumgarte").tip[-1] - end)
+    tips = [run(c.build_system("double", seed), hold="baumgarte").tip for seed in (0, 1)]
+    for seed, tip in enumerate(tips):
+        yield f"0 and {seed}", *np.linalg.norm(tip[[0, -1]] - tips[0][[0, -1]], axis=1)
 
 
 @table("system = {} | seed 0 = {:.1f} | seed 1 = {:.1f} | seed 2 = {:.1f}")
 def ratios():
     """worst rod error over 20 s, semi_implicit: that of none over that of baumgarte"""
+
+    def worst(name, seed, mode):
+        return run(c.build_system(name, seed), hold=mode).violations.max()
+
     for name in c.SYSTEMS:
-        drawn = [c.build_system(name, seed) for seed in range(3)]
-        off = [
-            [run(x, hold=mode).violations.max() for x in drawn] for mode in ("none", "baumgarte")
-        ]
-        yield name, *np.divide(*off)
+        yield name, *(worst(name, k, "none") / worst(name, k, "baumgarte") for k in range(3))
 
 
 @table(
@@ -106,11 +103,10 @@ def level():
 )
 def tangent():
     """the pendulum, semi_implicit, none: g, and dt^2/2 times the sum of |v|^2"""
-    system = c.build_system("pendulum")
-    found = run(system, keep=range(4001))
+    found = run(PENDULUM, keep=range(4001))
     squares = np.sum(found.v**2, axis=(1, 2))
     for steps in (1, 200, 4000):
-        start, end = (wrong(system, found.q[k], found.v[k]) for k in (0, steps))
+        start, end = (wrong(PENDULUM, found.q[k], found.v[k]) for k in (0, steps))
         after, before = (0.5 * DT**2 * np.sum(squares[k : k + steps]) for k in (1, 0))
         yield DT * steps, end - start, after, before, found.violations[steps]
 
@@ -131,10 +127,10 @@ def thrown():
 @table("dt, s = {:g} | rod error, m = {:.2e} | energy, of m g L = {:.2e} | times less = {}")
 def order():
     """the pendulum over 20 s, rk4, none"""
-    system, before = c.build_system("pendulum"), None
+    before = None
     for dt in (0.02, 0.01, 0.005, 0.0025):
-        found = run(system, "rk4", "none", dt, round(20.0 / dt))
-        now = np.array([found.violations.max(), drift(system, found)])
+        found = run(PENDULUM, "rk4", "none", dt, round(20.0 / dt))
+        now = np.array([found.violations.max(), drift(PENDULUM, found)])
         yield dt, *now, "- -" if before is None else "{:.1f} {:.1f}".format(*before / now)
         before = now
 
@@ -145,9 +141,9 @@ def order():
 )
 def halving():
     """the double pendulum, semi_implicit: worst rod error, m"""
-    system, ladder = c.build_system("double"), (0.01, 0.005, 0.0025, 0.00125)
+    ladder = 0.01, 0.005, 0.0025, 0.00125
     for mode, seconds in [*((mode, 2) for mode in c.hold_table()), ("none", 20)]:
-        runs = (run(system, hold=mode, dt=dt, steps=round(seconds / dt)) for dt in ladder)
+        runs = (run(DOUBLE, hold=mode, dt=dt, steps=round(seconds / dt)) for dt in ladder)
         off = [found.violations.max() for found in runs]
         times = (f"{a / b:.1f}" for a, b in zip(off, off[1:], strict=False))
         yield mode, seconds, *off, " ".join(times)
@@ -158,21 +154,19 @@ def halving():
 )
 def knob():
     """the double pendulum over 20 s, semi_implicit, dt 0.005"""
-    system = c.build_system("double")
     for w in (0.0, 5.0, 20.0, 80.0, 165.0, 170.0):
-        found = run(system, hold=w)
-        yield w, DT * w, found.violations.max(), drift(system, found), found.stopped or "reached"
+        found = run(DOUBLE, hold=w)
+        yield w, DT * w, found.violations.max(), drift(DOUBLE, found), found.stopped or "reached"
 
 
 @table("mode = {} | energy gained, J = {:+.1f} | work of the rods, J = {:+.1f}")
 def work():
     """the double pendulum, 20 s, semi_implicit; work: lambda times each change of g"""
-    system = c.build_system("double")
     for mode in ("none", "baumgarte"):
         hold = c.hold_table(DT)[mode]
-        found = run(system, hold=hold, keep=range(4001))
-        pulls = [c.tensions(system, q, v, hold) for q, v in zip(found.q, found.v, strict=True)]
-        sizes = [c.rod_errors(system, q) + system["lengths"] for q in found.q]
+        found = run(DOUBLE, hold=hold, keep=range(4001))
+        pulls = [c.tensions(DOUBLE, q, v, hold) for q, v in zip(found.q, found.v, strict=True)]
+        sizes = [c.rod_errors(DOUBLE, q) + DOUBLE["lengths"] for q in found.q]
         lam = -np.divide(pulls, sizes)
         changes = np.diff(0.5 * np.square(sizes), axis=0)
         done = np.sum(0.5 * (lam[1:] + lam[:-1]) * changes)
@@ -192,13 +186,6 @@ def turning():
         yield rule, wrong(dumbbell, q, v), dt * (rate @ rate) / w, off
 
 
-def farthest(system, rule, mode):
-    """The rod error in mm, with its sign, that was largest over 2 s, of the first rod."""
-    found = run(system, rule, mode, steps=400, keep=range(401))
-    off = np.array([c.rod_errors(system, q)[0] for q in found.q])
-    return 1e3 * off[np.argmax(np.abs(off))]
-
-
 @table("mode = {} | rule = {} | while = {} | by hand, mm = {:+.3f} | found, mm = {:+.3f}")
 def by_hand():
     """largest error of a rod of 1 m over 2 s, dt 0.005; what swings was let go level"""
@@ -216,7 +203,9 @@ def by_hand():
         ("soft", "semi_implicit", "one bob hangs", one, stands),
         ("soft", "semi_implicit", "two bobs hang", two, 2.0 * stands),
     ):
-        yield mode, rule, what, 1e3 * metres, farthest(system, rule, mode)
+        states = run(system, rule, mode, steps=400, keep=range(401)).q
+        off = np.array([c.rod_errors(system, q)[0] for q in states])
+        yield mode, rule, what, 1e3 * metres, 1e3 * off[np.argmax(np.abs(off))]
 
 
 @table("impulse under = {} | steps 0 to 7 = {} | later = {:.3f}")
@@ -229,27 +218,21 @@ def nudge():
         yield rule, "  ".join(f"{x:.3f}" for x in off[:8]), off[1995:].max()
 
 
-def back_onto_rods(along_those_after, v_is_told):
-    """A way back onto the rods, right or wrong: project, which goes along the rods as they were
-    before the step, or the shortest, along those after it; v changes by the move or not."""
-
-    def back(system, q_start, q, v, dt):
-        along = q if along_those_after else q_start
-        return c.project(system, along, q, v, dt if v_is_told else math.inf)
-
-    return back
-
-
 @table(
     "along the rods = {} | v told = {} | off, m = {:.0e} | 1 s = {} | 5 s = {} | 10 s = {}"
     " | 20 s = {} | worst = {:.2g}"
 )
 def way_back():
     """the double pendulum, semi_implicit: energy error as a share of m g L after"""
-    system, hold = c.build_system("double"), c.hold_table()["project"]
+    hold = c.hold_table()["project"]
     for told, after in product((True, False), (False, True)):
-        found = run(system, hold=hold._replace(after=back_onto_rods(after, told)))
-        off = np.abs(found.energies - found.energies[0]) / energy_scale(system)
+
+        def back(system, q_start, q, v, dt, told=told, after=after):
+            """Newton's way back, right or wrong: project goes along the rods before the step."""
+            return c.project(system, q if after else q_start, q, v, dt if told else math.inf)
+
+        found = run(DOUBLE, hold=hold._replace(after=back))
+        off = np.abs(found.energies - found.energies[0]) / energy_scale(DOUBLE)
         steps = [round(t / DT) for t in (1, 5, 10, 20)]
         texts = [f"{off[k]:.2g}" if k < len(off) else "lost" for k in steps]
         rods = "after the step" if after else "before the step"
@@ -266,7 +249,6 @@ def laws():
     """2 s: three bodies thrown free, and a double pendulum there and back"""
     q0, v0 = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0.0, 3, 0], [0, 5, 0], [-2, 3, 0]]
     free = make_system(q0, v0, [1.0, 2.0, 5.0], [(1, 0), (2, 0), (2, 1)])
-    double = c.build_system("double")
     for rule, mode, dt in (
         ("semi_implicit", "none", DT),
         ("semi_implicit", "impulse", DT),
@@ -280,20 +262,20 @@ def laws():
         m = free["m"]  # about the centre of mass:
         arms, speeds = (x - np.sum(m * x, 1, keepdims=True) / np.sum(m) for x in (found.q, found.v))
         turns = np.sum(m * np.cross(arms, speeds), axis=1)[:, 2]
-        there = run(double, rule, mode, dt, steps)
-        back = run(double | {"q0": there.q[-1], "v0": -there.v[-1]}, rule, mode, dt, steps)
-        off = distance(back.q[-1], double["q0"])
+        there = run(DOUBLE, rule, mode, dt, steps)
+        turned = DOUBLE | {"q0": there.q[-1], "v0": -there.v[-1]}
+        off = distance(run(turned, rule, mode, dt, steps).q[-1], DOUBLE["q0"])
         yield f"{rule} {mode}", dt, below(np.ptp(turns) / abs(turns[0])), below(off)
 
 
 @table("rule = {} | rods, m = {:.0e} | 60 s = {} | 600 s = {} | 3600 s = {} | end = {}")
 def hour():
     """the double pendulum, dt 0.005: energy gained, of m g L, after"""
-    system, times = c.build_system("double"), (60.0, 600.0, 3600.0)
+    times = 60.0, 600.0, 3600.0
     better = ("rk4", "none"), ("rk4", "project"), ("midpoint", "project"), ("gauss", "project")
     for rule, mode in [*(("semi_implicit", mode) for mode in c.hold_table()), *better]:
-        found = run(system, rule, mode, DT, round(times[-1] / DT))
-        gained = (found.energies - found.energies[0]) / energy_scale(system)
+        found = run(DOUBLE, rule, mode, DT, round(times[-1] / DT))
+        gained = (found.energies - found.energies[0]) / energy_scale(DOUBLE)
         there = [k for k in (round(t / DT) for t in times) if k < len(gained)]
         texts = [f"{x:+.0e}" for x in gained[there]] + ["-"] * (len(times) - len(there))
         yield f"{rule} {mode}", found.violations.max(), *texts, found.stopped or "reached"

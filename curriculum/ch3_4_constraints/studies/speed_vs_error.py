@@ -69,9 +69,7 @@ def main(argv=None):
     """Print the frontier."""
     quick = {"most": MOST // 10, "methods": METHODS[::4]}
     parser = study_parser("speed_vs_error", __doc__, quick, most=MOST, methods=METHODS)
-    args = parser.parse_args(argv)
-    task = double()
-    rows = []
+    args, task, rows = parser.parse_args(argv), double(), []
     for method in work.through("climbing", args.methods):
         rows += ladder(task, *method, args.most)
     rows = [row for row in ahead(rows) if row["error"] < FAR]
