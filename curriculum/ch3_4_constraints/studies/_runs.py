@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import constraints as c
+from curriculum.ch3_4_constraints import systems
 from curriculum.ch3_4_constraints.statics import differences
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import native, rules
@@ -75,8 +76,8 @@ def double(end=False):
 
 
 def energy_scale(system):
-    """The unit of energy errors in J: sum m |g| sum L."""
-    return float(np.sum(system["m"]) * G * np.sum(system["lengths"]))
+    """The unit of energy errors in J."""
+    return systems.energy_scale(system, c.GRAVITY)
 
 
 def drift(system, run):

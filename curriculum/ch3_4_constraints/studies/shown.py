@@ -284,9 +284,11 @@ def hour():
 def main(argv=None):
     """Print the tables."""
     parser = _runs.study_parser("shown", __doc__)
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*SHOWN, []]}
-    parser.add_argument("names", **names, help=f"some of {', '.join(SHOWN)}; all but hour")
-    for name in parser.parse_args(argv).names or [name for name in SHOWN if name != "hour"]:
+    words = f"some of {', '.join(SHOWN)}; all (15 s) leaves out hour"
+    several = {"nargs": "*", "default": "all", "choices": [*SHOWN, "all"]}
+    parser.add_argument("names", metavar="NAME", **several, help=words)
+    asked = parser.parse_args(argv).names
+    for name in [x for x in SHOWN if x != "hour"] if "all" in asked else asked:
         function, columns = SHOWN[name]
         rows = [zip(columns, row, strict=True) for row in function()]
         rows = [{header: form.format(x) for (header, form), x in row} for row in rows]
