@@ -106,7 +106,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(4)}
 INLINED = [(name, trace.INLINE) for name in EXAMPLES]
 INLINED += [(name, 0) for name in ("routines", "rows", "loops of routines")]
-CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (11, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
+CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (19, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
 CROWD[3] *= 1e-3  # it takes its loops more turns than the others
 
 
