@@ -167,6 +167,15 @@ NET = [[1, -1e-7, 0], [2, -2e-7, 0], [3, -1e-7, 0], [2, -3e-7, 1], [2, -3e-7, -1
 CORDS = [(0, -1), (1, 0), (2, 1), (2, -2), (3, -3), (3, 1), (4, 1), (4, -4)]  # two, that cross
 CORNERS = [[0, 0, 0], [4, 0, 0], [2, 0, 2], [2, 0, -2]]
 NEEDED.append(make_system(NET, np.zeros((5, 3)), [1, 2, 3, 4, 5], CORDS, None, CORNERS))
+SQUARE, FRAME = (
+    [[0, -1, 0], [1, -1, 0], [1, 0, 0]],
+    [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)],
+)
+for bob, pair in (([50, -1, 0], (3, -2)), ([1, -2, 0], (3, 1))):  # turns 1 rad in 0.1 ms
+    v = np.outer([0, 0, 0, 1e4], [1, 0, 0])
+    NEEDED.append(
+        make_system([*SQUARE, bob], v, np.ones(4), [*FRAME, pair], None, [[0, 0, 0], [50, 0, 0]])
+    )
 LOST = [nearly_level(1e-8, fast) for fast in (None, 0, -3)]  # A is as good as singular
 
 
@@ -230,20 +239,6 @@ def test_a_bob_that_hardly_sags_stays_where_it_is(mode):
     assert not found.stopped and np.abs(found.tip - found.tip[0]).max() < 1e-8
 
 
-@pytest.mark.parametrize(
-    ("bob", "pair"), [([50.0, -1.0, 0.0], (3, -2)), ([1.0, -2.0, 0.0], (3, 1))]
-)
-def test_a_fast_rod_beside_a_loop_is_answered_wherever_it_hangs(bob, pair):
-    """At 1e4 rad/s it turns a radian in a tenth of a millisecond."""
-    square = [[0.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
-    frame = [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)]
-    anchors, v = [[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]], np.zeros((4, 3))
-    v[3, 0] = 1e4
-    system = make_system([*square, bob], v, np.ones(4), [*frame, pair], None, anchors)
-    assert c.tensions(system, system["q0"], v)[-1] > 7e7  # N; 1e8 where it hangs on an anchor
-    assert c.unheld(system, system["q0"], v) < UNHELD
-
-
 def test_a_loop_is_blurred_by_what_its_rods_turn_in_an_instant_and_by_no_more_than_a_turn():
     system = moving(tree(7, 2))
     q, v, m = system["q0"], system["v0"], np.repeat(system["m"][:, 0], 3)
@@ -253,11 +248,6 @@ def test_a_loop_is_blurred_by_what_its_rods_turn_in_an_instant_and_by_no_more_th
     share = [sum(1.0 / system["m"][i, 0] for i in pair if i >= 0) for pair in system["pairs"]]
     fast = np.diag(turned(system, 1e9 * v))
     assert np.allclose(fast, (TURN * system["lengths"]) ** 2 * share, rtol=1e-6)
-
-
-def test_whole_numbers_are_solved_as_numbers():
-    whole = solve(DOUBLE, np.array([[2, 1], [1, 2]]), np.array([1, 1]))
-    assert whole == pytest.approx([1 / 3, 1 / 3])
 
 
 def test_many_rods_find_their_way_back_or_stay_put_and_a_loose_particle_falls():

@@ -3,8 +3,6 @@
 import contextlib
 from functools import partial
 
-import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import native, trace
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
@@ -218,13 +216,6 @@ def test_who_prints_a_symbol_is_told_of_plain_once(monkeypatch, capsys):
     program_of(lambda x: print(x[0, 0], -x[1, 2]) or x)
     seen = capsys.readouterr()
     assert seen.out == "x_0_0 -x_1_2\n" and seen.err.count("--plain") == 1
-
-
-def test_the_code_of_a_step_is_names_of_operations_and_floats_only():
-    """A scene file stays data, whatever it holds."""
-    for name in ("windows", "light_tip"):
-        source = run(c.build_system(name), "rk4", "project", steps=1).source
-        assert "__" not in source and "import" not in source and name not in source
 
 
 def test_a_crowd_keeps_the_largest_of_what_is_measured():
