@@ -114,9 +114,8 @@ def test_a_function_of_one_state_is_mapped_over_many(monkeypatch):
     def everything(q, v):
         found = [*c.constraint_terms(system, q, v), c.energy(system, q, v)]
         found += [*c.project(system, system["q0"], q, v, 0.01), c.constraint_violation(system, q)]
-        for hold in TABLE.values():
-            found += [c.constraint_force(system, q, v, hold), c.tensions(system, q, v, hold)]
-        return tuple(found)
+        asked = product((c.constraint_force, c.tensions), TABLE.values())
+        return *found, *(function(system, q, v, hold) for function, hold in asked)
 
     for force in (lambda s, q, v: -v, lambda s, q, v: v if v[1, 0] > 0.0 else -v):
         monkeypatch.setattr(c, "external_force", force)
@@ -124,6 +123,12 @@ def test_a_function_of_one_state_is_mapped_over_many(monkeypatch):
         for k in range(4):
             alone = everything(q[k], v[k])
             assert all(np.array_equal(x[k], y) for x, y in zip(many, alone, strict=True))
+
+
+def hung(q, pairs, anchors, v=0.0, m=1.0):
+    """Points on rods, at rest and of 1 kg unless told."""
+    q = np.array(q, float)
+    return make_system(q, v + 0.0 * q, m + 0.0 * q[:, 0], pairs, None, anchors)
 
 
 def tight_cable(rods, slack, masses, sway):
@@ -135,26 +140,31 @@ def tight_cable(rods, slack, masses, sway):
     *q, end = np.cumsum(links / np.hypot(level, lifts)[:, None], axis=0)
     v = np.outer(sway * np.sin(np.pi * bobs / rods), [0.0, 0.0, 1.0])  # so that J v = 0
     pairs = [*row(rods - 1), (rods - 2, -2)]
-    return make_system(q, v, np.where(bobs % 2, 1.0, masses), pairs, None, [0.0 * end, end])
+    return hung(q, pairs, [0.0 * end, end], v, np.where(bobs % 2, 1.0, masses))
 
 
 def cantilever(bays):
-    """Two nodes a bay, at rest, held at the left; of a bay's two diagonals one is too many."""
-    n, anchors = 2 * bays, [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
+    """Two nodes a bay, held at the left; of a bay's two diagonals one is too many."""
+    n = 2 * bays
     q = [[t // 2 + 1.0, 1.0 - t % 2, 0.0] for t in range(n)]
     rods = [(t, t - 2) for t in range(n)] + [(t, t - 3) for t in range(1, n, 2)]
-    rods += [(t, t - 1) for t in range(n)]
-    return make_system(q, np.zeros((n, 3)), np.ones(n), rods, None, anchors)
+    return hung(q, [*rods, *row(n)], [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
 
 
 def nearly_level(sag, fast=None):
-    """A bob of 1 kg at rest, so far in m under the middle of two anchors, on rods of 1 m, nearly;
-    and another, on a `fast` rod that ties it to this one, 0, or to an anchor, -3."""
-    others = {0: [[1.0, -1.0 - sag, 0.0]], -3: [[100.0, -1.0, 0.0]]}.get(fast, [])
-    bobs, anchors = [[1.0, -sag, 0.0], *others], [[0.0] * 3, [2.0, 0.0, 0.0], [100.0, 0.0, 0.0]]
-    v = np.outer(np.arange(len(bobs)), [3.0, 0.0, 0.0])  # m/s
-    rods = [(0, -1), (0, -2), (1, fast)][: 1 + len(bobs)]
-    return make_system(bobs, v, np.ones(len(bobs)), rods, None, anchors)
+    """A bob at rest, so far in m under the middle of two anchors, on rods of 1 m, nearly; and
+    another, on a `fast` rod that ties it to this one, 0, or to an anchor, -3."""
+    others = {0: [[1, -1 - sag, 0]], -3: [[100, -1, 0]]}.get(fast, [])
+    v = np.outer(np.arange(1 + len(others)), [3.0, 0.0, 0.0])  # m/s
+    rods = [(0, -1), (0, -2), (1, fast)][: 2 + len(others)]
+    return hung([[1, -sag, 0], *others], rods, [[0, 0, 0], [2, 0, 0], [100, 0, 0]], v)
+
+
+def beside_a_square(bob, pair):
+    """A fast rod, which turns a radian in a tenth of a millisecond, beside a diagonal too many."""
+    frame = [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)]
+    q = [[0, -1, 0], [1, -1, 0], [1, 0, 0], bob]
+    return hung(q, [*frame, pair], [[0, 0, 0], [50, 0, 0]], np.outer([0, 0, 0, 1e4], [1, 0, 0]))
 
 
 NEEDED = [tight_cable(*x) for x in product((12, 150), (1e-3, 3e-6), (1.0, 1e3), (0.0, 0.1))]
@@ -163,19 +173,11 @@ NEEDED += [tight_cable(12, 1e-12, 1e3, 0.0), cantilever(30)]
 TONNE = c.build_system("tonne")  # a rod too many
 NEEDED += [TONNE, TONNE | {"m": TONNE["m"] ** 2}]
 NEEDED += [nearly_level(*x) for x in ((1e-7,), (2e-8,), (1e-7, 0), (1e-7, -3))]
+NEEDED += [beside_a_square([50, -1, 0], (3, -2)), beside_a_square([1, -2, 0], (3, 1))]
 NET = [[1, -1e-7, 0], [2, -2e-7, 0], [3, -1e-7, 0], [2, -3e-7, 1], [2, -3e-7, -1]]
 CORDS = [(0, -1), (1, 0), (2, 1), (2, -2), (3, -3), (3, 1), (4, 1), (4, -4)]  # two, that cross
 CORNERS = [[0, 0, 0], [4, 0, 0], [2, 0, 2], [2, 0, -2]]
-NEEDED.append(make_system(NET, np.zeros((5, 3)), [1, 2, 3, 4, 5], CORDS, None, CORNERS))
-SQUARE, FRAME = (
-    [[0, -1, 0], [1, -1, 0], [1, 0, 0]],
-    [(0, -1), (1, 0), (2, 1), (2, -1), (1, -1), (2, 0)],
-)
-for bob, pair in (([50, -1, 0], (3, -2)), ([1, -2, 0], (3, 1))):  # turns 1 rad in 0.1 ms
-    v = np.outer([0, 0, 0, 1e4], [1, 0, 0])
-    NEEDED.append(
-        make_system([*SQUARE, bob], v, np.ones(4), [*FRAME, pair], None, [[0, 0, 0], [50, 0, 0]])
-    )
+NEEDED.append(hung(NET, CORDS, CORNERS, m=np.arange(1.0, 6.0)))
 LOST = [nearly_level(1e-8, fast) for fast in (None, 0, -3)]  # A is as good as singular
 
 
