@@ -3,7 +3,7 @@
 from itertools import product
 
 import constraints as c
-from curriculum.ch3_4_constraints.solving import INSTANT, TURN, solve, turned
+from curriculum.ch3_4_constraints.solving import INSTANT, TURN, turned
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.tables import UNHELD
 from curriculum.common.crowds import mapped
@@ -210,13 +210,10 @@ def test_what_no_tension_can_hold_is_let_go_and_told():
 
 
 @pytest.mark.parametrize(("mode", "left"), [("none", 1.0), ("soft", 0.0)])
-def test_what_tensions_leave_unanswered_is_measured(mode, left, monkeypatch):
-    """A bob between two rods in line moves across them: none asks both to shorten, soft lets go.
-    And tensions nine tenths of what they should be leave a tenth."""
-    level, system = nearly_level(0.0), moving(tree(7, 2), 0.001)
+def test_what_tensions_leave_unanswered_is_measured(mode, left):
+    """A bob between two rods in line moves across them: none asks both to shorten, soft lets go."""
+    level = nearly_level(0.0)
     assert_close(c.unheld(level, level["q0"], [[0.0, 1.0, 0.0]], mode), left, 1e-6)
-    monkeypatch.setattr(c, "solve", lambda *terms: 0.9 * solve(*terms))
-    assert c.unheld(system, system["q0"], system["v0"], mode) > 0.1
 
 
 def test_rounds_of_refinement_end_where_1e_15_is_left():
