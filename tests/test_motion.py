@@ -7,23 +7,14 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
-from curriculum.common import rules
+from curriculum.common import ruler, rules
 from curriculum.common.gauss import make_gauss
-from curriculum.common.ruler import (
-    Truth,
-    climb,
-    cost,
-    rungs,
-    settle,
-    step_for,
-    true_motion,
-    true_position,
-)
+from curriculum.common.ruler import true_position
 from curriculum.common.runs import distance
 
 import numpy as np
 import pytest
-from conftest import held
+from conftest import feel, held
 
 EXACT = make_gauss(8, tol=1e-16)  # as rounding allows: the rule's own error is left
 REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies/reference.json").read_text(encoding="utf-8"))
@@ -120,39 +111,35 @@ def test_a_step_too_long_for_its_stages_is_taken_in_halves_if_that_helps(name, m
     assert hopeless.startswith("stopped at step 1: the Gauss stages do not ")
 
 
-def test_the_ruler_knows_a_place_to_a_nanometre_or_not_at_all():
-    """Chaos decides: after 20 s no two of its steps are so near each other."""
-    unknown = (None, math.inf)
-    double, triple, spin = (held(x, "project") for x in ("double", "triple", "spin"))
-    truth, known = true_position(double, 2.0)
+def test_the_ruler_knows_a_place_by_odd_numbers_of_steps():
+    truth, known = true_position(held("double", "project"), 2.0)
     reference = np.array(REFERENCE["cases"]["double"]["positions"])[REFERENCE["times"].index(2.0)]
     assert distance(truth[:, :2], reference) < 1e-12 and known < 1e-11
-    assert true_position(triple, 8.0)[1] < 1e-9
-    assert true_position(triple, 20.0) == unknown
-    for seconds in (0.1, 2.0):  # where halves of two steps were the same, these would agree
-        assert true_position(spin, seconds) == unknown
+    assert true_position(held("triple", "project"), 8.0)[1] < 1e-9
     for seconds in (0.01, 0.1):
-        counts = np.array(rungs(seconds))
+        counts = np.array(ruler.rungs(seconds))
         assert np.diff(counts).min() > 0 and np.all(counts % 2)
 
 
-LARGE = {
-    "long": make_system([[1e9, 0.0, 0.0]], np.zeros((1, 3)), [1.0], [(0, -1)]),
-    "far": make_system(
-        [[1e8, 0, 0], [1e8 + 1, 0, 0]],
-        [[0, 0, 0], [0, 1e-7, 0]],
-        [1, 1],
-        [(0, 1)],
-        None,
-        [[0, 0, 0]],
-    ),
-}
+LONG = make_system([[1e9, 0.0, 0.0]], np.zeros((1, 3)), [1.0], [(0, -1)])
+PAIR = np.array([[1e8, 0.0, 0.0], [1e8 + 1.0, 0.0, 0.0]])  # far away
+FAR = make_system(PAIR, [[0.0, 0.0, 0.0], [0.0, 1e-7, 0.0]], [1.0, 1.0], [(0, 1)])
+UNKNOWN = [("triple", 20.0), ("spin", 0.1), ("spin", 2.0), (LONG, 2.0), (FAR, 2.0)]
 
 
-@pytest.mark.parametrize("name", LARGE)
-def test_what_a_rounding_of_the_start_moves_is_not_known(name):
-    """Two steps may agree where the numbers they begin with have no such digits."""
-    assert true_position(held(LARGE[name], "project"), 2.0) == (None, math.inf)
+@pytest.mark.parametrize(("system", "seconds"), UNKNOWN)
+def test_a_place_that_is_not_known_to_a_nanometre_is_not_known(system, seconds):
+    """Of what is chaotic or too fast no two steps agree; and two may agree where the numbers they
+    begin with have no such digits."""
+    assert true_position(held(system, "project"), seconds) == (None, math.inf)
+
+
+def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
+    """It would not be found, and looking for it takes minutes without compiled steps."""
+    calls = []
+    feel(monkeypatch, lambda q, v: calls.append(1) or 1e-6 * len(calls) * c.GRAVITY)
+    assert true_position(held("double", "project"), 0.1) == (None, math.inf)
+    assert len(calls) < 100
 
 
 def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
@@ -164,28 +151,15 @@ def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
     assert known < 2e-11 and np.abs(q - expected - [15000.0, 0.0, 0.0]).max() < 1e-11
 
 
-def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
-    """It would not be found, and looking for it takes minutes without compiled steps."""
-    calls = []
-
-    def external_force(system, q, v=None):
-        calls.append(1)
-        return system["m"] * c.GRAVITY * (1.0 + 1e-6 * len(calls))
-
-    monkeypatch.setattr(c, "external_force", external_force)
-    assert true_position(held("double", "project"), 0.1) == (None, math.inf)
-    assert len(calls) < 100
-
-
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     """As many steps; a truth after 2 s or at the end; for an error, a step twice as large fails."""
     runs = [held("double", mode) for mode in ("project", "none")]
-    name, found, count, truth = settle(runs, {"rk4": c.rk4_step}, dt, steps, None, True)
+    name, found, count, truth = ruler.settle(runs, {"rk4": c.rk4_step}, dt, steps, None, True)
     assert (name, found, count, truth.step) == ("rk4", dt, steps, at)
     assert truth.known < 1e-9
     offered = rules.offered("gauss:6", c.INTEGRATORS, 1e-9)
-    name, found, count, truth = settle(runs, offered, dt, steps, 1e-9, True)
+    name, found, count, truth = ruler.settle(runs, offered, dt, steps, 1e-9, True)
     assert found > dt and 0.0 <= count * found - steps * dt < found
     assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)
     ends = [runs[1](offered[name], h, round(at * dt / h)) for h in (found, 2.0 * found)]
@@ -200,19 +174,19 @@ def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     costs = {}
     for order in (4, 8, 12):
         rule = rules.named(f"midpoint:{order}", c.INTEGRATORS)
-        error, dt, (found, states) = climb(1e-7, 2.0, q, runs, rule)
-        forces = cost(found, rule, dt, states)
+        error, dt, (found, states) = ruler.climb(1e-7, 2.0, q, runs, rule)
+        forces = ruler.cost(found, rule, dt, states)
         assert error <= 1e-7 and forces == (order / 2) ** 2 + 1
         costs[f"midpoint:{order}"] = forces / dt
     table = {name: rules.named(name, c.INTEGRATORS) for name in costs}
     for names in (list(table), list(table)[::-1]):
-        name, dt = step_for(1e-7, 2.0, q, runs, {name: table[name] for name in names})
+        name, dt = ruler.step_for(1e-7, 2.0, q, runs, {name: table[name] for name in names})
         assert name == min(costs, key=costs.get) not in ("midpoint:4", "midpoint:12")
     rule = rules.named("gauss:6:1e-8", c.INTEGRATORS)  # longer steps are near enough, in halves
-    _, dt, _ = climb(1e-6, 2.0, q, runs, rule)
+    _, dt, _ = ruler.climb(1e-6, 2.0, q, runs, rule)
     assert dt < 0.15 and not runs[0](rule, dt, round(2.0 / dt)).halved
     loose, strict = (rules.named(f"gauss:6:{tol}", c.INTEGRATORS) for tol in ("1e-4", "1e-12"))
-    few, many = (cost(runs[0], rule, 0.02, [(q, 0.0 * q)]) for rule in (loose, strict))
+    few, many = (ruler.cost(runs[0], rule, 0.02, [(q, 0.0 * q)]) for rule in (loose, strict))
     assert few < many and few % 6 == many % 6 == 0  # one a stage in every round
 
 
@@ -225,5 +199,5 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
         q[3, 0, 0] = 100.0 * dt  # the two runs have steps of different length
         return SimpleNamespace(q=q, kept=np.array(keep))
 
-    found = true_motion(parting, c.build_system("double"), 1.0, shown, Truth(0))
+    found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown, ruler.Truth(0))
     assert len(found) == 3
