@@ -34,6 +34,16 @@ def heron(x):
     return fixed_point(lambda y: 0.5 * (y + x / y), 1.0 + 0.0 * x, 1e-20)
 
 
+def tangle(seed, x):
+    """Any lines at all: sums, products and quotients of what came before, of either sign."""
+    rng, pool = np.random.default_rng(seed), [*x.flat]
+    for _ in range(60):
+        a, b = (pool[k] for k in rng.integers(max(0, len(pool) - 9), len(pool), 2))
+        new = (a + b, a - b, 0.5 * a * b, a / (1.5 + b * b))[rng.integers(4)]
+        pool.append(-new / (1.0 + new * new) if rng.random() < 0.5 else new * 0.5)
+    return np.array(pool[-6:], dtype=x.dtype).reshape(2, 3)
+
+
 INNER = Routine(lambda a, b: a / (1.0 + b * b) - 0.3 * b)
 OUTER = Routine(lambda a, b: INNER(b, -a) + heron(a * a + 0.5) * INNER(a, b))
 ROUTINE = Routine(heron)
@@ -92,6 +102,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "rows in a loop": rounds,
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
+EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(2)}
 INLINED = [(name, programs.INLINE) for name in EXAMPLES]
 INLINED += [(name, 0) for name in ("routines", "rows", "loops of routines")]
 CROWD = np.random.default_rng(5).uniform(0.1, 2.0, (19, 2, 3)) * [[1.0, -1.0, 1.0], [1.0] * 3]
