@@ -17,26 +17,20 @@ from curriculum.common.ruler import nudged
 import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
-SHARED = {"browser", "recorded"}  # fixtures that take long to make, once
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise."""
+    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise.
+
+    Each begins with a half, in order: what is found once is found once, or nearly so.
+    """
     all_of_them = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     here = hasattr(config, "workerinput") or config.option.usepdb
     if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
         config.option.numprocesses = 2
-        config.option.dist = "loadgroup"
-
-
-def pytest_collection_modifyitems(items):
-    """What asks for the same `shared` find, or for the browser, goes in one process."""
-    for item in items:
-        for name in item.fixturenames:
-            if name in SHARED:
-                item.add_marker(pytest.mark.xdist_group(name))
+        config.option.dist = "worksteal"
 
 
 def complaint(capsys, *words):
@@ -83,8 +77,6 @@ def feel(monkeypatch, force):
 
 def shared(find):
     """Makes a fixture of what find(folder) finds, once, in a folder of its own."""
-
-    SHARED.add(find.__name__)
 
     @pytest.fixture(scope="session", name=find.__name__)
     def found(tmp_path_factory):
