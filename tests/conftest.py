@@ -42,12 +42,15 @@ def complaint(capsys, *words):
     return line
 
 
-def python(*words, variables=None, **settings):
-    """A Python, run from the project's folder, that has ended; its output is text, kept apart;
-    `variables` are added to its environment."""
+def python(*words, variables=None, shell="", **settings):
+    """A Python, run from the project's folder, that has ended; its output is text, kept apart.
+
+    `variables` are added to its environment; a line of a `shell` may start it, as "$@".
+    """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
     pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
-    return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)
+    start = ["sh", "-c", shell, "sh"] if shell else []
+    return subprocess.run([*start, sys.executable, *map(str, words)], **pipes | settings)
 
 
 def script(lines, *words, **settings):

@@ -114,20 +114,34 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
         assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
 
 
-def run_heyoka(task, tol):
-    return peers.heyoka(peers.heyoka_flow(task, tol), task)
+PEERS = {  # an engine: its run of a task, at two settings; its crowd's; how near that is, in m
+    "mujoco": (
+        peers.run_hinges,
+        (60, 40_000),
+        lambda task: peers.hinges_crowd(peers.hinges_model(task), task, 2000),
+        1e-7,
+    ),
+    "heyoka": (
+        lambda task, tol: peers.heyoka(peers.heyoka_flow(task, tol), task),
+        (1e-3, 1e-16),
+        lambda task: peers.heyoka_crowd(peers.heyoka_batch(task, 1e-14), task),
+        1e-9,
+    ),
+}
 
 
-ANGLES = {"mujoco": (peers.run_hinges, 60, 40_000), "heyoka": (run_heyoka, 1e-3, 1e-16)}
-
-
-@pytest.mark.parametrize("package", ANGLES)
-def test_joint_angles_give_the_same_motion_the_finer_they_go(package):
+@pytest.mark.parametrize("package", PEERS)
+def test_a_peer_finds_the_same_motion_the_finer_it_goes_and_its_crowd_ends_where_ours_does(package):
+    """The last register of a crowd is not full; one member after the other is checked."""
     pytest.importorskip(package, reason="the extras compare and peers bring them")
-    engine, *settings = ANGLES[package]
-    task = double(end=True)
+    engine, settings, crowd, close = PEERS[package]
+    task, system = double(end=True), chaos.ensemble("double", range(9))
     far, near = (task.error(engine(task, x)[1]) for x in settings)
     assert near < 1e-8 * far
+    _, found = crowd(Task(system, 1, 5.0, None))
+    ours = _runs.crowd(system, "gauss:12", "none", 0.05)
+    ours.advance(100)
+    assert np.abs(found - ours.states()[0][..., :2]).max() < close
 
 
 def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_low_one():
@@ -152,24 +166,6 @@ def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_err
     rows = [{"solves": solves, "error": error} for solves, error in cost]
     found = speed_vs_error.ahead(rows)  # below rounding all errors are equal
     assert [row["solves"] for row in found] == [4, 6, 9]
-
-
-CROWDS = {
-    "mujoco": lambda task: peers.hinges_crowd(peers.hinges_model(task), task, 2000),
-    "heyoka": lambda task: peers.heyoka_crowd(peers.heyoka_batch(task, 1e-14), task),
-}
-
-
-@pytest.mark.parametrize("package, near", [("mujoco", 1e-7), ("heyoka", 1e-9)])
-def test_a_peers_crowd_ends_where_ours_does(package, near):
-    """The last register is not full; one member after the other is checked."""
-    pytest.importorskip(package, reason="the extras compare and peers bring them")
-    system = chaos.ensemble("double", range(9))
-    _, found = CROWDS[package](Task(system, 1, 5.0, None))
-    ours = _runs.crowd(system, "gauss:12", "none", 0.05)
-    ours.advance(100)
-    q, _ = ours.states()
-    assert np.abs(found - q[..., :2]).max() < near
 
 
 def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monkeypatch):
