@@ -37,33 +37,25 @@ HERE.remove(f"{SHOWN} hour")  # it takes minutes, as what is not compared at all
 COMPARED = [BLOCKS[x]["body"] for x in HERE]
 
 
-@pytest.fixture
-def printed(tmp_path, monkeypatch, capsys):
-    """printed(command): what a line that starts with `python` prints."""
-
-    def printed(command):
-        _, *words = shlex.split(command)
-        if words[0] != "-m":
-            c.main([*words[1:], "--no-rerun", "--no-page", "--no-picture", "--out", str(tmp_path)])
-        elif words[1] == studies.__package__:
-            studies.main(words[2:])
-        else:
-            monkeypatch.setattr(sys, "argv", words[1:])
-            monkeypatch.setattr(checks, "run_script", lambda main: main())
-            monkeypatch.delitem(sys.modules, words[1], raising=False)
-            runpy.run_module(words[1], run_name="__main__", alter_sys=True)
-        return capsys.readouterr().out.strip("\n")
-
-    return printed
-
-
-@pytest.mark.parametrize("command", [*HERE, *LISTINGS])
-def test_a_figure_in_a_text_is_what_its_command_prints_and_a_listing_what_runs(command, printed):
-    body = BLOCKS[command]["body"]
-    if command in LISTINGS:
-        assert body == figures.listed(command)
+@pytest.mark.parametrize("command", HERE)
+def test_a_figure_in_a_text_is_what_its_command_prints(command, tmp_path, monkeypatch, capsys):
+    _, *words = shlex.split(command)
+    if words[0] != "-m":
+        c.main([*words[1:], "--no-rerun", "--no-page", "--no-picture", "--out", str(tmp_path)])
+    elif words[1] == studies.__package__:
+        studies.main(words[2:])
     else:
-        assert figures.machine_free(printed(command)) == figures.machine_free(body)
+        monkeypatch.setattr(sys, "argv", words[1:])
+        monkeypatch.setattr(checks, "run_script", lambda main: main())
+        monkeypatch.delitem(sys.modules, words[1], raising=False)
+        runpy.run_module(words[1], run_name="__main__", alter_sys=True)
+    printed = figures.machine_free(capsys.readouterr().out.strip("\n"))
+    assert printed == figures.machine_free(BLOCKS[command]["body"])
+
+
+@pytest.mark.parametrize("command", LISTINGS)
+def test_a_listing_in_a_text_is_the_code_that_runs(command):
+    assert BLOCKS[command]["body"] == figures.listed(command)
 
 
 def test_the_sign_of_an_error_by_hand_is_the_sign_found_and_its_rule_is_named():
@@ -183,8 +175,10 @@ def test_a_guess_is_understood_as_it_is_written_and_counts_as_it_was_before_the_
 
 @unedited
 @pytest.mark.parametrize("name", CHECKS)
-def test_after_a_blank_comes_the_next_one_of_the_file(name):
-    tree = ast.parse((FOLDER / f"{name}.py").read_text(encoding="utf-8"))
+def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsys):
+    tree, ended = ast.parse((FOLDER / f"{name}.py").read_text(encoding="utf-8")), []
+    monkeypatch.setattr(checks, "run_script", lambda main: ended.append(main()))
+    monkeypatch.setattr(checks, "first_guess", lambda note, guess: guess)
     functions = [x for x in tree.body if isinstance(x, ast.FunctionDef)]
     functions = [x for x in functions if "blank(" in ast.unparse(x)]
     answers = dict(vars(load(name)))
@@ -192,11 +186,10 @@ def test_after_a_blank_comes_the_next_one_of_the_file(name):
         exercise = importlib.reload(importlib.import_module(f"{PACKAGE}.{name}"))
         for filled in functions[:k]:
             setattr(exercise, filled.name, answers[filled.name])
-        with pytest.raises(Blank) as found:
-            getattr(exercise, "answer", dict)()
-            CHECKS[name](exercise, exercise.main())
-        line = int(re.search(r"line (\d+)", str(found.value))[1])
-        assert function.lineno < line <= function.end_lineno
+        exercise.judge(exercise.main)
+        *_, said = capsys.readouterr().out.splitlines()
+        line = int(re.fullmatch(rf"{name}\.py, line (\d+): .{{20,}}", said)[1])
+        assert ended.pop() == 0 and function.lineno < line <= function.end_lineno
 
 
 def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(
@@ -264,10 +257,3 @@ def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
     for system, holding in ((fast, ["project"]), (start, [*c.hold_table()])):
         held = [mode for mode in c.hold_table() if linkage.worst(system, mode) <= linkage.SHARE]
         assert held == holding or system is start and EDITED
-
-
-@unedited
-@pytest.mark.parametrize("name", CHECKS)
-def test_an_unedited_exercise_ends_by_what_it_wants_next(name, printed):
-    *_, line = printed(f"python -m {PACKAGE}.{name}").splitlines()
-    assert re.fullmatch(rf"{name}\.py, line \d+: .{{20,}}", line)
