@@ -30,7 +30,8 @@ from conftest import MISTAKES, complaint, python, script
 posix = pytest.mark.skipif(os.name == "nt", reason="no signals, limits or /dev/full there")
 SHORT = "--no-rerun", "--steps", "20", "--stabilization", "none"
 NUMBERS = *SHORT, "--no-picture", "--no-page"
-HERE = {"PYTHONPATH": str(c.HERE)}
+# a job in the background is born ignoring Ctrl-C
+HEED = {"preexec_fn": partial(signal.signal, signal.SIGINT, signal.SIG_DFL), "text": True}
 PROJECT = tomllib.loads((c.HERE / "pyproject.toml").read_text())["project"]
 STUDIES = sorted(path.stem for path in (c.HERE / c.CHAPTER / "studies").glob("[!_]*.py"))
 REFUSED = MISTAKES["command_line"]["words"]
@@ -87,8 +88,7 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
-    files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {publish.METRICS, publish.PICTURE, publish.PAGE}
+    assert not any(tmp_path.rglob(publish.RECORDING))
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     assert not c.parse(["--out", str(tmp_path)])[1].rerun
     line = complaint(capsys, "--rerun")  # told before the run, not after it
@@ -200,7 +200,7 @@ def test_a_mistake_is_a_traceback_that_ends_in_the_readers_line(tmp_path):
     """Though it was traced on the way there, and numpy raised the error."""
     right, mine = 'return system["m"] * GRAVITY', tmp_path / "constraints.py"
     mine.write_text(Path(c.__file__).read_text().replace(right, f"{right} + np.ones((5, 3))"))
-    done = python(mine, *SHORT, cwd=tmp_path, variables=HERE)
+    done = python(mine, *SHORT, cwd=tmp_path, variables={"PYTHONPATH": str(c.HERE)})
     files = re.findall(r'File "(.+?)"', done.stderr)
     assert done.returncode == 1 and files == [str(mine)] * len(files)
     assert "np.ones((5, 3))\n" in done.stderr.partition("external_force\n")[2]
@@ -219,11 +219,9 @@ def test_an_end_to_be_expected_is_one_line(lines, shell, status, printed, said):
 
 @posix
 def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
-    # a job in the background is born ignoring the signal
-    heed, pipe = partial(signal.signal, signal.SIGINT, signal.SIG_DFL), subprocess.PIPE
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
     command = ["-u", c.__file__, "--no-rerun", "--out", tmp_path / "x", "--steps"]
-    words, pipes = [sys.executable, *command, "1000000000"], {"stdout": pipe, "stderr": pipe}
-    with subprocess.Popen(words, preexec_fn=heed, text=True, **pipes) as process:
+    with subprocess.Popen([sys.executable, *command, "1000000000"], **pipes, **HEED) as process:
         process.stdout.readline()  # imports done, main at work
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
@@ -236,13 +234,12 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
 @posix
 def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path):
     """While numpy is loaded, say, which takes longest, and may make an ImportError of it."""
-    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job may be born ignoring it
     paths = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{c.HERE}"}
     lines = "import os\ntry:\n    os.kill(os.getpid(), 2)\nexcept KeyboardInterrupt:\n    "
     started = {"raise ImportError": [c.__file__], "raise": ["-m", studies.__package__, "chaos"]}
     for answer, words in started.items():
         (tmp_path / "numpy.py").write_text(lines + answer)
-        done = python(*words, variables=paths, preexec_fn=heed)
+        done = python(*words, variables=paths, **HEED)
         assert done.returncode and re.fullmatch(rf"\n\S+: {curriculum.INTERRUPTED}\n", done.stderr)
     mine = "signal.getsignal(signal.SIGINT) is not curriculum.leave"  # the reader's keeps its own
     assert python("-c", f"import signal, curriculum; assert {mine}").returncode == 0
