@@ -254,16 +254,15 @@ def test_a_swipe_beside_the_particles_scrolls_and_one_on_them_does_not(visit):
     tab.click("#run")
     devtools = tab.context.new_cdp_session(tab)
 
-    def touch(kind, x, y):
-        points = [] if kind == "touchEnd" else [{"x": x, "y": y}]
+    def touch(kind, *points):
         devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
     def swipe(x, y):
-        touch("touchStart", x, y)
+        touch("touchStart", {"x": x, "y": y})
         for up in (30, 60, 120):
-            touch("touchMove", x, y - up)
+            touch("touchMove", {"x": x, "y": y - up})
         held = tab.evaluate("hand.particle")
-        touch("touchEnd", x, y)
+        touch("touchEnd")
         return held
 
     assert swipe(*tab.evaluate("hands.spot", ["none", 1])) == 1  # it goes with the finger
