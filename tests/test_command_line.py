@@ -46,30 +46,26 @@ def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, part
     assert all(part in line for part in parts)
 
 
-@pytest.fixture
-def shown(monkeypatch, capsys):
-    """shown(program, *words): the lines with which it ends well, on a terminal of 80 columns."""
-
+def test_help_fits_a_screen_and_leaves_nothing_out(monkeypatch, capsys):
     def shown(program, *words, wide=80):
         monkeypatch.setenv("COLUMNS", str(wide))
         with pytest.raises(SystemExit, match="0"):
             program([*words])
-        lines = capsys.readouterr().out.splitlines()
-        assert max(map(len, lines)) <= wide or "real_thing" in words or "figures" in words
-        return lines
+        return capsys.readouterr().out.splitlines()
 
-    return shown
-
-
-def test_help_and_scenes_fit_a_screen_and_leave_nothing_out(shown, monkeypatch):
-    scenes = {path.stem for path in (c.HERE / c.CHAPTER).glob("scenes/*.json")}
     listed, text = shown(c.main, "--scenes"), shown(c.main, "--help")
-    assert max(len(listed), len(text)) <= 40
+    assert max(len(listed), len(text)) <= 40 and max(map(len, listed + text)) <= 80
     names = {line.split()[0] for line in listed if len(line.split()) > 3}
+    scenes = {path.stem for path in (c.HERE / c.CHAPTER).glob("scenes/*.json")}
     assert names == {*scenes, *c.SYSTEMS, "chain"}
     assert "..." not in "".join(shown(c.main, "--scenes", wide=500))
     assert {"which system:", "which method:", "results:", "for CI:"} <= set(text)
     assert {*STUDIES} <= set(re.findall(r"\w+", "".join(text[-4:])))
+    for name in STUDIES:
+        lines = shown(studies.main, name, "--help")
+        usage = f"usage: python -m {studies.__package__} {name}"
+        own = name in ("figures", "real_thing")
+        assert own or lines[0].startswith(usage) and max(map(len, lines)) <= 80
     # as it was started: by python, or by the entry point that pipx and uvx look for
     (name, place), *_ = PROJECT["scripts"].items()
     assert name == PROJECT["name"] == curriculum.COMMAND  # pipx run wants them to be one
@@ -98,11 +94,7 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
         assert any(x.startswith(package) for x in known[extra.strip("[]")])
 
 
-def test_a_study_is_run_by_its_name_and_its_help_fits(shown, capsys, tmp_path):
-    for name in STUDIES:
-        lines = shown(studies.main, name, "--help")
-        known = f"usage: python -m {studies.__package__} {name}"
-        assert lines[0].startswith(known) or name in ("figures", "real_thing")
+def test_a_study_is_run_by_its_name_with_its_flags(tmp_path, capsys):
     assert "a NAME is missing, one of benchmark" in complaint(capsys, main=studies.main)
     assert "mean 'chaos'?" in complaint(capsys, "caos", main=studies.main)
     studies.main(["map", "--quick", "--size", "16", "--out", str(tmp_path / "a.png")])
@@ -115,16 +107,14 @@ def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(
 ):
     pytest.importorskip("llvmlite", reason="the extra fast brings it")
 
-    def built_for_another():
-        raise OSError("built for another\nprocessor")
-
     def metrics():
         c.main([*NUMBERS, "--steps", "100000", "--out", str(tmp_path)])
         return (tmp_path / publish.METRICS).read_bytes()
 
     machine = metrics()
     assert "compiled to machine code" in capsys.readouterr().out.replace("\n", " ")
-    for library, why in ((built_for_another, "another processor"), (SimpleNamespace, "attribute")):
+    another = mock.Mock(side_effect=OSError("built for another\nprocessor"))
+    for library, why in ((another, "another processor"), (SimpleNamespace, "attribute")):
         monkeypatch.setattr(native, "FAILED", [])
         monkeypatch.setattr(native, "library", library)
         assert metrics() == machine
