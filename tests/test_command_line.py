@@ -173,8 +173,7 @@ def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_printed_and_drawn
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks there")
 def test_a_forked_child_goes_on_with_a_crowd_of_its_own():
     """Its parent's threads are not there, and it must not wait for them."""
-    lines = f"""sys.path.insert(0, {str(c.HERE)!r})
-from curriculum.ch3_4_constraints.studies import chaos
+    lines = """from curriculum.ch3_4_constraints.studies import chaos
 seeds = chaos.ensemble("double", range(99))
 before = chaos.follow(seeds, "rk4", "none", 9)
 child = os.fork()
