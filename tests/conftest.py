@@ -17,43 +17,41 @@ from curriculum.common.ruler import nudged
 import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
-SHARED = {"browser", "recorded"}  # fixtures that take long to make, once
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise."""
+    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise.
+
+    Those of a file go in one, so that what they share is found once.
+    """
     all_of_them = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     here = hasattr(config, "workerinput") or config.option.usepdb
     if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
         config.option.numprocesses = 2
-        config.option.dist = "loadgroup"
+        config.option.dist = "loadfile"
 
 
-def pytest_collection_modifyitems(items):
-    """What asks for the same `shared` find, or for the browser, goes in one process."""
-    for item in items:
-        for name in item.fixturenames:
-            if name in SHARED:
-                item.add_marker(pytest.mark.xdist_group(name))
-
-
-def complaint(capsys, *words):
-    """The one line with which main refuses `words`; no folder can be written: that comes last."""
+def complaint(capsys, *words, main=constraints.main):
+    """The one line with which a main refuses `words`; no folder can be written: that comes last."""
+    nowhere = ["--out", "/dev/null/below"] if main is constraints.main else []
     with pytest.raises(SystemExit, match="2"):
-        constraints.main(["--out", "/dev/null/below", *map(str, words)])
+        main([*nowhere, *map(str, words)])
     printed, line = capsys.readouterr()
-    assert printed == "" and re.fullmatch(r"constraints\.py: error: [^\n]{1,400}\n", line)
+    assert printed == "" and re.fullmatch(r"[\w.]+: error: [^\n]{1,400}\n", line)
     return line
 
 
-def python(*words, variables=None, **settings):
-    """A Python, run from the project's folder, that has ended; its output is text, kept apart;
-    `variables` are added to its environment."""
+def python(*words, variables=None, shell="", **settings):
+    """A Python, run from the project's folder, that has ended; its output is text, kept apart.
+
+    `variables` are added to its environment; a line of a `shell` may start it, as "$@".
+    """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
     pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
-    return subprocess.run([sys.executable, *map(str, words)], **pipes | settings)
+    start = ["sh", "-c", shell, "sh"] if shell else []
+    return subprocess.run([*start, sys.executable, *map(str, words)], **pipes | settings)
 
 
 def script(lines, *words, **settings):
@@ -83,8 +81,6 @@ def feel(monkeypatch, force):
 
 def shared(find):
     """Makes a fixture of what find(folder) finds, once, in a folder of its own."""
-
-    SHARED.add(find.__name__)
 
     @pytest.fixture(scope="session", name=find.__name__)
     def found(tmp_path_factory):

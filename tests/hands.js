@@ -1,8 +1,9 @@
 // What tests do in the page, and a hand cannot.
 globalThis.hands = {
-  // Move a slider to a value of its list.
+  // Move a slider to a value that its list has.
   pick([key, value]) {
     const {input} = sliders[key];
+    if (!data.lists[key].includes(value)) throw new Error(`${key} cannot be ${value}`);
     input.value = data.lists[key].indexOf(value);
     input.dispatchEvent(new Event("input"));
   },

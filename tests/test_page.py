@@ -1,5 +1,6 @@
 """The page that lives: its bits in node, and what its reader sees and does in Chromium."""
 
+import itertools
 import json
 import re
 import shutil
@@ -20,7 +21,6 @@ from conftest import feel
 
 DT = 0.005
 USUAL = DT, (20.0, 0.02, 0.95)
-SCENES = ["double", "jansen_leg", "heavy_tip", "peaucellier", "windows"]
 NODE, HANDS = (Path(__file__).with_name(x) for x in ("run_page.cjs", "hands.js"))
 
 
@@ -68,19 +68,19 @@ def test_every_exact_operation_is_written_as_python_has_it(tmp_path):
     program, writer = Program(everything, np.zeros(2, bool)), javascript.Writer()
     name = writer.program(program, ["x"], {x: f"x[{k}]" for k, x in enumerate(program.inputs)})
     assert not javascript.inexact(program)
-    values = [0.1, -0.7, 3.0, 1e300, np.inf, np.nan]
-    pairs = [[a, b] for a in values for b in values]
-    shown = ",".join(f"[{a!r},{b!r}]" for a, b in pairs).replace("inf", "Infinity")
-    lines = f"{javascript.PRELUDE}{writer.source()}\nconst made = [{shown.replace('nan', 'NaN')}]"
-    lines += f".flatMap({name});\n"
-    lines += "process.stdout.write(Buffer.from(Float64Array.from(made).buffer));"
+    lines = f"""{javascript.PRELUDE}{writer.source()}
+    const values = [0.1, -0.7, 3, 1e300, Infinity, NaN];
+    const made = values.flatMap((a) => values.flatMap((b) => {name}([a, b])));
+    process.stdout.write(Buffer.from(Float64Array.from(made).buffer));"""
+    pairs = itertools.product([0.1, -0.7, 3.0, 1e300, np.inf, np.nan], repeat=2)
     with np.errstate(all="ignore"):
-        expected = [everything(np.array(pair))[0] for pair in pairs]
-    found = np.frombuffer(node("-", lines=lines.encode())).reshape(len(pairs), -1)
-    assert np.array_equal(found, np.array(expected), equal_nan=True)
+        expected = np.concatenate([everything(np.array(pair))[0] for pair in pairs])
+    found = np.frombuffer(node("-", lines=lines.encode()))
+    assert np.array_equal(found, expected, equal_nan=True)
 
 
-RUNS = [(name, "semi_implicit", 4000) for name in SCENES]
+LONG = "double", "jansen_leg", "heavy_tip", "peaucellier", "windows"
+RUNS = [(name, "semi_implicit", 4000) for name in LONG]
 RUNS += [(name, "semi_implicit", 400) for name in ("tight_cable", "ring")]  # where loops are taut
 RUNS += [("double", rule, 400) for rule in ("euler", "rk4", "midpoint", "gauss")]
 
@@ -114,17 +114,13 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     assert dragged.energies[-1] < run.energies[-1] - 0.1
 
 
-def test_a_page_that_is_not_asked_for_or_cannot_be_made_is_not_there(monkeypatch, tmp_path, capsys):
-    """The last is told of with a reason."""
-    short = ["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)]
-    for flags, written in (([], True), (["--no-page"], False), ([], True)):
-        c.main([*short, *flags])
-        assert (tmp_path / play.PAGE).exists() == written
+def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_path, capsys):
+    (tmp_path / play.PAGE).write_text("old")
     forces = {"branches on a value": lambda q, v: q if q[0, 0] > 0.0 else -q}
     forces["asks for the time"] = lambda q, v: time.time() * v  # which is not to be frozen in
     for why, force in forces.items():
         feel(monkeypatch, force)
-        c.main(short)
+        c.main(["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
         assert f"\n{play.PAGE} left out: it {why}" in capsys.readouterr().out
         assert not (tmp_path / play.PAGE).exists()
     with pytest.raises(Untraceable, match="120 rods"):
@@ -148,44 +144,39 @@ def test_pages_of_scenes_are_written_with_an_index(tmp_path):
 
 # ---- in a browser
 @pytest.fixture(scope="module")
-def browser():
-    """Two tabs without a window, one whose clock only the tests turn, so that a busy machine
-    changes nothing, and one for fingers, with the wall's; and what they complain of."""
+def visit(tmp_path_factory):
+    """visit(scene, ...): its page, open in one of two tabs without a window; in the end they have
+    complained of nothing. Only the tests turn the clock of one, so that a busy machine changes
+    nothing; the other is for fingers, with the wall's."""
     programs = filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome")))
     program = next(programs, None)
     if program is None:
         pytest.skip("chromium is not installed")
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    complaints, folder = [], tmp_path_factory.mktemp("pages")
     with api.sync_playwright() as playwright:
         flags = ["--no-sandbox", "--disable-gpu"]
         browser = playwright.chromium.launch(executable_path=program, args=flags)
-        tabs, complaints = [browser.new_page(), browser.new_page(has_touch=True)], []
-        for tab in tabs:
+        turned, touched = browser.new_page(), browser.new_page(has_touch=True)
+        for tab in (turned, touched):
             tab.add_init_script(path=HANDS)
             tab.on("pageerror", lambda error: complaints.append(str(error)))
             tab.on("console", lambda message: complaints.append(message.text))
             tab.on("request", lambda asked: complaints.append(asked.url))
-        tabs[0].clock.install(time=0)
-        tabs[0].clock.pause_at(60_000)
-        yield tabs, complaints
+        turned.clock.install(time=0)
+        turned.clock.pause_at(60_000)
+
+        def visit(name, size=(1100, 820), text=None, wall=False, **media):
+            tab, file = touched if wall else turned, folder / f"{name}.html"
+            file.write_text(text or page(name))
+            tab.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+            usual = {"color_scheme": "light", "reduced_motion": "no-preference"}
+            tab.emulate_media(**usual | media)
+            tab.goto(file.as_uri())
+            return tab
+
+        yield visit
         browser.close()
-
-
-@pytest.fixture
-def visit(browser, tmp_path):
-    """visit(scene, ...): its page, open in a tab; at the end it has complained of nothing."""
-    (turned, touched), complaints = browser
-    complaints.clear()
-
-    def visit(name, size=(1100, 820), text=None, wall=False, **media):
-        tab, file = touched if wall else turned, tmp_path / f"{name}.html"
-        file.write_text(text or page(name))
-        tab.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
-        tab.emulate_media(**{"color_scheme": "light", "reduced_motion": "no-preference"} | media)
-        tab.goto(file.as_uri())
-        return tab
-
-    yield visit
     assert [x for x in complaints if not x.startswith("file:")] == []
 
 
@@ -264,16 +255,15 @@ def test_a_swipe_beside_the_particles_scrolls_and_one_on_them_does_not(visit):
     tab.click("#run")
     devtools = tab.context.new_cdp_session(tab)
 
-    def touch(kind, x, y):
-        points = [] if kind == "touchEnd" else [{"x": x, "y": y}]
+    def touch(kind, *points):
         devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
     def swipe(x, y):
-        touch("touchStart", x, y)
+        touch("touchStart", {"x": x, "y": y})
         for up in (30, 60, 120):
-            touch("touchMove", x, y - up)
+            touch("touchMove", {"x": x, "y": y - up})
         held = tab.evaluate("hand.particle")
-        touch("touchEnd", x, y)
+        touch("touchEnd")
         return held
 
     assert swipe(*tab.evaluate("hands.spot", ["none", 1])) == 1  # it goes with the finger

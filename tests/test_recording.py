@@ -18,7 +18,7 @@ from curriculum.common import ruler
 
 import numpy as np
 import pytest
-from conftest import held
+from conftest import held, shared
 from rerun.chunk import RrdReader
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -70,19 +70,17 @@ def colors(entity):
     return np.concatenate(entity["colors"])[:, None] >> [24, 16, 8] & 255
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
+@shared
+def recorded(folder):
     """The default run; a leg, whose rods pull and push; and rods that grow beside a lost mode."""
     flags = {"default": "", "leg": "--system jansen_leg --dt 0.01 --steps 200"}
     flags["lost"] = "--dt 0.05 --steps 60 --baumgarte 40"
-    return {x: made(tmp_path_factory.mktemp(x), *flags[x].split()) for x in flags}
+    return {name: made(folder / name, *words.split()) for name, words in flags.items()}
 
 
 def test_a_curve_shows_what_its_title_says(recorded):
     leg, rods = recorded["leg"], "rods: +6 is 1 mm too long, -6 is 1 mm too short (9: 1 m)"
-    titles = {"/pull": "pull of the first rod, N", "/rods": rods}
-    titles["/energy"] = "energy error, share of m g L"
-    assert [leg.views[x]["display_name"][0] for x in titles] == [*titles.values()]
+    titles = "pull of the first rod, N", rods, "energy error, share of m g L"
     for mode in leg.runs:
         _, q, v = leg.comparison.states(mode, leg.shown)
         errors = np.array([c.rod_errors(leg.system, state) for state in q])
@@ -91,8 +89,9 @@ def test_a_curve_shows_what_its_title_says(recorded):
         gained = (joule - joule[0]) / energy_scale(leg.system)
         pull = leg.tensions[mode](q, v)[:, 0]
         curves = pull[:, None], np.stack([over, -under], axis=1), gained[:, None]
-        for folder, curve in zip(titles, curves, strict=True):
-            shown = np.array([*leg.seen[f"{folder}/{mode}"]["scalars"]])
+        for plot, title, curve in zip(("/pull", "/rods", "/energy"), titles, curves, strict=True):
+            assert leg.views[plot]["display_name"] == [title]
+            shown = np.array([*leg.seen[f"{plot}/{mode}"]["scalars"]])
             assert np.max(np.abs(shown - curve)[1:]) < 1e-6 * max(np.ptp(curve), 1e-3)
 
 
@@ -197,19 +196,15 @@ def test_what_a_rod_has_too_much_is_red_and_what_it_lacks_is_dashed_and_blue(tmp
     found = compared(["none"], rods, q, np.arange(11), q)
     (path := tmp_path / "two.rrd").write_bytes(recording.record(found))
     seen = chunks(RrdReader(str(path)))
-    drawn = {name: seen[f"/modes/none/{name}"] for name in ("rods", "excess", "missing")}
-    right, *_, wrong = zip(*(entity["strips"] for entity in drawn.values()), strict=True)
-    assert np.allclose(right[0], [[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 1, 0]]])
-    assert not right[1] and not right[2]
-    assert np.allclose(wrong[0], [[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0.5, 0]]])
-    assert np.allclose(wrong[1], [[[1, 0, 0], [1.5, 0, 0]]])
+    excess, missing = (seen[f"/modes/none/{name}"] for name in ("excess", "missing"))
+    assert not excess["strips"][0] and not missing["strips"][0]
+    assert np.allclose(excess["strips"][-1], [[[1, 0, 0], [1.5, 0, 0]]])
     dashes = 0.5 + 0.5 * np.array([[0.0, 0.2], [0.4, 0.6], [0.8, 1.0]])
-    assert np.allclose(np.array(wrong[2])[..., 1], dashes)
-    for name in ("excess", "missing"):
-        assert colors(drawn[name]).tolist() == [recording.rgb(svg.LIGHT[name]).tolist()]
-    paths = ElementTree.fromstring(picture.motion(found)).findall(f"{SVG}svg/{SVG}path")
-    assert [path.get("stroke") for path in paths[1:]] == [svg.EXCESS, svg.MISSING]
-    assert paths[-1].get("stroke-dasharray")
+    assert np.allclose(np.array(missing["strips"][-1])[..., 1], dashes)
+    assert colors(excess).tolist() == [recording.rgb(svg.EXCESS).tolist()]
+    assert colors(missing).tolist() == [recording.rgb(svg.MISSING).tolist()]
+    *_, path = ElementTree.fromstring(picture.motion(found)).findall(f"{SVG}svg/{SVG}path")
+    assert path.get("stroke") == svg.MISSING and path.get("stroke-dasharray")
 
 
 def test_a_recording_is_small_and_has_a_name_of_its_own_and_begins_where_modes_differ(recorded):
@@ -272,14 +267,13 @@ def test_the_picture_tells_the_time_and_how_far_rods_are_off_at_that_time(record
 
 def compared(mode_names, system, q, shown, motion):
     """A Comparison of made-up runs."""
-    done = {"kept": shown, "q": q, "v": q, "violations": np.zeros(len(q)), "stopped": None}
-    done |= {"energies": np.zeros(len(q))}
-    runs = dict.fromkeys(mode_names, SimpleNamespace(**done))
+    zero = np.zeros(len(q))
+    done = SimpleNamespace(kept=shown, q=q, v=q, violations=zero, energies=zero, stopped=None)
+    runs = dict.fromkeys(mode_names, done)
     args = SimpleNamespace(system="\udcff", integrator="rk4")  # a file's name may be no text
     pulls = dict.fromkeys(runs, lambda q, v: np.zeros((len(q), len(system["pairs"]))))
-    rest = {"rows": {}, "scale": 1.0, "tensions": pulls, "shown": shown, "motion": motion}
-    truth = ruler.Truth(0)
-    return Comparison(args, system, 0.01, len(q) - 1, truth, runs, **rest)
+    found = args, system, 0.01, len(q) - 1, ruler.Truth(0), runs, {}, 1.0, pulls, shown, motion
+    return Comparison(*found)
 
 
 def test_no_scene_makes_a_large_recording_or_picture():
@@ -313,23 +307,22 @@ def seen_by(eyes, hexes):
 
 PAIRS = [pair for name, pair in svg.PALETTE.items() if name not in ("ink", "pale", "paper")]
 (WHITE, BLACK), (ON_WHITE, ON_DARK) = svg.PALETTE["paper"], zip(*PAIRS, strict=True)
-IN_RECORDINGS = [svg.RECORDED[light] for light in ON_WHITE]
 PALETTES = {  # colours; those of them that are read, on these grounds; their contrast there (WCAG)
     "white": (ON_WHITE, ON_WHITE, [WHITE], 4.5),
     "dark": (ON_DARK, ON_DARK, [BLACK], 4.5),
-    "recording": (IN_RECORDINGS, svg.EITHER.values(), [WHITE, GROUND], 3.0),
+    "recording": ([svg.RECORDED[x] for x in ON_WHITE], svg.EITHER.values(), [WHITE, GROUND], 3.0),
 }
 
 
-@pytest.mark.parametrize(("colours", "read", "grounds", "least"), PALETTES.values(), ids=PALETTES)
-@pytest.mark.parametrize("eyes", BLIND)
-def test_colours_are_told_apart_by_all_and_can_be_read(eyes, colours, read, grounds, least):
+@pytest.mark.parametrize("name", PALETTES)
+def test_colours_are_told_apart_by_all_and_can_be_read(name):
     """In each kind of colour blindness; modes, forces, and what rods have too much and lack."""
-    places, _ = seen_by(eyes, colours)
-    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(places, 2)) > 15.0
-    _, bright = seen_by(np.eye(3), read)
-    _, papers = seen_by(np.eye(3), grounds)
-    for a, b in itertools.product(bright + 0.05, papers + 0.05):
+    colours, read, grounds, least = PALETTES[name]
+    for eyes in BLIND:
+        places, _ = seen_by(eyes, colours)
+        assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(places, 2)) > 15.0
+    bright, papers = (seen_by(np.eye(3), some)[1] + 0.05 for some in (read, grounds))
+    for a, b in itertools.product(bright, papers):
         assert max(a, b) / min(a, b) > least
 
 
@@ -352,10 +345,8 @@ def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_tit
 
 
 def test_ctrl_c_while_it_is_recorded_is_no_warning_of_reruns(tmp_path, capfd):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    with mock.patch.object(recording, "dashed", interrupted), pytest.raises(KeyboardInterrupt):
+    interrupted = mock.patch.object(recording, "dashed", side_effect=KeyboardInterrupt)
+    with interrupted, pytest.raises(KeyboardInterrupt):
         c.main(["--system", "pendulum", "--steps", "20", "--rerun", "--out", str(tmp_path)])
     gc.collect()  # of the stream, which warns as it goes
     assert capfd.readouterr().err == ""

@@ -1,5 +1,6 @@
 """Scenes are refused for a reason, and no others: a mistake is named, a start must be held."""
 
+import contextlib
 import json
 import os
 import re
@@ -25,12 +26,17 @@ WRONG += [
     ("anchors", json.dumps([[0, 0, 0]] * (MOST + 1)), "anchors is [[", f"0 to {MOST} entries"),
 ]
 STAR = {"pairs": [(k, 0) for k in range(1, 700)], "lengths": np.ones(699)}
-TYPED = MISTAKES["scenes"]["typed"] | {
+LEVEL = c.build_system("double") | {"q0": [[1.0, 0, 0], [2, 0, 0]]}
+UNFIT = MISTAKES["scenes"]["unfit"] | {
     "q0 is [[[0.0, 0.0, 0.0]]]; must be a list or an array (N, 3)": {"q0": np.zeros((1, 1, 3))},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0 is null; must be a list or an array (N, 3), each row three": {"q0": None},
     "meet is 489300; must be 10000 at most": c.build_system("chain", links=700) | STAR,
     "must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
+    "keep can be gone through but once": {"keep": iter([1, 2])},
+    "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
+    "hold is None; must be": {"mode": None},
+    "hold is 20j; must be": {"mode": 20j},
 }
 CONTENTS = {"open": "{", "deep": "[" * 100000, "huge": ""}
 CONTENTS["twice"] = '{"particles": [{"position": [1, 0, 0], "mass": 1, "mass": 5}]}'
@@ -63,11 +69,13 @@ def test_a_mistake_in_a_file_is_named(place, value, found, allowed, capsys):
     assert allowed in right
 
 
-@pytest.mark.parametrize("sentence", TYPED)
-def test_a_mistake_in_a_typed_system_is_named_before_it_runs(sentence):
-    level = c.build_system("double") | {"q0": [[1.0, 0, 0], [2, 0, 0]]}
-    with pytest.raises(SceneError, match=re.escape(sentence)):
-        run(level | TYPED[sentence], steps=2)
+@pytest.mark.parametrize("sentence", UNFIT)
+def test_what_cannot_be_run_is_named_before_it_begins(sentence):
+    """A mistake in a typed system, or in what is asked of a run."""
+    asked = {"mode": "none", "dt": 0.01, "steps": 9} | UNFIT[sentence]
+    system = {key: asked.pop(key, usual) for key, usual in LEVEL.items()}
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        c.simulate(c.rk4_step, system, c.make_force(system, asked.pop("mode")), **asked)
 
 
 def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():
@@ -94,44 +102,36 @@ def test_a_file_or_a_name_that_is_no_scene(capsys):
         assert sentence in answer(capsys, name)
 
 
-def test_a_scene_is_named_by_text_or_a_path_and_a_chain_has_links(tmp_path):
+def test_a_scene_is_named_by_text_or_a_path_and_a_file_here_goes_first(tmp_path):
     Path("mine.json").write_text(json.dumps(GOOD))
     assert len(c.build_system(tmp_path / "mine.json")["m"]) == 2
     with pytest.raises(SceneError, match="3 is neither the name of a scene nor a path"):
         c.build_system(3)
+    shipped = [c.build_system(name)["q0"] for name in ("braced", str(SCENES / "braced.json"))]
+    assert np.array_equal(*shipped)
+    for encoding in ("utf-8", "utf-8-sig", "utf-16"):  # editors mark their bytes
+        Path("braced").write_text(json.dumps(GOOD), encoding)
+        assert len(c.build_system("braced")["q0"]) == 2
+
+
+def test_a_chain_has_links_as_many_as_a_file_may_have():
+    assert len(c.build_system("chain", links=MOST)["m"]) == MOST
     for links in (0, -1, 2.5, MOST + 1):
         with pytest.raises(SceneError, match=f"links is {links}; must be a whole number of rods"):
             c.build_system("chain", links=links)
-    assert len(c.build_system("chain", links=MOST)["m"]) == MOST  # as many as a file may have
 
 
-@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
-def test_a_length_in_a_file_is_judged_by_its_rods_own(size):
-    for off, right in ((1e-7, True), (1e-5, False)):
-        rod = {"pair": [0, -1], "length": size * (1.0 + off)}
-        scene = {"anchors": [[0, 0, 0]], "particles": [{"position": [size, 0, 0]}], "rods": [rod]}
+def test_a_length_in_a_file_is_judged_by_its_rods_own():
+    right, wrong = (
+        contextlib.nullcontext(),
+        pytest.raises(SceneError, match="how far apart its ends are"),
+    )
+    for size, (off, told) in product((1e-4, 1.0, 1e4), ((1e-7, right), (1e-5, wrong))):
+        rods = [{"pair": [0, -1], "length": size * (1.0 + off)}]
+        scene = {"anchors": [[0, 0, 0]], "particles": [{"position": [size, 0, 0]}], "rods": rods}
         Path("scene.json").write_text(json.dumps(scene))
-        if right:
-            assert c.build_system("scene.json")["lengths"] == [size * (1.0 + off)]
-            continue
-        with pytest.raises(SceneError, match="how far apart its ends are"):
-            c.build_system("scene.json")
-
-
-ASKED = MISTAKES["scenes"]["asked"] | {
-    "keep can be gone through but once": {"keep": iter([1, 2])},
-    "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
-    "hold is None; must be": {"mode": None},
-    "hold is 20j; must be": {"mode": 20j},
-}
-
-
-@pytest.mark.parametrize("sentence", ASKED)
-def test_what_a_run_cannot_do_is_named_before_it_begins(sentence):
-    double = c.build_system("double")
-    asked = {"mode": "none", "dt": 0.01, "steps": 9} | ASKED[sentence]
-    with pytest.raises(ValueError, match=re.escape(sentence)):
-        c.simulate(c.rk4_step, double, c.make_force(double, asked.pop("mode")), **asked)
+        with told:
+            assert c.build_system("scene.json")["lengths"] == [rods[0]["length"]]
 
 
 def test_a_force_of_another_system_is_refused_whatever_differs():
@@ -145,14 +145,6 @@ def test_a_force_of_another_system_is_refused_whatever_differs():
     typed = {key: np.asarray(double[key]).tolist() for key in ("m", "pairs", "lengths", "q0", "v0")}
     found = c.simulate(c.rk4_step, double, c.make_force(typed, "none"), 0.01, np.int64(1))
     assert found.stopped is None  # the same numbers, typed in another way, without the pivot
-
-
-def test_a_shipped_scene_has_a_name_and_a_file_here_goes_first():
-    shipped = [c.build_system(name)["q0"] for name in ("braced", str(SCENES / "braced.json"))]
-    assert np.array_equal(*shipped)
-    for encoding in ("utf-8", "utf-8-sig", "utf-16"):  # editors mark their bytes
-        Path("braced").write_text(json.dumps(GOOD), encoding)
-        assert len(c.build_system("braced")["q0"]) == 2
 
 
 def test_shipped_scenes_start_on_their_rods_and_are_what_they_are_called(capsys, monkeypatch):
@@ -197,17 +189,6 @@ def test_a_start_that_tears_is_refused_and_no_other(name):
     assert (refusal(system, 0.0 * c.GRAVITY) is None) == (ok or not any(speeds[:2]))
 
 
-@pytest.mark.parametrize(("speeds", "ok"), [((1, -1), True), ((0, 1), False), ((1, -3), False)])
-def test_a_folded_linkage_of_unlike_rods_may_start_with_the_speeds_that_it_allows(speeds, ok):
-    """What moves across rods in line shortens them by rate^2 / L, and the long one by the least."""
-    v = [[0.0, float(speed), 0.0] for speed in speeds]
-    pairs = [(0, -1), (0, 1), (1, -2)]  # of 1, 2 and 1 m
-    folded = make_system(
-        [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], v, [1, 1], pairs, None, np.zeros((2, 3))
-    )
-    assert (refusal(folded, c.GRAVITY) is None) == ok
-
-
 def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
     cable = c.build_system("tight_cable")  # 0.1 % longer than its span
     assert np.sum(cable["lengths"]) / cable["anchors"][1, 0] == pytest.approx(1.001, rel=1e-15)
@@ -217,22 +198,25 @@ def test_nothing_but_rounding_could_move_what_is_in_balance_and_it_does_not():
             assert np.ptp(run(cable, *method, 0.005, 100).tip, axis=0).max() < 1e-9
 
 
+def found(tmp_path, scene, *flags):
+    """The metrics of a short run of a scene, and the names of all that it writes."""
+    Path("scene.json").write_text(json.dumps(scene))
+    c.main(["--system", "scene.json", "--no-rerun", "--out", str(tmp_path / "out"), *flags])
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    return json.loads((tmp_path / "out/metrics.json").read_text()), names
+
+
 def test_two_bobs_on_a_rod_that_hangs_on_nothing_have_all_their_files(tmp_path):
-    scene, out = tmp_path / "free.json", tmp_path / "out"
     bobs = [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "velocity": [0, 1, 0]}]
-    scene.write_text(json.dumps({"particles": bobs, "rods": [{"pair": [1, 0]}]}))
-    c.main(["--system", str(scene), "--steps", "20", "--no-rerun", "--out", str(out)])
-    assert {path.name for path in out.iterdir()} == {"metrics.json", "motion.svg", "play.html"}
+    _, names = found(tmp_path, {"particles": bobs, "rods": [{"pair": [1, 0]}]}, "--steps", "20")
+    assert names == {"metrics.json", "motion.svg", "play.html"}
 
 
 def test_a_motion_that_tensions_do_not_make_is_no_truth(tmp_path):
     """The bob would circle at 3e4 rad/s; every rule would find the same other motion."""
-    scene, out = tmp_path / "taut.json", tmp_path / "out"
     bob = {"position": [1, -1e-4, 0], "velocity": [0, 0, 3]}
     rods = [{"pair": [0, -1]}, {"pair": [0, -2]}]
     level = {"anchors": [[0, 0, 0], [2, 0, 0]], "particles": [bob], "rods": rods}
-    scene.write_text(json.dumps(level))
-    flags = ["--system", str(scene), "--steps", "400", "--no-page", "--no-picture", "--no-rerun"]
-    c.main([*flags, "--stabilization", "none", "--out", str(out)])
-    (row,) = json.loads((out / "metrics.json").read_text())["results"].values()
+    metrics, _ = found(tmp_path, level, "--steps", "400", "--stabilization", "none")
+    (row,) = metrics["results"].values()
     assert row["unheld"] > UNHELD and row["error"] is None

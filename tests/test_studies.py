@@ -113,18 +113,32 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
         assert len(rows) == 8 and max(row["largest gap"] for row in rows) < 1e-12
 
 
-ANGLES = {
-    "mujoco": lambda task: map(peers.hinges(task), (60, 40_000)),
-    "heyoka": lambda task: (peers.heyoka(task, tol)(1) for tol in (1e-3, 1e-16)),
+PEERS = {  # an engine: its runs of a task, coarse and fine; its crowd's; how near that is, in m
+    "mujoco": (
+        lambda task: map(peers.hinges(task), (60, 40_000)),
+        lambda task: peers.hinges(task)(2000),
+        1e-7,
+    ),
+    "heyoka": (
+        lambda task: (peers.heyoka(task, tol)(1) for tol in (1e-3, 1e-16)),
+        lambda task: peers.heyoka_crowd(task, 1e-14)(1),
+        1e-9,
+    ),
 }
 
 
-@pytest.mark.parametrize("package", ANGLES)
-def test_joint_angles_give_the_same_motion_the_finer_they_go(package):
+@pytest.mark.parametrize("package", PEERS)
+def test_a_peer_finds_the_same_motion_the_finer_it_goes_and_its_crowd_ends_where_ours_does(package):
+    """The last register of a crowd is not full; one member after the other is checked."""
     pytest.importorskip(package, reason="the extras compare and peers bring them")
-    task = double(end=True)
-    far, near = (task.error(q) for _, q in ANGLES[package](task))
+    runs, crowd, close = PEERS[package]
+    task, system = double(end=True), chaos.ensemble("double", range(9))
+    far, near = (task.error(q) for _, q in runs(task))
     assert near < 1e-8 * far
+    _, found = crowd(Task(system, 1, 5.0, None))
+    ours = _runs.crowd(system, "gauss:12", "none", 0.05)
+    ours.advance(100)
+    assert np.abs(found - ours.states()[0][..., :2]).max() < close
 
 
 def test_gauss_meets_the_high_precision_of_a01_and_rk4_at_its_step_not_even_the_low_one():
@@ -149,24 +163,6 @@ def test_a_method_is_ahead_if_none_solves_fewer_linear_systems_for_a_smaller_err
     rows = [{"solves": solves, "error": error} for solves, error in cost]
     found = speed_vs_error.ahead(rows)  # below rounding all errors are equal
     assert [row["solves"] for row in found] == [4, 6, 9]
-
-
-CROWDS = {
-    "mujoco": lambda task: peers.hinges(task)(2000),
-    "heyoka": lambda task: peers.heyoka_crowd(task, 1e-14)(1),
-}
-
-
-@pytest.mark.parametrize("package, near", [("mujoco", 1e-7), ("heyoka", 1e-9)])
-def test_a_peers_crowd_ends_where_ours_does(package, near):
-    """The last register is not full; one member after the other is checked."""
-    pytest.importorskip(package, reason="the extras compare and peers bring them")
-    system = chaos.ensemble("double", range(9))
-    _, found = CROWDS[package](Task(system, 1, 5.0, None))
-    ours = _runs.crowd(system, "gauss:12", "none", 0.05)
-    ours.advance(100)
-    q, _ = ours.states()
-    assert np.abs(found - q[..., :2]).max() < near
 
 
 def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monkeypatch):

@@ -2,11 +2,14 @@
 
 import ast
 import importlib
+import itertools
 import json
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -21,7 +24,7 @@ from curriculum.ch3_4_constraints.systems import SceneError
 
 import numpy as np
 import pytest
-from conftest import MISTAKES, python, shared
+from conftest import MISTAKES, complaint
 
 CODE = re.compile(r"^```.*?^```$", re.S | re.M)
 TEXTS = {x.relative_to(figures.ROOT).as_posix(): x.read_text("utf-8") for x in figures.TEXTS}
@@ -29,18 +32,23 @@ BLOCKS = {b["command"]: b for text in TEXTS.values() for b in figures.BLOCK.find
 LISTINGS = [x for x, block in BLOCKS.items() if block["kind"] == "listing of"]
 SHOWN = "python -m curriculum.ch3_4_constraints.studies shown"
 SOLVED = [x for x in BLOCKS if x.endswith(" --solved")]
-HERE = [x for x in BLOCKS if x.startswith(("python constraints.py", SHOWN))]
+HERE = [x for x in BLOCKS if x.startswith(("python constraints.py", SHOWN))] + SOLVED
 HERE.remove(f"{SHOWN} hour")  # it takes minutes, as what is not compared at all: figures.py
-COMPARED = [BLOCKS[x]["body"] for x in HERE + SOLVED]
+COMPARED = [BLOCKS[x]["body"] for x in HERE]
 
 
 @pytest.mark.parametrize("command", HERE)
-def test_a_figure_in_a_text_is_what_its_command_prints(command, tmp_path, capsys):
+def test_a_figure_in_a_text_is_what_its_command_prints(command, tmp_path, monkeypatch, capsys):
     _, *words = shlex.split(command)
-    if words[0] == "-m":
+    if words[0] != "-m":
+        c.main([*words[1:], "--no-rerun", "--no-page", "--no-picture", "--out", str(tmp_path)])
+    elif words[1] == studies.__package__:
         studies.main(words[2:])
     else:
-        c.main([*words[1:], "--no-rerun", "--no-page", "--no-picture", "--out", str(tmp_path)])
+        monkeypatch.setattr(sys, "argv", words[1:])
+        monkeypatch.setattr(checks, "run_script", lambda main: main())
+        monkeypatch.delitem(sys.modules, words[1], raising=False)
+        runpy.run_module(words[1], run_name="__main__", alter_sys=True)
     printed = figures.machine_free(capsys.readouterr().out.strip("\n"))
     assert printed == figures.machine_free(BLOCKS[command]["body"])
 
@@ -64,19 +72,19 @@ def test_the_sign_of_an_error_by_hand_is_the_sign_found_and_its_rule_is_named():
     assert off.min() < -0.02 and off.max() < 1e-5
 
 
-def test_the_lines_for_a_notebook_run_and_a_clock_tells_the_time():
+def test_the_lines_for_a_notebook_run_and_a_clock_tells_the_time(monkeypatch):
     section = TEXTS["README.md"].partition("## In a notebook")[2].partition("\n## ")[0]
     lines = "\n".join(re.findall(r"^```python\n(.*?)^```$", section, re.S | re.M))
-    force, space = c.external_force, {}
-    try:
-        exec(lines, space)
-    finally:
-        c.external_force = force
+    monkeypatch.setattr(c, "external_force", c.external_force)  # which they change
+    space = {}
+    exec(lines, space)
     assert space["run"].q[-1][0] == pytest.approx([10.0, 0.0, 0.0], abs=1e-9)
     assert len(space["run"].tip) == 2001 and space["run"].violations.max() < 1e-5
 
 
-def test_figures_goes_on_after_a_failure_and_no_study_does_what_nobody_knows(tmp_path, monkeypatch):
+def test_figures_goes_on_after_a_failure_and_no_study_does_what_nobody_knows(
+    tmp_path, monkeypatch, capsys
+):
     block = "<!-- printed by: {0} -->\n```text\n$ {0}\n{1}\n```\n"
     lost = "<!-- listing of: page.md f -->\n```python\nold\n```\n"
     page, fails, works = tmp_path / "page.md", "python -c raise", "python -c print(1)"
@@ -84,10 +92,10 @@ def test_figures_goes_on_after_a_failure_and_no_study_does_what_nobody_knows(tmp
     monkeypatch.setattr(figures, "TEXTS", [page])
     monkeypatch.setattr(figures, "ROOT", tmp_path)
     assert figures.main([]) == 1
+    capsys.readouterr()
     assert page.read_text() == lost + block.format(fails, "old") + block.format(works, "1")
-    for study, flag in ((figures, "--only"), (hard_cases, "--methods")):
-        with pytest.raises(SystemExit, match="2"):
-            study.main([flag, "zzz"])
+    assert "no block of a text" in complaint(capsys, "--only", "zzz", main=figures.main)
+    assert "none contains 'zzz'" in complaint(capsys, "--methods", "zzz", main=hard_cases.main)
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -102,11 +110,7 @@ def test_a_text_has_figures_and_points_to_what_is_there(name):
         titles = re.findall(r"^#+ (.*)$", path.read_text("utf-8"), re.M) if heading else []
         anchors = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
         assert not heading or heading in anchors, link
-
-
-def test_the_chapter_names_what_is_in_its_file():
-    text = TEXTS[f"{c.CHAPTER}/README.md"]
-    names = re.findall(r"`(?:([a-z]\w*)\(\)|([A-Z_]{4,}))`", text)
+    names = re.findall(r"`(?:([a-z]\w*)\(\)|([A-Z_]{4,}))`", TEXTS[f"{c.CHAPTER}/README.md"])
     assert len(names) > 10 and all(hasattr(c, a or b) for a, b in names)
 
 
@@ -143,13 +147,6 @@ def load(name, right="\n", wrong="\n"):
     return solved(importlib.reload(importlib.import_module(f"{PACKAGE}.{name}")), answers)
 
 
-@shared
-def ended(_):
-    """{command: what each exercise prints as it is, and what it prints with its answers}."""
-    commands = [f"python -m {PACKAGE}.{name}" for name in CHECKS] + SOLVED
-    return {command: python(*shlex.split(command)[1:]) for command in commands}
-
-
 @cache
 def shown_by(name):
     """What the main of an exercise shows with right answers; of an experiment 9 steps will do."""
@@ -166,18 +163,22 @@ def test_a_wrong_answer_is_told_of(name, right, wrong, says):
         CHECKS[name](load(name, right, wrong), ran)
 
 
-def test_a_guess_is_understood_as_it_is_written():
+def test_a_guess_is_understood_as_it_is_written_and_counts_as_it_was_before_the_run(tmp_path):
     ran, exercise = shown_by(ONE), load(ONE)
     for guess in (("Grows", "16", "same"), (" grows ", 16.0, "The same")):
         answer = dict(zip(("rod", "factor", "heavy"), guess, strict=True))
         exercise.answer = answer.copy
         CHECKS[ONE](exercise, ran)
+    for factor in (2, 16):  # a wrong guess counts, however right the one that stands there later
+        assert first_guess(tmp_path / "note.json", {"factor": factor}) == {"factor": 2}
 
 
 @unedited
 @pytest.mark.parametrize("name", CHECKS)
-def test_after_a_blank_comes_the_next_one_of_the_file(name):
-    tree = ast.parse((FOLDER / f"{name}.py").read_text(encoding="utf-8"))
+def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsys):
+    tree, ended = ast.parse((FOLDER / f"{name}.py").read_text(encoding="utf-8")), []
+    monkeypatch.setattr(checks, "run_script", lambda main: ended.append(main()))
+    monkeypatch.setattr(checks, "first_guess", lambda note, guess: guess)
     functions = [x for x in tree.body if isinstance(x, ast.FunctionDef)]
     functions = [x for x in functions if "blank(" in ast.unparse(x)]
     answers = dict(vars(load(name)))
@@ -185,21 +186,15 @@ def test_after_a_blank_comes_the_next_one_of_the_file(name):
         exercise = importlib.reload(importlib.import_module(f"{PACKAGE}.{name}"))
         for filled in functions[:k]:
             setattr(exercise, filled.name, answers[filled.name])
-        with pytest.raises(Blank) as found:
-            getattr(exercise, "answer", dict)()
-            CHECKS[name](exercise, exercise.main())
-        line = int(re.search(r"line (\d+)", str(found.value))[1])
-        assert function.lineno < line <= function.end_lineno
+        exercise.judge(exercise.main)
+        *_, said = capsys.readouterr().out.splitlines()
+        line = int(re.fullmatch(rf"{name}\.py, line (\d+): .{{20,}}", said)[1])
+        assert ended.pop() == 0 and function.lineno < line <= function.end_lineno
 
 
-def test_a_guess_counts_only_as_it_was_written_down_before_the_run(tmp_path):
-    """A wrong one counts, however right the answer that stands there afterwards."""
-    for answer in ('"factor": 2,', '"factor": 16,'):
-        guess = load(ONE, '"factor": 16,', answer).answer()
-        assert first_guess(tmp_path / "outputs/note.json", guess)["factor"] == 2
-
-
-def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(tmp_path):
+def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(
+    tmp_path, monkeypatch, capsys
+):
     solution, scene = load(FIVE), (FOLDER / "solutions/my_linkage.json").read_text("utf-8")
     solution.SCENE, rods = tmp_path / "mine.json", json.loads(scene)["rods"]
     for changed, error, says in (
@@ -211,15 +206,24 @@ def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(t
         solution.SCENE.write_text(json.dumps(json.loads(scene) | changed), "utf-8")
         with pytest.raises(error, match=says):
             CHECKS[FIVE](solution, solution.main())
-    broken = python("-c", f"import {PACKAGE}.{FIVE} as x; x.SCENE = 'no.json'; x.judge(x.main)")
-    assert (broken.returncode, broken.stdout.count("\n"), broken.stderr) == (1, 1, "")
+    ended, _ = [], capsys.readouterr()
+    monkeypatch.setattr(checks, "run_script", lambda main: ended.append(main()))
+    solution.SCENE = tmp_path / "no.json"
+    solution.judge(solution.main)
+    assert ended == [1] and capsys.readouterr().out.count("\n") == 1
 
 
 def test_the_numbers_in_the_answers_are_those_of_the_runs(capsys):
     """Those that no script prints, as they are written there."""
-    pendulum, double = c.build_system("pendulum"), c.build_system("double")
-    shorter = -c.rod_errors(pendulum, run(pendulum, "rk4").q[-1])[0]
-    said = [f"{shorter:.1e} m shorter"]
+
+    def shorter(system, rule):
+        """How much, in m, its first rod is at the end."""
+        return -c.rod_errors(system, run(system, rule).q[-1])[0]
+
+    double, leg = c.build_system("double"), c.build_system("jansen_leg")
+    hung = shown.bobs((0.0, -1.0), v=[(3.0, 0.0)])
+    said = [f"{shorter(c.build_system('pendulum'), 'rk4'):.1e} m shorter"]
+    said += [f"{shorter(hung, 'semi_implicit'):.3f} m too short"]
     tips = [double | {"m": double["m"] * [[1.0], [ratio]]} for ratio in (10.0, 1.0, 0.1)]
     said += [f"{run(system).violations[-1]:.3f} m" for system in tips]
     load(TWO, "rate @ rate", "0.0").main()
@@ -230,12 +234,8 @@ def test_the_numbers_in_the_answers_are_those_of_the_runs(capsys):
     times = re.findall(r" ([\d.]+) s\n", capsys.readouterr().out)
     lines = "the first two lines stay, {0} and {1} s, and the last becomes {4} s"
     said += [f"stretched by {worst:g} m", lines.format(*times)]
-    hung = shown.bobs((0.0, -1.0), v=[(3.0, 0.0)])
-    said += [f"{-c.rod_errors(hung, run(hung).q[-1])[0]:.3f} m too short"]
-    leg = c.build_system("jansen_leg")
-    for mode in ("baumgarte", "soft"):
-        for steps in (400, 4000):
-            said += [f"{1e3 * run(leg, hold=mode, steps=steps).violations.max():.1f} mm"]
+    for mode, steps in itertools.product(("baumgarte", "soft"), (400, 4000)):
+        said += [f"{1e3 * run(leg, hold=mode, steps=steps).violations.max():.1f} mm"]
     said += [f"{name} --solved" for name in CHECKS]
     solutions = " ".join((FOLDER / "solutions/README.md").read_text(encoding="utf-8").split())
     assert [words for words in said if words not in solutions] == []
@@ -257,19 +257,3 @@ def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
     for system, holding in ((fast, ["project"]), (start, [*c.hold_table()])):
         held = [mode for mode in c.hold_table() if linkage.worst(system, mode) <= linkage.SHARE]
         assert held == holding or system is start and EDITED
-
-
-@unedited
-@pytest.mark.parametrize("name", CHECKS)
-def test_an_unedited_exercise_ends_by_what_it_wants_next(name, ended):
-    done = ended[f"python -m {PACKAGE}.{name}"]
-    assert (done.returncode, done.stderr) == (0, "")
-    assert re.fullmatch(rf"{name}\.py, line \d+: .{{20,}}", done.stdout.splitlines()[-1])
-
-
-@pytest.mark.parametrize("command", SOLVED)
-def test_what_a_text_shows_of_an_exercise_is_what_its_answers_print(command, ended):
-    done = ended[command]
-    assert (done.returncode, done.stderr) == (0, "")
-    printed, shown_there = done.stdout.strip("\n"), BLOCKS[command]["body"]
-    assert figures.machine_free(printed) == figures.machine_free(shown_there)
