@@ -112,6 +112,8 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     feel(monkeypatch, lambda q, v: -0.3 * v)
     _, dragged = compared(tmp_path, "pendulum", "semi_implicit", 400)["mine"]
     assert dragged.energies[-1] < run.energies[-1] - 0.1
+    monkeypatch.setattr(c, "external_force", lambda system, q: system["m"] * c.GRAVITY)
+    compared(tmp_path, "pendulum", "semi_implicit", 9)  # one that takes no v is in it, too
 
 
 def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_path, capsys):
