@@ -6,7 +6,7 @@ Pairs that share a particle feel each other.
 
 from collections.abc import Callable
 from functools import lru_cache, wraps
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from typing import NamedTuple
 
 from curriculum.common.arrays import ordered
@@ -24,14 +24,14 @@ def once(function):
     return wraps(function)(lambda pairs: known(tuple(map(tuple, pairs))))
 
 
-@once
-def tied(pairs):
-    """{particle or anchor: the pairs that end there, by number, in order}."""
-    found = {}
+def neighbours(pairs):
+    """[{the others that share a particle with a pair}], of pairs by number."""
+    at = {}  # {particle: the pairs that end there}
     for k, pair in enumerate(pairs):
         for i in pair:
-            found.setdefault(i, []).append(k)
-    return found
+            if i >= 0:
+                at.setdefault(i, set()).add(k)
+    return [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
 
 
 @once
@@ -41,10 +41,8 @@ def elimination_order(pairs):
     `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
     those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
-    at, order = tied(pairs), []
-    near = [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
-    queue, done = [(len(others), k) for k, others in enumerate(near)], set()
-    heapify(queue)
+    near, order, done = neighbours(pairs), [], set()
+    queue = sorted((len(others), k) for k, others in enumerate(near))  # which is a heap
     while queue:
         many, k = heappop(queue)
         if k in done or many != len(near[k]):  # it has got fewer or more meanwhile
@@ -59,36 +57,27 @@ def elimination_order(pairs):
 
 
 @once
-def has_loop(pairs):
-    """Whether the pairs close a loop, maybe through the ground: all anchors are one."""
-    trees = {}  # {particle: the set of all that it is tied to}
-    for i, j in pairs:
-        less, more = sorted((trees.setdefault(x, {x}) for x in (i, max(j, -1))), key=len)
-        if less is more:
-            return True
-        more |= less
-        trees |= dict.fromkeys(less, more)
-    return False
-
-
-@once
 def parts(pairs):
     """[(the pairs, by number, that hang together, whether they close a loop)].
 
     Pairs that only share an anchor do not feel each other. A loop may go through the ground: all
     anchors are one.
     """
-    at, left, found = tied(pairs), set(range(len(pairs))), []
+    near, left, found = neighbours(pairs), set(range(len(pairs))), []
     while left:
         part, todo = set(), {min(left)}
         while todo:
             part |= todo
-            ends = {i for k in todo for i in pairs[k] if i >= 0}
-            todo = set().union(*(at[i] for i in ends)) - part
+            todo = set().union(*(near[k] for k in todo)) - part
         left -= part
-        part = sorted(part)
-        found.append((part, has_loop([pairs[k] for k in part])))
+        ends = {max(i, -1) for k in part for i in pairs[k]}
+        found.append((sorted(part), len(part) >= len(ends)))  # a tree has one end more than pairs
     return found
+
+
+def has_loop(pairs):
+    """Whether the pairs close a loop, maybe through the ground."""
+    return any(loop for _, loop in parts(pairs))
 
 
 def eliminated(a, order):
@@ -160,8 +149,7 @@ def refined(system):
 
     x = system.rough(b)
     start = np.concatenate([x, b - system.times(x), [system.weigh(b)]])
-    x, left = repeat(another, start, 100, system.complaint)[:-1].reshape(2, -1)
-    return x, left
+    return repeat(another, start, 100, system.complaint)[:-1].reshape(2, -1)
 
 
 def conjugated(system, x, left):
