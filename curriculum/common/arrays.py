@@ -9,11 +9,13 @@ is zero for certain is left out, which changes no digit, and makes a large spars
 import operator
 
 import numpy as np
+from numpy.lib.array_utils import normalize_axis_tuple
 
 SMALL = 1 << 18  # terms of a product that are made at once
 FEW = 8  # entries of an array in which zeros are not worth looking for
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
 CALLS = [0]  # of numpy, and products, so far with arrays of symbols
+SPARSE = {np.add, np.subtract, np.multiply, np.divide}
 NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
 
@@ -49,19 +51,15 @@ class Ordered(np.ndarray):
     def __rmatmul__(self, other):
         return product(other, self)
 
-    def dot(self, other):
-        return product(self, other)
+    dot = __matmul__
 
     def sum(self, axis=None, dtype=None, out=None, keepdims=False):
         if axis is None:
             return np.asarray(self).ravel().cumsum()[-1] if self.size else 0.0
-        if isinstance(axis, tuple):  # the last axis first
-            made = self
-            for one in sorted((x % self.ndim for x in axis), reverse=True):
-                made = made.sum(one, keepdims=keepdims)
-            return made
-        made = np.asarray(self).cumsum(axis).take([-1], axis)
-        made = made if keepdims else made.squeeze(axis)
+        made = np.asarray(self)
+        for one in sorted(normalize_axis_tuple(axis, self.ndim), reverse=True):  # the last first
+            made = made.cumsum(one).take([-1], one)
+            made = made if keepdims else made.squeeze(one)
         return ordered(made) if made.ndim else made.item()
 
     def mean(self, axis=None, **how):
@@ -77,34 +75,27 @@ class Ordered(np.ndarray):
 class Symbols(Ordered):
     """An array of objects, numbers and symbols; what numpy makes of it is one, too."""
 
-    def max(self, axis=None, **_):
-        return np.maximum.reduce(self, axis=axis)
-
-    def min(self, axis=None, **_):
-        return np.minimum.reduce(self, axis=axis)
-
-    def __array_ufunc__(self, ufunc, method, *given, out=None, **how):
-        return symbolic(ufunc, method, given, out, how)
+    def __array_ufunc__(self, ufunc, method, *given, **how):
+        return symbolic(ufunc, method, given, how)
 
 
-def symbolic(ufunc, method, given, out=None, how=None):
+def symbolic(ufunc, method, given, how):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
-    how = how or {}
     CALLS[0] += 1
-    arrays = [np.asarray(x) for x in given]
+    arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
     if ufunc is np.matmul:
         made = product(*arrays)
     elif method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
-        made = SPARSE[ufunc](*arrays)
+        made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
         if method == "reduce" and how.get("axis", 0) is None:
             arrays, how = [arrays[0].ravel()], {}
         made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
     else:
         made = getattr(ufunc, method)(*arrays, **how)
-    if out and out[0] is not None:
-        np.asarray(out[0])[...] = made
-        return out[0]
+    if out is not None:
+        np.asarray(out)[...] = made
+        return out
     if isinstance(made, np.ndarray):
         return ordered(made) if made.ndim else made.item()
     return made
@@ -121,36 +112,18 @@ def certain(a):
     return mask
 
 
-def times(a, b):
-    """a * b, where neither is zero for certain."""
+def sparse(ufunc, a, b):
+    """a + b, a - b, a * b or a / b, done only where an entry that is zero for certain is none."""
     a, b = np.broadcast_arrays(a, b)
-    made, both = np.zeros(a.shape, object), certain(a) & certain(b)
-    made[both] = np.multiply(a[both], b[both])
-    return made
-
-
-def over(a, b):
-    """a / b; of what is zero for certain only where b may be zero, too."""
-    a, b = np.broadcast_arrays(a, b)
-    made = np.zeros(a.shape, object)
-    some = certain(a) if b.dtype != object and np.all(b != 0) else np.ones(a.shape, bool)
-    made[some] = np.divide(a[some], b[some])
-    return made
-
-
-def plus(a, b):
-    """a + b, added where neither is zero for certain."""
-    a, b = np.broadcast_arrays(a, b)
-    made, both = np.array(a, object), certain(b)
-    made[both] = np.add(a[both], b[both])
-    return made
-
-
-def less(a, b):
-    """a - b, likewise."""
-    a, b = np.broadcast_arrays(a, b)
-    made, both = np.array(a, object), certain(b)
-    made[both] = np.subtract(a[both], b[both])
+    if ufunc in (np.add, np.subtract):
+        made, some = np.array(a, object), certain(b)
+    else:
+        made, some = np.zeros(a.shape, object), certain(a)
+        if ufunc is np.multiply:
+            some &= certain(b)
+        elif b.dtype == object or not np.all(b != 0):  # of zero by what may be zero, too
+            some[...] = True
+    made[some] = ufunc(a[some], b[some])
     return made
 
 
@@ -254,9 +227,6 @@ def either(name, function):
         return getattr(b, name)(a) if hasattr(b, name) else function(a, b)
 
     return np.frompyfunc(entry, 2, 1)
-
-
-SPARSE = {np.multiply: times, np.divide: over, np.add: plus, np.subtract: less}
 
 
 def unordered(function):
