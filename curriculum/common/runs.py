@@ -124,35 +124,29 @@ class Log:
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
         state = self.step.state
-        if q is state[0] and v is state[1] and violation is state[2]:
-            if self.row < self.sane:  # as nearly always: a row more of the block
-                self.row += 1
-                return
-            block = self.step.block
-        else:
-            block = None
+        ahead = q is state[0] and v is state[1] and violation is state[2]
+        if ahead and self.row < self.sane:  # as nearly always: a row more of the block
+            self.row += 1
+            return
+        block = self.step.block if ahead else None
         if block is None:
             block = Block(q[None], v[None], np.array([[violation], [energy]]))
         if block is not self.block:
             self.close()
-            self.open(block)
-        self.row += 1
-        if self.row > self.sane:
-            self.stopped = f"diverged at step {self.done + self.row}"
+            violations, energies = block.measured
+            wild = ~((violations < self.far) & np.isfinite(energies))
+            self.block = block
+            self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
+        if self.row == self.sane:
+            if self.done < 0:
+                raise ValueError("this is no start: a rod is far off, or a number is not finite")
+            self.stopped = f"diverged at step {self.done + self.row + 1}"
             raise Stop(self.stopped)
-
-    def open(self, block):
-        """From here on states are those of this block; find how far they are sane."""
-        violations, energies = block.measured
-        wild = ~((violations < self.far) & np.isfinite(energies))
-        self.block, self.row = block, 0
-        self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
-        if self.done < 0 and not self.sane:
-            raise ValueError("this is no start: a rod is far off, or a number is not finite")
+        self.row += 1
 
     def close(self):
         """Take from the block what was noted of it."""
-        block, count, first = self.block, min(self.row, self.sane), self.done + 1
+        block, count, first = self.block, self.row, self.done + 1
         self.block, self.row, self.sane = None, 0, 0
         if not count:
             return
