@@ -167,18 +167,9 @@ class Log:
         """All that was noted, as a Run."""
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
         once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
-        noted, step = slice(self.done + 1), self.step
-        return Run(
-            tip=self.tip[noted],
-            violations=self.violations[noted],
-            energies=self.energies[noted],
-            kept=steps[once],
-            q=q[once],
-            v=v[once],
-            stopped=self.stopped,
-            halved=step.halved,
-            watched=self.watched,
-            seconds=step.seconds * self.done / max(1, step.taken),
-            way=step.way,
-            step=step,
-        )
+        kept = {"kept": steps[once], "q": q[once], "v": v[once]}
+        names, step = ("tip", "violations", "energies"), self.step
+        series = {name: getattr(self, name)[: self.done + 1] for name in names}
+        ended = {"stopped": self.stopped, "halved": step.halved, "watched": self.watched}
+        seconds = step.seconds * self.done / max(1, step.taken)
+        return Run(**series, **kept, **ended, seconds=seconds, way=step.way, step=step)
