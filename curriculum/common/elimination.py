@@ -38,8 +38,8 @@ def neighbours(pairs):
 def elimination_order(pairs):
     """[(k, rest)]: always the pair with the fewest neighbours left is next.
 
-    `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
-    those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
+    `rest`: the pairs still left that feel pair k, by themselves or through those before it. Minimum
+    degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
     near, order, done = neighbours(pairs), [], set()
     queue = sorted((len(others), k) for k, others in enumerate(near))  # which is a heap
@@ -60,8 +60,7 @@ def elimination_order(pairs):
 def parts(pairs):
     """[(the pairs, by number, that hang together, whether they close a loop)].
 
-    Pairs that only share an anchor do not feel each other. A loop may go through the ground: all
-    anchors are one.
+    Pairs that only share an anchor do not. A loop may go through the ground: all anchors are one.
     """
     near, left, found = neighbours(pairs), set(range(len(pairs))), []
     while left:
@@ -83,17 +82,15 @@ def has_loop(pairs):
 def eliminated(a, order):
     """solve(b) (n,), which gives what np.linalg.solve(a, b) gives for a (n, n).
 
-    Gauss's elimination without pivots, for matrices like J M^-1 J^T. `order`: [(k, the others still
-    left that k feels)], of `elimination_order`; what is zero for certain is never visited.
+    Gauss's elimination without pivots, for matrices like J M^-1 J^T, in an `elimination_order`:
+    what is zero for certain is never visited.
     """
     a = np.array(a, np.result_type(a, 1.0))  # a copy, of floats or of symbols
     for k, rest in order:
+        columns = [rest] if len(rest) > FEW else rest  # many at once: numpy is quicker than a loop
         for i in rest:
             a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of x[k]
-            if len(rest) > FEW:  # for so many numpy is quicker than a loop, and does the same
-                a[i, rest] = a[i, rest] - a[i, k] * a[k, rest]
-                continue
-            for j in rest:
+            for j in columns:
                 a[i, j] = a[i, j] - a[i, k] * a[k, j]
 
     def solve(b):
@@ -111,10 +108,7 @@ def eliminated(a, order):
 
 
 class System(NamedTuple):
-    """A x = b, for A (n, n) that is symmetric and maybe singular, and a matrix near it.
-
-    That is A + slack diag A + T, where T has no eigenvalue below zero.
-    """
+    """A x = b, and near A: A + slack diag A + T. A (n, n) and T are positive semidefinite."""
 
     times: Callable  # (n,) -> (n,), A x
     diagonal: np.ndarray  # (n,), of A
@@ -136,8 +130,7 @@ class System(NamedTuple):
 def refined(system):
     """x (n,) with A x = b, and what is left of b, (n,), by rounds that solve for what is left.
 
-    They go on until that is 1e-15 of b, or a round does not halve it: the residual ends them, not a
-    count. Raises Stop if nothing does.
+    They go on until that is 1e-15 of b, or a round does not halve it. Raises Stop if neither comes.
     """
     b = system.b
 
