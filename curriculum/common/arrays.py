@@ -6,7 +6,7 @@ the same lines where they are compiled. In an Ordered array terms are added from
 is zero for certain is left out, which changes no digit, and makes a large sparse product short.
 """
 
-import operator
+from operator import ge, gt, le, lt
 
 import numpy as np
 from numpy.lib.array_utils import normalize_axis_tuple
@@ -140,9 +140,8 @@ def product(a, b):
         made = sparse_product(rows, columns)
     else:
         made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
-    if a.ndim == b.ndim == 1:
-        return made[0, 0]
-    return ordered(made[0] if a.ndim == 1 else made[:, 0] if b.ndim == 1 else made)
+    made = made.reshape(a.shape[:-1] + b.shape[1:])
+    return ordered(made) if made.ndim else made[()]
 
 
 def few_terms(a, b):
@@ -196,15 +195,12 @@ def clip(x, low=None, high=None):
     return x if high is None else np.minimum(x, high)
 
 
-def chosen(condition, a, b):
-    """a or b, or a symbol that will be one of them."""
-    if hasattr(condition, "choose"):
-        return condition.choose(a, b)
-    return a if condition else b
-
-
 def where(condition, a, b):
     """np.where, whose condition may be of symbols."""
+
+    def chosen(s, a, b):
+        return s.choose(a, b) if hasattr(s, "choose") else (a if s else b)
+
     given = [np.asarray(x) for x in (condition, a, b)]
     if object not in [x.dtype for x in given]:
         return np.where(*given)
@@ -212,21 +208,16 @@ def where(condition, a, b):
     return ordered(made) if np.ndim(made) else made
 
 
-def method(name):
-    """The function of this name of an entry: a symbol's method, or numpy's."""
-    of_numbers = getattr(np, name)
-    return np.frompyfunc(lambda s: getattr(s, name, lambda: of_numbers(s))(), 1, 1)
+def entrywise(name, function, count):
+    """The method of this name of a symbol that is among the entries, or `function` of numbers."""
 
+    def entry(*given):
+        for k, s in enumerate(given):
+            if hasattr(s, name):
+                return getattr(s, name)(*given[:k], *given[k + 1 :])
+        return function(*given)
 
-def either(name, function):
-    """What a symbol's method of this name makes of two entries, or `function` of two numbers."""
-
-    def entry(a, b):
-        if hasattr(a, name):
-            return getattr(a, name)(b)
-        return getattr(b, name)(a) if hasattr(b, name) else function(a, b)
-
-    return np.frompyfunc(entry, 2, 1)
+    return np.frompyfunc(entry, count, 1)
 
 
 def unordered(function):
@@ -242,8 +233,8 @@ def unordered(function):
 
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
 OWN |= {x: unordered(x) for x in (np.einsum, np.tensordot, np.inner, np.vdot, np.trace)}
-ENTRIES = {getattr(np, name): method(name) for name in FUNCTIONS}
-ENTRIES |= {np.maximum: either("larger", np.maximum), np.minimum: either("smaller", np.minimum)}
-for name in ("less", "less_equal", "greater", "greater_equal"):
-    short = name[0] + ("e" if "_" in name else "t")
-    ENTRIES[getattr(np, name)] = np.frompyfunc(getattr(operator, short), 2, 1)
+ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
+ENTRIES[np.maximum] = entrywise("larger", np.maximum, 2)
+ENTRIES[np.minimum] = entrywise("smaller", np.minimum, 2)
+COMPARED = {np.less: lt, np.less_equal: le, np.greater: gt, np.greater_equal: ge}
+ENTRIES |= {of_numbers: np.frompyfunc(of_two, 2, 1) for of_numbers, of_two in COMPARED.items()}
