@@ -2,7 +2,7 @@
 
 import math
 from argparse import ArgumentTypeError
-from itertools import pairwise, takewhile
+from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
 from curriculum.common.banner import work
@@ -54,10 +54,8 @@ def once_for_all():
 
 def rungs(seconds):
     """Ever larger numbers of steps; odd ones, so that halves of two are never the same steps."""
-    counts = [-1]
-    for longest in LADDER:
-        counts.append(max(counts[-1] + 2, math.ceil(seconds / longest) | 1))
-    return counts[1:]
+    counts = [math.ceil(seconds / longest) | 1 for longest in LADDER]
+    return list(accumulate(counts, lambda before, count: max(before + 2, count)))
 
 
 def nudged(system):
@@ -90,9 +88,8 @@ def true_position(run, seconds):
 def true_motion(run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    It is known while two steps of gauss agree to CLOSE of the longest rod; and it is not sought
-    where the Truth is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps,
-    keep, way) -> Run.
+    Two steps of gauss agree that long to CLOSE of the longest rod. It is not sought where the Truth
+    is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps, keep, way) -> Run.
     """
     if len(shown) < 2 or not truth.sought:
         return np.array([])
@@ -116,10 +113,7 @@ def true_motion(run, system, dt, shown, truth):
 
 
 def cost(run, rule, dt, states):
-    """How many forces a step of a rule asks for: the mean over steps that begin at `states`.
-
-    It is counted in plain numpy, so that it is the same wherever it is asked.
-    """
+    """How many forces a step of a rule asks for: the mean over steps that begin at `states`."""
     asked = []
 
     def counted(q, v, m, force, dt):
@@ -131,7 +125,7 @@ def cost(run, rule, dt, states):
             rule(*state, m, ask, dt)
         return q, v
 
-    run(counted, dt, 1, way=Plain)
+    run(counted, dt, 1, way=Plain)  # so that the count is the same on every machine
     return len(asked) / len(states)
 
 
@@ -171,8 +165,7 @@ def step_for(tol, seconds, q, runs, rules):
     """The name of one of `rules`, {name: rule}, and a step in s: the cheapest that will do.
 
     With it the best of `runs` is within `tol` m of q (N, 3) after `seconds`, or as near as any of
-    them gets. What is cheap is counted in forces, so that all machines choose alike. Each of runs:
-    (rule, dt, steps, keep, way) -> Run.
+    them gets. A cheap one asks for few forces. Each of runs: (rule, dt, steps, keep, way) -> Run.
     """
     found = []
     for name, rule in rules.items():
