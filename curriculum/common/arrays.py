@@ -54,9 +54,9 @@ class Ordered(np.ndarray):
     dot = __matmul__
 
     def sum(self, axis=None, dtype=None, out=None, keepdims=False):
-        if axis is None:
-            return np.asarray(self).ravel().cumsum()[-1] if self.size else 0.0
         made = np.asarray(self)
+        if axis is None:
+            return made.ravel().cumsum()[-1] if made.size else 0.0
         for one in sorted(normalize_axis_tuple(axis, self.ndim), reverse=True):  # the last first
             made = made.cumsum(one).take([-1], one)
             made = made if keepdims else made.squeeze(one)
@@ -67,6 +67,8 @@ class Ordered(np.ndarray):
         return total / (self.size // getattr(total, "size", 1))
 
     def __array_function__(self, function, types, given, how):
+        if function in UNORDERED and Symbols in types:
+            raise TypeError(f"np.{function.__name__} adds in an order of its own; use @ or np.sum")
         if function in OWN:
             return OWN[function](*given, **how)
         return super().__array_function__(function, types, given, how)
@@ -183,7 +185,7 @@ def filled(a):
 
 
 def norm(x, ord=None, axis=None, keepdims=False):
-    """np.linalg.norm, of vectors."""
+    """np.linalg.norm of vectors."""
     if ord not in (None, 2):
         raise ValueError(f"a norm of order {ord} is not made here")
     return np.sqrt(np.sum(ordered(x) * x, axis=axis, keepdims=keepdims))
@@ -220,21 +222,10 @@ def entrywise(name, function, count):
     return np.frompyfunc(entry, count, 1)
 
 
-def unordered(function):
-    """A function of numpy whose sums have an order of their own: refused of symbols."""
-
-    def own(*given, **how):
-        if any(isinstance(x, Symbols) for x in given):
-            raise TypeError(f"np.{function.__name__} adds in an order of its own; use @ or np.sum")
-        return function._implementation(*given, **how)
-
-    return own
-
-
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
-OWN |= {x: unordered(x) for x in (np.einsum, np.tensordot, np.inner, np.vdot, np.trace)}
+UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace}
 ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
 ENTRIES[np.maximum] = entrywise("larger", np.maximum, 2)
 ENTRIES[np.minimum] = entrywise("smaller", np.minimum, 2)
 COMPARED = {np.less: lt, np.less_equal: le, np.greater: gt, np.greater_equal: ge}
-ENTRIES |= {of_numbers: np.frompyfunc(of_two, 2, 1) for of_numbers, of_two in COMPARED.items()}
+ENTRIES |= {of_arrays: np.frompyfunc(of_two, 2, 1) for of_arrays, of_two in COMPARED.items()}

@@ -75,12 +75,13 @@ def reset(x, old):
             setattr(x, name, y)
 
 
-KINDS = {  # what may change: its name, what it holds, as a dict, and how that is put back
+KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
     dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
     type: ("the global {}", lambda x: dict(vars(x)), reset),
     set: ("the set {}", lambda x: {y: y for y in x}, lambda x, old: (x.clear(), x.update(old))),
-    (list, deque, tuple, frozenset): ("the list {}", lambda x: dict(enumerate(x)),
-        lambda x, old: (x.clear(), x.extend(old.values()))),  # of the last two what they hold may
+    (list, deque): ("the list {}", lambda x: dict(enumerate(x)),
+        lambda x, old: (x.clear(), x.extend(old.values()))),
+    (tuple, frozenset): ("the tuple {}", lambda x: dict(enumerate(x)), lambda x, old: None),
     np.ndarray: ("the array {}",
         lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
     CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
