@@ -48,8 +48,7 @@ def collocation(stages):
 def total(x):
     """The sum over the first axis of x: the second half is added to the first, again and again.
 
-    An odd one, the last, waits for the next round. So its order is the same everywhere, and a
-    processor adds side by side.
+    So its order is the same everywhere, and a processor adds side by side. An odd one waits.
     """
     while len(x) > 1:
         half = len(x) // 2

@@ -22,7 +22,6 @@ INSIDE += "__func__", "__self__", "__wrapped__"
 PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
 PLACES |= {os.path.dirname(file) for file in (np.__file__, __file__)}
 PLACES = {Path(os.path.realpath(place)) for place in PLACES}
-INSTALLED = {"site-packages", "dist-packages"}
 
 
 @lru_cache
@@ -41,8 +40,8 @@ def ours(module):
 def foreign(file):
     """Whether a file of code is Python's, an installed package's, or beside this; or is none."""
     path = Path(os.path.realpath(file))
-    away = INSTALLED & {*path.parts} or PLACES & {*path.parents}
-    return bool(away) or file.startswith("<")
+    installed = {"site-packages", "dist-packages"} & {*path.parts}
+    return bool(installed or PLACES & {*path.parents}) or file.startswith("<")
 
 
 @lru_cache

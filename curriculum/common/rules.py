@@ -62,9 +62,8 @@ def named(text, table):
 def offered(text, table, tol=None):
     """{name: rule} of the rules that `text` leaves open for an error of `tol` m.
 
-    A bare name of a family is every number that is tried, and each is iterated as far as `tol`
-    needs. Anything else, and all without `tol`, is the one rule that `text` names. Raises
-    ArgumentTypeError for rules of low order, which take too long to a small error.
+    With `tol` a bare name of a family is all numbers that are tried, each iterated as far as that
+    needs. ArgumentTypeError for rules of low order, which take too long to a small error.
     """
     if not tol:
         return {text: named(text, table)}
