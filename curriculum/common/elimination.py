@@ -26,11 +26,10 @@ def once(function):
 
 def neighbours(pairs):
     """[{the others that share a particle with a pair}], of pairs by number."""
-    at = {}  # {particle: the pairs that end there}
+    at = {}  # {particle or anchor: the pairs that end there}
     for k, pair in enumerate(pairs):
         for i in pair:
-            if i >= 0:
-                at.setdefault(i, set()).add(k)
+            at.setdefault(i, set()).add(k)
     return [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
 
 

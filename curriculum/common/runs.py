@@ -25,7 +25,7 @@ class Run(SimpleNamespace):
     stopped: str | None  # why it ended early; all before was true
     halved: int  # steps that were taken in halves
     watched: float  # the largest of what the stepper was to watch
-    seconds: float  # of the steps alone
+    pace: float  # us a step, of the steps alone
     way: str  # how the steps were computed
     step: object  # what took the steps
 
@@ -45,11 +45,6 @@ class Run(SimpleNamespace):
     def source(self):
         """The code that a step has become."""
         return self.step.source
-
-    @property
-    def pace(self):
-        """Microseconds a step."""
-        return 1e6 * self.seconds / max(1, len(self.tip) - 1)
 
     @property
     def remark(self):
@@ -171,5 +166,5 @@ class Log:
         names, step = ("tip", "violations", "energies"), self.step
         series = {name: getattr(self, name)[: self.done + 1] for name in names}
         ended = {"stopped": self.stopped, "halved": step.halved, "watched": self.watched}
-        seconds = step.seconds * self.done / max(1, step.taken)
-        return Run(**series, **kept, **ended, seconds=seconds, way=step.way, step=step)
+        pace = 1e6 * step.seconds / max(1, step.taken)
+        return Run(**series, **kept, **ended, pace=pace, way=step.way, step=step)
