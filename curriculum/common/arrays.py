@@ -6,14 +6,16 @@ the same lines where they are compiled. In an Ordered array terms are added from
 is zero for certain is left out, which changes no digit, and makes a large sparse product short.
 """
 
-import operator
+from operator import ge, gt, le, lt
 
 import numpy as np
+from numpy.lib.array_utils import normalize_axis_tuple
 
 SMALL = 1 << 18  # terms of a product that are made at once
 FEW = 8  # entries of an array in which zeros are not worth looking for
 FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
 CALLS = [0]  # of numpy, and products, so far with arrays of symbols
+SPARSE = {np.add, np.subtract, np.multiply, np.divide}
 NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
 
@@ -49,19 +51,15 @@ class Ordered(np.ndarray):
     def __rmatmul__(self, other):
         return product(other, self)
 
-    def dot(self, other):
-        return product(self, other)
+    dot = __matmul__
 
     def sum(self, axis=None, dtype=None, out=None, keepdims=False):
+        made = np.asarray(self)
         if axis is None:
-            return np.asarray(self).ravel().cumsum()[-1] if self.size else 0.0
-        if isinstance(axis, tuple):  # the last axis first
-            made = self
-            for one in sorted((x % self.ndim for x in axis), reverse=True):
-                made = made.sum(one, keepdims=keepdims)
-            return made
-        made = np.asarray(self).cumsum(axis).take([-1], axis)
-        made = made if keepdims else made.squeeze(axis)
+            return made.ravel().cumsum()[-1] if made.size else 0.0
+        for one in sorted(normalize_axis_tuple(axis, self.ndim), reverse=True):  # the last first
+            made = made.cumsum(one).take([-1], one)
+            made = made if keepdims else made.squeeze(one)
         return ordered(made) if made.ndim else made.item()
 
     def mean(self, axis=None, **how):
@@ -69,6 +67,8 @@ class Ordered(np.ndarray):
         return total / (self.size // getattr(total, "size", 1))
 
     def __array_function__(self, function, types, given, how):
+        if function in UNORDERED and Symbols in types:
+            raise TypeError(f"np.{function.__name__} adds in an order of its own; use @ or np.sum")
         if function in OWN:
             return OWN[function](*given, **how)
         return super().__array_function__(function, types, given, how)
@@ -77,34 +77,27 @@ class Ordered(np.ndarray):
 class Symbols(Ordered):
     """An array of objects, numbers and symbols; what numpy makes of it is one, too."""
 
-    def max(self, axis=None, **_):
-        return np.maximum.reduce(self, axis=axis)
-
-    def min(self, axis=None, **_):
-        return np.minimum.reduce(self, axis=axis)
-
-    def __array_ufunc__(self, ufunc, method, *given, out=None, **how):
-        return symbolic(ufunc, method, given, out, how)
+    def __array_ufunc__(self, ufunc, method, *given, **how):
+        return symbolic(ufunc, method, given, how)
 
 
-def symbolic(ufunc, method, given, out=None, how=None):
+def symbolic(ufunc, method, given, how):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
-    how = how or {}
     CALLS[0] += 1
-    arrays = [np.asarray(x) for x in given]
+    arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
     if ufunc is np.matmul:
         made = product(*arrays)
     elif method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
-        made = SPARSE[ufunc](*arrays)
+        made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
         if method == "reduce" and how.get("axis", 0) is None:
             arrays, how = [arrays[0].ravel()], {}
         made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
     else:
         made = getattr(ufunc, method)(*arrays, **how)
-    if out and out[0] is not None:
-        np.asarray(out[0])[...] = made
-        return out[0]
+    if out is not None:
+        np.asarray(out)[...] = made
+        return out
     if isinstance(made, np.ndarray):
         return ordered(made) if made.ndim else made.item()
     return made
@@ -121,36 +114,18 @@ def certain(a):
     return mask
 
 
-def times(a, b):
-    """a * b, where neither is zero for certain."""
+def sparse(ufunc, a, b):
+    """a + b, a - b, a * b or a / b, done only where an entry that is zero for certain is none."""
     a, b = np.broadcast_arrays(a, b)
-    made, both = np.zeros(a.shape, object), certain(a) & certain(b)
-    made[both] = np.multiply(a[both], b[both])
-    return made
-
-
-def over(a, b):
-    """a / b; of what is zero for certain only where b may be zero, too."""
-    a, b = np.broadcast_arrays(a, b)
-    made = np.zeros(a.shape, object)
-    some = certain(a) if b.dtype != object and np.all(b != 0) else np.ones(a.shape, bool)
-    made[some] = np.divide(a[some], b[some])
-    return made
-
-
-def plus(a, b):
-    """a + b, added where neither is zero for certain."""
-    a, b = np.broadcast_arrays(a, b)
-    made, both = np.array(a, object), certain(b)
-    made[both] = np.add(a[both], b[both])
-    return made
-
-
-def less(a, b):
-    """a - b, likewise."""
-    a, b = np.broadcast_arrays(a, b)
-    made, both = np.array(a, object), certain(b)
-    made[both] = np.subtract(a[both], b[both])
+    if ufunc in (np.add, np.subtract):
+        made, some = np.array(a, object), certain(b)
+    else:
+        made, some = np.zeros(a.shape, object), certain(a)
+        if ufunc is np.multiply:
+            some &= certain(b)
+        elif b.dtype == object or not np.all(b != 0):  # of zero by what may be zero, too
+            some[...] = True
+    made[some] = ufunc(a[some], b[some])
     return made
 
 
@@ -167,9 +142,8 @@ def product(a, b):
         made = sparse_product(rows, columns)
     else:
         made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
-    if a.ndim == b.ndim == 1:
-        return made[0, 0]
-    return ordered(made[0] if a.ndim == 1 else made[:, 0] if b.ndim == 1 else made)
+    made = made.reshape(a.shape[:-1] + b.shape[1:])
+    return ordered(made) if made.ndim else made[()]
 
 
 def few_terms(a, b):
@@ -211,7 +185,7 @@ def filled(a):
 
 
 def norm(x, ord=None, axis=None, keepdims=False):
-    """np.linalg.norm, of vectors."""
+    """np.linalg.norm of vectors."""
     if ord not in (None, 2):
         raise ValueError(f"a norm of order {ord} is not made here")
     return np.sqrt(np.sum(ordered(x) * x, axis=axis, keepdims=keepdims))
@@ -223,15 +197,12 @@ def clip(x, low=None, high=None):
     return x if high is None else np.minimum(x, high)
 
 
-def chosen(condition, a, b):
-    """a or b, or a symbol that will be one of them."""
-    if hasattr(condition, "choose"):
-        return condition.choose(a, b)
-    return a if condition else b
-
-
 def where(condition, a, b):
     """np.where, whose condition may be of symbols."""
+
+    def chosen(s, a, b):
+        return s.choose(a, b) if hasattr(s, "choose") else (a if s else b)
+
     given = [np.asarray(x) for x in (condition, a, b)]
     if object not in [x.dtype for x in given]:
         return np.where(*given)
@@ -239,41 +210,22 @@ def where(condition, a, b):
     return ordered(made) if np.ndim(made) else made
 
 
-def method(name):
-    """The function of this name of an entry: a symbol's method, or numpy's."""
-    of_numbers = getattr(np, name)
-    return np.frompyfunc(lambda s: getattr(s, name, lambda: of_numbers(s))(), 1, 1)
+def entrywise(name, function, count):
+    """The method of this name of a symbol that is among the entries, or `function` of numbers."""
 
+    def entry(*given):
+        for k, s in enumerate(given):
+            if hasattr(s, name):
+                return getattr(s, name)(*given[:k], *given[k + 1 :])
+        return function(*given)
 
-def either(name, function):
-    """What a symbol's method of this name makes of two entries, or `function` of two numbers."""
-
-    def entry(a, b):
-        if hasattr(a, name):
-            return getattr(a, name)(b)
-        return getattr(b, name)(a) if hasattr(b, name) else function(a, b)
-
-    return np.frompyfunc(entry, 2, 1)
-
-
-SPARSE = {np.multiply: times, np.divide: over, np.add: plus, np.subtract: less}
-
-
-def unordered(function):
-    """A function of numpy whose sums have an order of their own: refused of symbols."""
-
-    def own(*given, **how):
-        if any(isinstance(x, Symbols) for x in given):
-            raise TypeError(f"np.{function.__name__} adds in an order of its own; use @ or np.sum")
-        return function._implementation(*given, **how)
-
-    return own
+    return np.frompyfunc(entry, count, 1)
 
 
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
-OWN |= {x: unordered(x) for x in (np.einsum, np.tensordot, np.inner, np.vdot, np.trace)}
-ENTRIES = {getattr(np, name): method(name) for name in FUNCTIONS}
-ENTRIES |= {np.maximum: either("larger", np.maximum), np.minimum: either("smaller", np.minimum)}
-for name in ("less", "less_equal", "greater", "greater_equal"):
-    short = name[0] + ("e" if "_" in name else "t")
-    ENTRIES[getattr(np, name)] = np.frompyfunc(getattr(operator, short), 2, 1)
+UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace}
+ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
+ENTRIES[np.maximum] = entrywise("larger", np.maximum, 2)
+ENTRIES[np.minimum] = entrywise("smaller", np.minimum, 2)
+COMPARED = {np.less: lt, np.less_equal: le, np.greater: gt, np.greater_equal: ge}
+ENTRIES |= {of_arrays: np.frompyfunc(of_two, 2, 1) for of_arrays, of_two in COMPARED.items()}

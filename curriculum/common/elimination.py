@@ -6,7 +6,7 @@ Pairs that share a particle feel each other.
 
 from collections.abc import Callable
 from functools import lru_cache, wraps
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from typing import NamedTuple
 
 from curriculum.common.arrays import ordered
@@ -24,27 +24,24 @@ def once(function):
     return wraps(function)(lambda pairs: known(tuple(map(tuple, pairs))))
 
 
-@once
-def tied(pairs):
-    """{particle or anchor: the pairs that end there, by number, in order}."""
-    found = {}
+def neighbours(pairs):
+    """[{the others that share a particle with a pair}], of pairs by number."""
+    at = {}  # {particle or anchor: the pairs that end there}
     for k, pair in enumerate(pairs):
         for i in pair:
-            found.setdefault(i, []).append(k)
-    return found
+            at.setdefault(i, set()).add(k)
+    return [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
 
 
 @once
 def elimination_order(pairs):
     """[(k, rest)]: always the pair with the fewest neighbours left is next.
 
-    `rest`: the pairs not yet eliminated that share a particle with pair k, or have come to through
-    those before it. Minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
+    `rest`: the pairs still left that feel pair k, by themselves or through those before it. Minimum
+    degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1.
     """
-    at, order = tied(pairs), []
-    near = [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
-    queue, done = [(len(others), k) for k, others in enumerate(near)], set()
-    heapify(queue)
+    near, order, done = neighbours(pairs), [], set()
+    queue = sorted((len(others), k) for k, others in enumerate(near))  # which is a heap
     while queue:
         many, k = heappop(queue)
         if k in done or many != len(near[k]):  # it has got fewer or more meanwhile
@@ -59,52 +56,40 @@ def elimination_order(pairs):
 
 
 @once
-def has_loop(pairs):
-    """Whether the pairs close a loop, maybe through the ground: all anchors are one."""
-    trees = {}  # {particle: the set of all that it is tied to}
-    for i, j in pairs:
-        less, more = sorted((trees.setdefault(x, {x}) for x in (i, max(j, -1))), key=len)
-        if less is more:
-            return True
-        more |= less
-        trees |= dict.fromkeys(less, more)
-    return False
-
-
-@once
 def parts(pairs):
     """[(the pairs, by number, that hang together, whether they close a loop)].
 
-    Pairs that only share an anchor do not feel each other. A loop may go through the ground: all
-    anchors are one.
+    Pairs that only share an anchor do not. A loop may go through the ground: all anchors are one.
     """
-    at, left, found = tied(pairs), set(range(len(pairs))), []
+    near, left, found = neighbours(pairs), set(range(len(pairs))), []
     while left:
         part, todo = set(), {min(left)}
         while todo:
             part |= todo
-            ends = {i for k in todo for i in pairs[k] if i >= 0}
-            todo = set().union(*(at[i] for i in ends)) - part
+            todo = set().union(*(near[k] for k in todo)) - part
         left -= part
-        part = sorted(part)
-        found.append((part, has_loop([pairs[k] for k in part])))
+        ends = {max(i, -1) for k in part for i in pairs[k]}
+        found.append((sorted(part), len(part) >= len(ends)))  # a tree has one end more than pairs
     return found
+
+
+def has_loop(pairs):
+    """Whether the pairs close a loop, maybe through the ground."""
+    return any(loop for _, loop in parts(pairs))
 
 
 def eliminated(a, order):
     """solve(b) (n,), which gives what np.linalg.solve(a, b) gives for a (n, n).
 
-    Gauss's elimination without pivots, for matrices like J M^-1 J^T. `order`: [(k, the others still
-    left that k feels)], of `elimination_order`; what is zero for certain is never visited.
+    Gauss's elimination without pivots, for matrices like J M^-1 J^T, in an `elimination_order`:
+    what is zero for certain is never visited.
     """
     a = np.array(a, np.result_type(a, 1.0))  # a copy, of floats or of symbols
     for k, rest in order:
+        columns = [rest] if len(rest) > FEW else rest  # many at once: numpy is quicker than a loop
         for i in rest:
             a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of x[k]
-            if len(rest) > FEW:  # for so many numpy is quicker than a loop, and does the same
-                a[i, rest] = a[i, rest] - a[i, k] * a[k, rest]
-                continue
-            for j in rest:
+            for j in columns:
                 a[i, j] = a[i, j] - a[i, k] * a[k, j]
 
     def solve(b):
@@ -122,10 +107,7 @@ def eliminated(a, order):
 
 
 class System(NamedTuple):
-    """A x = b, for A (n, n) that is symmetric and maybe singular, and a matrix near it.
-
-    That is A + slack diag A + T, where T has no eigenvalue below zero.
-    """
+    """A x = b, and near A: A + slack diag A + T. A (n, n) and T are positive semidefinite."""
 
     times: Callable  # (n,) -> (n,), A x
     diagonal: np.ndarray  # (n,), of A
@@ -147,8 +129,7 @@ class System(NamedTuple):
 def refined(system):
     """x (n,) with A x = b, and what is left of b, (n,), by rounds that solve for what is left.
 
-    They go on until that is 1e-15 of b, or a round does not halve it: the residual ends them, not a
-    count. Raises Stop if nothing does.
+    They go on until that is 1e-15 of b, or a round does not halve it. Raises Stop if neither comes.
     """
     b = system.b
 
@@ -160,8 +141,7 @@ def refined(system):
 
     x = system.rough(b)
     start = np.concatenate([x, b - system.times(x), [system.weigh(b)]])
-    x, left = repeat(another, start, 100, system.complaint)[:-1].reshape(2, -1)
-    return x, left
+    return repeat(another, start, 100, system.complaint)[:-1].reshape(2, -1)
 
 
 def conjugated(system, x, left):

@@ -14,8 +14,8 @@ MOST = 60  # rounds
 
 
 def legendre(x, degree):
-    """Legendre's polynomials P_0(x), ..., P_degree(x), by their recurrence."""
-    p = [Decimal(1), x]
+    """Legendre's polynomials P_0(x), ..., P_degree(x) of an array x, by their recurrence."""
+    p = [np.ones_like(x), x]
     for k in range(1, degree):
         p.append(((2 * k + 1) * x * p[k] - k * p[k - 1]) / (k + 1))
     return p
@@ -30,35 +30,25 @@ def collocation(stages):
     II.1.3). And weights (2, s) of the last two terms in that basis of what is given at the nodes.
     """
     n = range(stages)
-    with localcontext() as context:
-        context.prec = DIGITS
-        x = [Decimal(-math.cos(math.pi * (k + 0.75) / (stages + 0.5))) for k in n]
+    with localcontext(prec=DIGITS):
+        x = np.array([Decimal(-math.cos(math.pi * (k + 0.75) / (stages + 0.5))) for k in n])
         for _ in range(6):  # Newton's method doubles the digits
-            p = [legendre(y, stages) for y in x]
-            slope = [
-                stages * (y * r[stages] - r[stages - 1]) / (y * y - 1)
-                for y, r in zip(x, p, strict=True)
-            ]
-            x = [y - r[stages] / d for y, r, d in zip(x, p, slope, strict=True)]
-        b = [1 / ((1 - y * y) * d * d) for y, d in zip(x, slope, strict=True)]
-        p = [legendre(y, stages) for y in x]
-
-        def integral(i, j):
-            terms = sum(p[j][k] * (p[i][k + 1] - p[i][k - 1]) for k in n[1:])
-            return b[j] / 2 * (x[i] + 1 + terms)
-
-        a = [[integral(i, j) for j in n] for i in n]
-        square = [[sum(a[i][k] * a[k][j] for k in n) for j in n] for i in n]
-        ends = [[b[j] * (2 * k + 1) * p[j][k] for j in n] for k in n[-2:]]
-        parts = [(y + 1) / 2 for y in x], b, a, square, ends
+            p = legendre(x, stages)
+            slope = stages * (x * p[stages] - p[stages - 1]) / (x * x - 1)
+            x = x - p[stages] / slope
+        b = 1 / ((1 - x * x) * slope * slope)
+        p = legendre(x, stages)
+        terms = sum(np.outer(p[k + 1] - p[k - 1], p[k]) for k in n[1:])
+        a = b / 2 * (x[:, None] + 1 + terms)
+        ends = [b * (2 * k + 1) * p[k] for k in n[-2:]]
+        parts = (x + 1) / 2, b, a, a @ a, ends
         return tuple(np.array(part, dtype=float) for part in parts)
 
 
 def total(x):
     """The sum over the first axis of x: the second half is added to the first, again and again.
 
-    An odd one, the last, waits for the next round. So its order is the same everywhere, and a
-    processor adds side by side.
+    So its order is the same everywhere, and a processor adds side by side. An odd one waits.
     """
     while len(x) > 1:
         half = len(x) // 2

@@ -8,7 +8,6 @@ import sysconfig
 from collections import deque
 from dis import get_instructions
 from functools import lru_cache
-from itertools import chain
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
 
@@ -19,36 +18,30 @@ ASKED = {"time": "the time", "datetime": "the time", "random": "chance", "secret
 # where partials, methods, wrappers and generators keep what they lead to
 INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
 INSIDE += "__func__", "__self__", "__wrapped__"
-
-
 # of Python's own modules, of installed ones, of numpy, which may be anywhere, and of those here
 PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
-PLACES = {os.path.realpath(x) for x in (*PLACES, *map(os.path.dirname, (np.__file__, __file__)))}
-INSTALLED = {"site-packages", "dist-packages"}
+PLACES |= {os.path.dirname(file) for file in (np.__file__, __file__)}
+PLACES = {Path(os.path.realpath(place)) for place in PLACES}
 
 
 @lru_cache
 def ours(module):
     """Whether a module of this name is neither Python's, nor an installed one, nor beside this."""
-    file = getattr(sys.modules.get(module), "__file__", None)
+    file, name = getattr(sys.modules.get(module), "__file__", None), module.partition(".")[0]
     if module == "__main__" or file is None:
-        return module.partition(".")[0] not in sys.stdlib_module_names - {"__main__"}
-    return not (foreign(file) or comes_with_metadata(module, file))
+        return name not in sys.stdlib_module_names
+    if foreign(file):
+        return False
+    path = Path(file)  # beside a package lies a folder that tells of it, if pip put it there
+    beside = path.parents[module.count(".") + (path.stem == "__init__")]
+    return not any(beside.glob(f"{name}-*.dist-info"))
 
 
 def foreign(file):
     """Whether a file of code is Python's, an installed package's, or beside this; or is none."""
     path = Path(os.path.realpath(file))
-    away = INSTALLED & {*path.parts} or any(path.is_relative_to(place) for place in PLACES)
-    return bool(away) or file.startswith("<")
-
-
-def comes_with_metadata(module, file):
-    """Whether pip put this module where it is, as it does with --target: then a folder that tells
-    of it lies beside it."""
-    name, path = module.partition(".")[0], Path(file)
-    beside = path.parents[module.count(".") + (path.stem == "__init__")]
-    return any(beside.glob(f"{name}-*.dist-info"))
+    installed = {"site-packages", "dist-packages"} & {*path.parts}
+    return bool(installed or PLACES & {*path.parents}) or file.startswith("<")
 
 
 @lru_cache
@@ -60,9 +53,9 @@ def named(code):
             found[0].add(step.argval)
         elif step.opname.endswith(("_ATTR", "_METHOD", "_FROM")):
             found[1].add(step.argval)
-    for inner in filter(lambda x: isinstance(x, CodeType), code.co_consts):
-        for names, more in zip(found, named(inner), strict=True):
-            names |= more
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            found = [names | more for names, more in zip(found, named(inner), strict=True)]
     return found
 
 
@@ -81,12 +74,13 @@ def reset(x, old):
             setattr(x, name, y)
 
 
-KINDS = {  # what can change: its name, what it holds, as a dict, and how that is put back
+KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
     dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
     type: ("the global {}", lambda x: dict(vars(x)), reset),
     set: ("the set {}", lambda x: {y: y for y in x}, lambda x, old: (x.clear(), x.update(old))),
     (list, deque): ("the list {}", lambda x: dict(enumerate(x)),
         lambda x, old: (x.clear(), x.extend(old.values()))),
+    (tuple, frozenset): ("the tuple {}", lambda x: dict(enumerate(x)), lambda x, old: None),
     np.ndarray: ("the array {}",
         lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
     CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
@@ -95,12 +89,6 @@ KINDS = {  # what can change: its name, what it holds, as a dict, and how that i
         lambda x: {0: pickle.dumps(x.__getstate__())},
         lambda x, old: x.__setstate__(pickle.loads(old[0]))),
 }  # fmt: skip
-
-
-@lru_cache
-def kind_of(kind):
-    """The entry of KINDS for a type, or None."""
-    return next((KINDS[known] for known in KINDS if issubclass(kind, known)), None)
 
 
 def same(x, y):
@@ -120,9 +108,9 @@ class Memory:
         self.parts, self.asks, self.spaces, seen = {}, [], {}, {}
         self.attributes = {"__call__", "__getitem__"}  # that are named, or used without
         todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
-        for function in functions:
-            name = getattr(function, "__qualname__", type(function).__name__)
-            todo.append((function, name.split("<locals>.")[-1]))
+        for x in functions:
+            name = getattr(x, "__qualname__", type(x).__name__)
+            todo.append((x, name.split("<locals>.")[-1]))
         while todo:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
@@ -132,15 +120,16 @@ class Memory:
 
     def note(self, x, name, words=None):
         """(y, name) of all that x holds; noted, if x is of one of KINDS. `words` as there."""
-        held = dict(enumerate(x)) if isinstance(x, tuple | frozenset) else {}
-        if kind := kind_of(type(x)):
-            try:
-                if id(x) not in self.parts:
-                    self.parts[id(x)] = words or kind[0].format(name), x, *kind[1:], kind[1](x)
-                held = self.parts[id(x)][-1]
-            except Exception:  # a generator without a state
-                self.asks.append(f"it uses {name}, which cannot be put back")
-        return [(y, name) for y in held.values()]
+        kind = next((KINDS[known] for known in KINDS if isinstance(x, known)), None)
+        if kind is None:
+            return []
+        try:
+            if id(x) not in self.parts:
+                self.parts[id(x)] = words or kind[0].format(name), x, *kind[1:], kind[1](x)
+        except Exception:  # a generator without a state
+            self.asks.append(f"it uses {name}, which cannot be put back")
+            return []
+        return [(y, name) for y in self.parts[id(x)][-1].values()]
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""
@@ -149,7 +138,8 @@ class Memory:
             module = x.__module__ if isinstance(x, type) else space.get("__name__", "")
             if module in ASKED:
                 self.asks.append(f"it asks for {ASKED[module]}")
-            if known := ours(module):
+            known = ours(module)
+            if known:
                 function = isinstance(x, FunctionType)  # which names globals, and not attributes
                 names = set() if function else self.attributes
                 _, names = self.spaces.setdefault((id(space), function), (space, names))
@@ -189,4 +179,4 @@ class Memory:
             if new:
                 told.append(f"it changes {words.format(new[0])}")
                 put(x, old)
-        return next(chain(told, self.asks), None)
+        return next(iter(told + self.asks), None)

@@ -2,7 +2,7 @@
 
 import math
 from argparse import ArgumentTypeError
-from itertools import takewhile
+from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
 from curriculum.common.banner import work
@@ -37,10 +37,9 @@ class Truth(NamedTuple):
 
 
 def once_for_all():
-    """A way for simulate by which a rule is traced and compiled once, for steps of all lengths.
+    """A way for simulate: a rule is compiled once for steps of all lengths, or is not run at all.
 
-    What cannot be compiled is not run: it would be long in coming, and of a force that is another
-    each time there is no truth.
+    It would be long in coming, and of a force that is another each time there is no truth.
     """
     made = []  # at the first run
 
@@ -55,78 +54,66 @@ def once_for_all():
 
 def rungs(seconds):
     """Ever larger numbers of steps; odd ones, so that halves of two are never the same steps."""
-    counts = [-1]
-    for longest in LADDER:
-        counts.append(max(counts[-1] + 2, math.ceil(seconds / longest) | 1))
-    return counts[1:]
+    counts = [math.ceil(seconds / longest) | 1 for longest in LADDER]
+    return list(accumulate(counts, lambda before, count: max(before + 2, count)))
 
 
 def nudged(system):
     """The system, its start changed by a rounding, up and down by turns."""
-
-    def off(x):
-        signs = np.where(np.arange(x.size) % 2 == 0, 1.0, -1.0).reshape(x.shape)
-        return x * (1.0 + ROUNDING * signs)
-
-    return system | {"q0": off(system["q0"]), "v0": off(system["v0"])}
+    turns = np.arange(system["q0"].size).reshape(system["q0"].shape) % 2
+    off = 1.0 + ROUNDING * (1.0 - 2.0 * turns)
+    return system | {"q0": system["q0"] * off, "v0": system["v0"] * off}
 
 
 def true_position(run, seconds):
     """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
 
     That is how far two steps of gauss differ or, if that is more, WORSE times as far as two starts
-    that a rounding parts.
-    run(rule, dt, steps, way, nudge) -> Run, of a `nudged` system if `nudge`.
+    that a rounding parts. run(rule, dt, steps, way, nudge) -> Run, of a `nudged` system if `nudge`.
     """
-    rule, way, before, fewer = make_gauss(6), once_for_all(), None, 0
-    for steps in rungs(seconds):
-        found = run(rule, seconds / steps, steps, way=way, nudge=False)
-        q = None if found.stopped else found.q[-1]
-        if q is not None and before is not None and distance(q, before) < KNOWN:
-            start = run(rule, seconds / fewer, fewer, way=way, nudge=True)
-            apart = math.inf if start.stopped else WORSE * distance(start.q[-1], before)
-            known = max(distance(q, before), apart)
+    rule, way = make_gauss(6), once_for_all()
+
+    def end(steps, nudge=False):  # not a number where a run stops
+        found = run(rule, seconds / steps, steps, way=way, nudge=nudge)
+        return found.q[-1] * (math.nan if found.stopped else 1.0)
+
+    for (fewer, before), (_, q) in pairwise((steps, end(steps)) for steps in rungs(seconds)):
+        if distance(q, before) < KNOWN:
+            apart = WORSE * distance(end(fewer, nudge=True), before)
+            known = float(np.maximum(distance(q, before), apart))
             return (q, known) if known < KNOWN else (None, math.inf)
-        before, fewer = q, steps
     return None, math.inf
 
 
 def true_motion(run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    It is known while two steps of gauss agree to CLOSE of the longest rod; and it is not sought
-    where the Truth is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps,
-    keep, way) -> Run.
+    Two steps of gauss agree that long to CLOSE of the longest rod. It is not sought where the Truth
+    is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps, keep, way) -> Run.
     """
     if len(shown) < 2 or not truth.sought:
         return np.array([])
     work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
     rule, way, every, frames = make_gauss(*SHOWN), once_for_all(), shown[1], len(shown)
-    parts = math.ceil(every * dt / FINE)
-    parts = parts, parts + 1  # of the time between two frames
+    parts = math.ceil(every * dt / FINE)  # of the time between two frames
     last = math.ceil(HORIZON / (every * dt))  # the frame up to which it is sought
     while True:
         seen = shown[shown <= last * every]
         found = []
-        for fine in parts:
+        for fine in (parts, parts + 1):
             keep = seen // every * fine
             end = run(rule, every * dt / fine, keep[-1], keep, way)
             found.append(end.q[np.isin(end.kept, keep)])
         agree = takewhile(lambda pair: distance(*pair) < close, zip(*found, strict=False))
         q = np.array([finer for _, finer in agree])
-        if len(q) < 2:  # the start alone is no motion
-            return np.array([])
         if len(q) < len(seen) or len(seen) == frames:
-            return q
+            return q if len(q) > 1 else np.array([])  # the start alone is no motion
         last *= 2
 
 
 def cost(run, rule, dt, states):
-    """How many forces a step of a rule asks for: the mean over steps that begin at `states`.
-
-    It is counted in plain numpy, so that it is the same wherever it is asked.
-    """
+    """How many forces a step of a rule asks for: the mean over steps that begin at `states`."""
     asked = []
 
     def counted(q, v, m, force, dt):
@@ -138,7 +125,7 @@ def cost(run, rule, dt, states):
             rule(*state, m, ask, dt)
         return q, v
 
-    run(counted, dt, 1, way=Plain)
+    run(counted, dt, 1, way=Plain)  # so that the count is the same on every machine
     return len(asked) / len(states)
 
 
@@ -157,7 +144,7 @@ def climb(tol, seconds, q, runs, rule):
     (error in m, step in s, (run, states on its way)) or, where no step of LEAST s or more is near
     enough, what came nearest. Steps that are taken in halves are no steps to choose.
     """
-    nearest, errors = (math.inf, seconds, None), []
+    tried = 2 * [(math.inf, seconds, None)]
     for steps in finer(seconds):
         dt, off = seconds / steps, []
         for run in runs:
@@ -166,22 +153,19 @@ def climb(tol, seconds, q, runs, rule):
             if off[-1] <= tol:
                 return off[-1], dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
         error = min(off)
+        tried.append((error, dt, None))
+        if 0.5 * tried[-3][0] < error < math.inf:
+            break  # the step was halved since then, and it gained nothing
         # each run costs a compiled step, so only the nearest goes on, and those not there yet
         runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
-        if error < nearest[0]:
-            nearest = error, dt, None
-        errors.append(error)
-        if len(errors) > 2 and 0.5 * errors[-3] < error < math.inf:
-            break  # the step was halved since then, and it gained nothing
-    return nearest
+    return min(tried, key=lambda row: row[0])
 
 
 def step_for(tol, seconds, q, runs, rules):
     """The name of one of `rules`, {name: rule}, and a step in s: the cheapest that will do.
 
     With it the best of `runs` is within `tol` m of q (N, 3) after `seconds`, or as near as any of
-    them gets. What is cheap is counted in forces, so that all machines choose alike. Each of runs:
-    (rule, dt, steps, keep, way) -> Run.
+    them gets. A cheap one asks for few forces. Each of runs: (rule, dt, steps, keep, way) -> Run.
     """
     found = []
     for name, rule in rules.items():

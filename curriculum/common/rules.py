@@ -14,27 +14,20 @@ from curriculum.common.midpoint import make_midpoint
 class Family(NamedTuple):
     """Rules that differ by one number."""
 
-    make: object  # (number) -> rule, or (number, tol) -> rule
+    make: object  # (number) -> rule, or (number, tol) -> rule: the same one for the same numbers
     numbers: range  # those there are
     what: str  # they are, in words
     tried: tuple  # numbers among which `--tol` chooses
-    iterated: bool  # whether a step ends by a tolerance, too
+    iterated: bool = False  # whether a step ends by a tolerance, too
 
 
+EVEN = range(2, 17, 2)
 FAMILIES = {
-    "midpoint": Family(
-        make_midpoint, range(2, 17, 2), "an even order, 2 to 16", (6, 8, 10, 12), False
-    ),
-    "gauss": Family(make_gauss, range(2, 17), "2 to 16 stages", (8, 16, 4), True),
+    "midpoint": Family(lru_cache(make_midpoint), EVEN, "an even order, 2 to 16", (6, 8, 10, 12)),
+    "gauss": Family(lru_cache(make_gauss), range(2, 17), "2 to 16 stages", (8, 16, 4), True),
 }
 ITERATED = 0.1  # what an iteration may leave, as a share of the error that is asked for
 LEAST, MOST = 1e-16, 1e-2  # tolerances of an iteration, as a share of the state
-
-
-@lru_cache
-def made(family, *numbers):
-    """The rule of a family: always the same function for the same numbers."""
-    return FAMILIES[family].make(*numbers)
 
 
 def named(text, table):
@@ -43,7 +36,7 @@ def named(text, table):
     A name of the `table`; `midpoint:10`, of order 10; `gauss:6`, of 6 stages; or `gauss:6:1e-9`,
     whose stages are iterated to 1e-9 of the state. ArgumentTypeError if it names none.
     """
-    name, *numbers = text.split(":")
+    name, *numbers = text.split(":", 2)
     if not numbers and name in table:
         return table[name]
     if name not in FAMILIES:
@@ -55,23 +48,22 @@ def named(text, table):
     if not re.fullmatch(r"\d{1,3}", size, re.ASCII) or int(size) not in family.numbers:
         raise ArgumentTypeError(f"{name}:N takes {family.what}, not {shorten(size)!r}")
     if len(numbers) == 1:
-        return made(name, int(size))
-    tol = ":".join(numbers[1:])
+        return family.make(int(size))
+    tol = numbers[1]
     if not family.iterated:
         raise ArgumentTypeError(f"{name}:N has no tolerance {shorten(tol)!r}: it does not iterate")
     whole = re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", tol, re.ASCII)
     if not whole or not LEAST <= float(tol) <= MOST:
         allowed = f"a tolerance from {LEAST:g} to {MOST:g}"
         raise ArgumentTypeError(f"{name}:N:TOL takes {allowed}, not {shorten(tol)!r}")
-    return made(name, int(size), float(tol))
+    return family.make(int(size), float(tol))
 
 
 def offered(text, table, tol=None):
     """{name: rule} of the rules that `text` leaves open for an error of `tol` m.
 
-    A bare name of a family is every number that is tried, and each is iterated as far as `tol`
-    needs. Anything else, and all without `tol`, is the one rule that `text` names. Raises
-    ArgumentTypeError for rules of low order, which take too long to a small error.
+    With `tol` a bare name of a family is all numbers that are tried, each iterated as far as that
+    needs. ArgumentTypeError for rules of low order, which take too long to a small error.
     """
     if not tol:
         return {text: named(text, table)}

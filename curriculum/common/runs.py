@@ -25,7 +25,7 @@ class Run(SimpleNamespace):
     stopped: str | None  # why it ended early; all before was true
     halved: int  # steps that were taken in halves
     watched: float  # the largest of what the stepper was to watch
-    seconds: float  # of the steps alone
+    pace: float  # us a step, of the steps alone
     way: str  # how the steps were computed
     step: object  # what took the steps
 
@@ -45,11 +45,6 @@ class Run(SimpleNamespace):
     def source(self):
         """The code that a step has become."""
         return self.step.source
-
-    @property
-    def pace(self):
-        """Microseconds a step."""
-        return 1e6 * self.seconds / max(1, len(self.tip) - 1)
 
     @property
     def remark(self):
@@ -124,35 +119,29 @@ class Log:
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
         state = self.step.state
-        if q is state[0] and v is state[1] and violation is state[2]:
-            if self.row < self.sane:  # as nearly always: a row more of the block
-                self.row += 1
-                return
-            block = self.step.block
-        else:
-            block = None
+        ahead = q is state[0] and v is state[1] and violation is state[2]
+        if ahead and self.row < self.sane:  # as nearly always: a row more of the block
+            self.row += 1
+            return
+        block = self.step.block if ahead else None
         if block is None:
             block = Block(q[None], v[None], np.array([[violation], [energy]]))
         if block is not self.block:
             self.close()
-            self.open(block)
-        self.row += 1
-        if self.row > self.sane:
-            self.stopped = f"diverged at step {self.done + self.row}"
+            violations, energies = block.measured
+            wild = ~((violations < self.far) & np.isfinite(energies))
+            self.block = block
+            self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
+        if self.row == self.sane:
+            if self.done < 0:
+                raise ValueError("this is no start: a rod is far off, or a number is not finite")
+            self.stopped = f"diverged at step {self.done + self.row + 1}"
             raise Stop(self.stopped)
-
-    def open(self, block):
-        """From here on states are those of this block; find how far they are sane."""
-        violations, energies = block.measured
-        wild = ~((violations < self.far) & np.isfinite(energies))
-        self.block, self.row = block, 0
-        self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
-        if self.done < 0 and not self.sane:
-            raise ValueError("this is no start: a rod is far off, or a number is not finite")
+        self.row += 1
 
     def close(self):
         """Take from the block what was noted of it."""
-        block, count, first = self.block, min(self.row, self.sane), self.done + 1
+        block, count, first = self.block, self.row, self.done + 1
         self.block, self.row, self.sane = None, 0, 0
         if not count:
             return
@@ -173,18 +162,9 @@ class Log:
         """All that was noted, as a Run."""
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
         once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
-        noted, step = slice(self.done + 1), self.step
-        return Run(
-            tip=self.tip[noted],
-            violations=self.violations[noted],
-            energies=self.energies[noted],
-            kept=steps[once],
-            q=q[once],
-            v=v[once],
-            stopped=self.stopped,
-            halved=step.halved,
-            watched=self.watched,
-            seconds=step.seconds * self.done / max(1, step.taken),
-            way=step.way,
-            step=step,
-        )
+        kept = {"kept": steps[once], "q": q[once], "v": v[once]}
+        names, step = ("tip", "violations", "energies"), self.step
+        series = {name: getattr(self, name)[: self.done + 1] for name in names}
+        ended = {"stopped": self.stopped, "halved": step.halved, "watched": self.watched}
+        pace = 1e6 * step.seconds / max(1, step.taken)
+        return Run(**series, **kept, **ended, pace=pace, way=step.way, step=step)
