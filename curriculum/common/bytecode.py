@@ -234,8 +234,7 @@ class Bytecode:
     """
 
     def __init__(self, program, lanes=1):
-        with native.asking_llvm():
-            self.function, self.engine = reader(lanes)
+        self.function, self.engine = reader(lanes)
         found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
         self.registers = len(found.known)
