@@ -49,7 +49,7 @@ class Writer(Language):
     A line may be a whole loop: it does not depend on how lines are split into functions.
     """
 
-    assigned, minus = "const {} = {};", MINUS
+    assigned, minus, number = "const {} = {};", MINUS, staticmethod(json.dumps)
     functions = {name: f"Math.{name}" for name in [*FUNCTIONS, "abs"]}
     functions |= {"**": "Math.pow", "max": "max", "min": "min"}
 
@@ -135,10 +135,6 @@ class Writer(Language):
             return super().operation(sign, operands, text)
         test, yes, no = (text(x, 1) for x in operands)
         return f"{test} ? {yes} : {no}", CHOICE
-
-    @staticmethod
-    def number(x):
-        return str(x).replace("inf", "Infinity") if isinstance(x, float) else x
 
     def split(self, lines, later):
         """Lines that do the same; where they are too long, by calling functions of them.

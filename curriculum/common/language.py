@@ -11,13 +11,11 @@ CHOICE, PRODUCT, MINUS, ATOM = 0, 3, 4, 5
 
 
 class Language:
-    """Its words are a subclass's.
+    """A subclass has the words: `number`, how a float is written; `functions` {sign: name}.
 
-    `assigned`: a line that gives a name to an expression. `functions` {sign: name}. `minus`: how
-    tightly what a sign is put before has to bind. `number`: how a float >= 0 is written, or a name.
+    `assigned`: a line that gives a name to an expression. `minus`: how tightly that has to bind
+    which has a sign before it.
     """
-
-    number = staticmethod(str)
 
     def write(self, tape, *groups, given=None):
         """For each group of symbols, lines that compute what no group before has, and expressions.
@@ -32,7 +30,7 @@ class Language:
         texts, done = {name: (x, MINUS) for name, x in (given or {}).items()}, set()
 
         def text(x, binds=0):
-            expression, bound = texts.get(x) or (self.number(x), ATOM)
+            expression, bound = texts.get(x) or (x if isinstance(x, str) else self.number(x), ATOM)
             return f"({expression})" if bound < binds else expression
 
         def signed(s):

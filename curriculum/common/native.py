@@ -9,7 +9,6 @@ import ctypes
 import os
 import struct
 from collections import namedtuple
-from copy import copy
 from functools import cache
 from importlib.util import find_spec
 from itertools import chain, count
@@ -26,7 +25,7 @@ COMPARED = {"<": "olt", "<=": "ole", "max": "oge", "min": "ole", "where": "une"}
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
-FAILED = []  # why llvmlite cannot be used, once that has been found out
+FAILED = []  # why llvmlite cannot be used though it is installed, once that has been found out
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -34,11 +33,6 @@ Lane = namedtuple("Lane", "type vector number many")
 
 class Unavailable(Exception):
     """Machine code cannot be had: why, in words."""
-
-
-def failure():
-    """Why there is no machine code though llvmlite is installed, in words; None if it works."""
-    return FAILED[0] if FAILED else None
 
 
 def available():
@@ -54,21 +48,17 @@ class Writer:
     """
 
     def __init__(self, lanes, routines, alone):
-        self.routines, self.alone = routines, alone
-        self.top, self.lines, self.count = [], [], count()
-        self.set_lanes(lanes)
-
-    def set_lanes(self, lanes):
-        self.lanes = lanes
+        self.lanes, self.routines, self.alone = lanes, routines, alone
         self.type = "double" if lanes == 1 else f"<{lanes} x double>"
         self.truth = self.type.replace("double", "i1")
+        self.top, self.lines, self.count = [], [], count()
 
     def widened(self, many):
         """A writer of the same lines whose values have at least `many` lanes; of one: this."""
         if many == 1:
             return self
-        wide = copy(self)
-        wide.set_lanes(max(4, 1 << (many - 1).bit_length()))
+        wide = Writer(max(4, 1 << (many - 1).bit_length()), self.routines, self.alone)
+        wide.top, wide.lines, wide.count = self.top, self.lines, self.count
         return wide
 
     def new(self, text):
@@ -125,26 +115,20 @@ class Writer:
         """A value for the writer `wide`: of symbols, and copies of the last, which fill it up."""
         if wide is self:
             return self.value(env, symbols[0])
-        filled = [min(k, len(symbols) - 1) for k in range(wide.lanes)]
         lanes = [None if s.minus else env.get(s.x) for s in symbols]
         if all(isinstance(x, Lane) for x in lanes) and len({x.vector for x in lanes}) == 1:
-            kind, vector, _, many = lanes[0]
+            kind, made, _, many = lanes[0]
             numbers = [x.number for x in lanes]
             if numbers == [*range(many)]:
-                return vector
-            return self.shuffled(kind, vector, [numbers[k] for k in filled])
-        values = [self.value(env, s) for s in symbols]
-        given = [values[k] if values[k].startswith("0x") else "poison" for k in filled]
-        made = f"<{', '.join(f'double {x}' for x in given)}>"
-        for k, x in enumerate(values):
-            if given[k] == "poison":
-                made = self.new(f"insertelement {wide.type} {made}, double {x}, i32 {k}")
-        return made if given[-1] != "poison" else self.shuffled(wide.type, made, filled)
-
-    def shuffled(self, kind, vector, numbers):
-        """A vector of some lanes, by number, of another of type `kind`."""
-        mask = f"<{len(numbers)} x i32> <{', '.join(f'i32 {k}' for k in numbers)}>"
-        return self.new(f"shufflevector {kind} {vector}, {kind} poison, {mask}")
+                return made
+        else:
+            kind, made, numbers = wide.type, "poison", [*range(len(symbols))]
+            for k, s in enumerate(symbols):
+                value = self.value(env, s)
+                made = self.new(f"insertelement {kind} {made}, double {value}, i32 {k}")
+        numbers += numbers[-1:] * (wide.lanes - len(numbers))
+        mask = f"<{wide.lanes} x i32> <{', '.join(f'i32 {k}' for k in numbers)}>"
+        return self.new(f"shufflevector {kind} {made}, {kind} poison, {mask}")
 
     def spread(self, vector, many):
         """The `many` numbers that were gathered in it."""
@@ -236,33 +220,32 @@ class Writer:
                 env |= zip(names, numbers, strict=True)
 
     def groups(self, loop):
-        """What a loop changes, by number: what Lanes make for all rows stays one vector."""
-        left = dict.fromkeys(range(len(loop.names)))
-        at = {s.x: k for k, s in enumerate(loop.following) if not s.minus}
+        """The names that a loop changes; what Lanes make for all rows stays one vector."""
+        following = zip(loop.names, loop.following, strict=True)
+        at = {s.x: name for name, s in following if not s.minus}
         groups = []
         for part in loop.tape.parts.values():
             for piece in self.pieces(len(part.names)) if isinstance(part, Lanes) else ():
                 columns = zip(*part.names[piece], strict=True)
                 groups += [[at[x] for x in column] for column in columns if at.keys() >= {*column}]
-        for k in chain.from_iterable(groups):
-            del left[k]
-        return groups + [[k] for k in left]
+        grouped = {*chain(*groups)}
+        return groups + [[name] for name in loop.names if name not in grouped]
 
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
-        k, t, truth, groups = next(self.count), self.type, self.truth, self.groups(loop)
-        names = [[loop.names[k] for k in group] for group in groups]
+        k, truth, groups = next(self.count), self.truth, self.groups(loop)
         writers = [self.widened(len(group)) for group in groups]
 
         def joined(env, symbols):
-            """A value for each group of symbols."""
-            some = ([symbols[k] for k in group] for group in groups)
+            """A value for each group, of a symbol for each name."""
+            at = dict(zip(loop.names, symbols, strict=True))
+            some = ([at[name] for name in group] for group in groups)
             return [self.gathered(w, env, x) for w, x in zip(writers, some, strict=True)]
 
         def named(values):
             """The numbers of the groups' values, by name."""
-            numbers = map(Writer.spread, writers, values, map(len, names))
-            return dict(zip(chain(*names), chain(*numbers), strict=True))
+            numbers = map(Writer.spread, writers, values, map(len, groups))
+            return dict(zip(chain(*groups), chain(*numbers), strict=True))
 
         places = list(map(Writer.variable, writers, joined(env, loop.start)))
         turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
@@ -275,9 +258,10 @@ class Writer:
         self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
         self.operations(loop.tape, loop.test, inner)
         size = self.value(inner, loop.size)
-        good = self.new(f"fcmp ole {t} {size}, {self.constant(1.0)}")
-        small = self.new(f"fcmp ole {t} {size}, {self.constant(loop.nearly)}")
-        falls = self.new(f"fcmp ole {t} {self.load(last)}, {size}")
+        least = f"fcmp ole {self.type}"
+        good = self.new(f"{least} {size}, {self.constant(1.0)}")
+        small = self.new(f"{least} {size}, {self.constant(loop.nearly)}")
+        falls = self.new(f"{least} {self.load(last)}, {size}")
         for also in (self.new(f"and {truth} {falls}, {small}"), before):
             good = self.new(f"or {truth} {good}, {also}")
         self.store(size, last)
@@ -318,14 +302,9 @@ def routine(name, program, around):
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, members, knobs, unsettled): how many steps were done.
+    """i64 run(state, count, out, members, knobs, unsettled): see Native.
 
-    Of `lanes` members out of many. state (entries, members): where they begin, and then where they
-    end. out (numbers, members), if the program makes numbers besides: the largest that were made,
-    or what stood there if that is larger. If it makes none, and for a single member only: out
-    (count, entries), every state, or null. knobs (knobs, lanes). A single member ends with a step
-    whose end is not finite, which is not counted; `unsettled` becomes 1 if a loop that came to no
-    end is to blame, and else 0.
+    `members`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0.
     """
     w, many, count = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
     found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(count - many)]
@@ -432,10 +411,10 @@ class Native:
     def __call__(self, state, count, out, *knobs):
         """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
 
-        Members come by `lanes`. out (numbers, members), part of an array like it, or None: see
-        `assembly`. Of a single member it may be (count, entries) and becomes all states; it ends
-        with a step whose end is not finite, which is not counted. `unsettled`: whether a loop that
-        came to no end is to blame.
+        out (numbers, members), part of an array like it, becomes the largest that the program has
+        made besides, or stays what it was if that is larger. If it makes none, and of a single
+        member, out is (count, entries), all states, or None. A single member ends with a step whose
+        end is not finite, which is not counted; `unsettled`: since a loop came to no end.
         """
         begin, rows, apart = address(state), address(out), state.strides[0] // 8
         given, unsettled = np.repeat(np.array(knobs, float), self.lanes), np.zeros(1, np.int64)

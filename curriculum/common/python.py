@@ -30,7 +30,7 @@ def block(head, lines):
 class Python(Language):
     """`routines`: the programs that are called."""
 
-    assigned, minus = "{} = {}", PRODUCT
+    assigned, minus, number = "{} = {}", PRODUCT, repr
     # ** binds to the right, and is complex for a negative base
     functions = {name: name for name in COLUMNS}
     functions |= {"**": "pow", "max": "largest", "min": "smallest"}
@@ -118,21 +118,18 @@ class Columns:
     def __call__(self, state, count, out, *knobs):
         for first in range(0, state.shape[1], PIECE):
             some = slice(first, first + PIECE)
-            self.piece(state[:, some], count, out[:, some], *knobs)
+            with np.errstate(all="ignore"):
+                self.piece(state[:, some], count, out[:, some], *knobs)
 
     def piece(self, state, count, out, *knobs):
         """Some members, whose columns stay near the processor."""
-        entries, values = len(state), ()
-
-        def keep(row):
-            nonlocal values
-            values = row[:entries]
-            for most, made in zip(out, row[entries:], strict=True):
+        row, rows = tuple(state.copy()), []
+        for _ in range(count):
+            self.function(row[: len(state)], 1, rows.append, *knobs)
+            row = rows.pop()
+            for most, made in zip(out, row[len(state) :], strict=True):
                 np.maximum(most, made, out=most)
-
-        with np.errstate(all="ignore"):
-            self.function(tuple(state.copy()), count, keep, *knobs)
-        for place, value in zip(state, values, strict=True):
+        for place, value in zip(state, row, strict=False):
             place[:] = value
 
 
@@ -152,11 +149,10 @@ class OneByOne:
         for k, start in enumerate(state.T.tolist()):
             rows = self.rows(tuple(start), count, *knobs)
             if len(rows) < count:
-                state[:, k] = out[:, k] = np.nan
-                continue
+                rows = [[np.nan] * (entries + len(out))]
             state[:, k] = rows[-1][:entries]
-            made = np.reshape([row[entries:] for row in rows], (count, len(out)))
-            out[:, k] = np.maximum.reduce(made, initial=-np.inf)
+            made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
+            out[:, k] = np.max(made, axis=0, initial=-np.inf)
 
     def rows(self, start, count, *knobs):
         """What the program makes of a member, step by step, as far as it goes."""
