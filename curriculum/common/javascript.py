@@ -44,10 +44,7 @@ def called(names, call):
 
 
 class Writer(Language):
-    """Functions of JavaScript, {text: name}; those whose text is the same are one function.
-
-    A line may be a whole loop: it does not depend on how lines are split into functions.
-    """
+    """Functions of JavaScript, `made` {text: name}; those with the same text are one function."""
 
     assigned, minus, number = "const {} = {};", MINUS, staticmethod(json.dumps)
     functions = {name: f"Math.{name}" for name in [*FUNCTIONS, "abs"]}

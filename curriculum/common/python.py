@@ -115,22 +115,18 @@ class Columns:
     def __init__(self, source):
         self.function = compiled(source, COLUMNS)
 
+    @np.errstate(all="ignore")
     def __call__(self, state, count, out, *knobs):
         for first in range(0, state.shape[1], PIECE):
-            some = slice(first, first + PIECE)
-            with np.errstate(all="ignore"):
-                self.piece(state[:, some], count, out[:, some], *knobs)
-
-    def piece(self, state, count, out, *knobs):
-        """Some members, whose columns stay near the processor."""
-        row, rows = tuple(state.copy()), []
-        for _ in range(count):
-            self.function(row[: len(state)], 1, rows.append, *knobs)
-            row = rows.pop()
-            for most, made in zip(out, row[len(state) :], strict=True):
-                np.maximum(most, made, out=most)
-        for place, value in zip(state, row, strict=False):
-            place[:] = value
+            ends, most = (x[:, first : first + PIECE] for x in (state, out))
+            row, rows = tuple(ends.copy()), []
+            for _ in range(count):
+                self.function(row[: len(ends)], 1, rows.append, *knobs)
+                row = rows.pop()
+                for largest, made in zip(most, row[len(ends) :], strict=True):
+                    np.maximum(largest, made, out=largest)
+            for end, value in zip(ends, row, strict=False):
+                end[:] = value
 
 
 class OneByOne:
@@ -146,26 +142,21 @@ class OneByOne:
 
     def __call__(self, state, count, out, *knobs):
         entries = len(state)
-        for k, start in enumerate(state.T.tolist()):
-            rows = self.rows(tuple(start), count, *knobs)
+        for end, most in zip(state.T, out.T, strict=True):
+            rows = []
+            try:
+                self.function(end.tolist(), count, rows.append, *knobs)
+            except Stop:
+                pass
+            except (ArithmeticError, ValueError):  # where numpy's floats go on
+                rows = []
+                with contextlib.suppress(Stop), np.errstate(all="ignore"):
+                    careful(self.source)(tuple(end), count, rows.append, *knobs)
             if len(rows) < count:
                 rows = [[np.nan] * (entries + len(out))]
-            state[:, k] = rows[-1][:entries]
+            end[:] = rows[-1][:entries]
             made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
-            out[:, k] = np.max(made, axis=0, initial=-np.inf)
-
-    def rows(self, start, count, *knobs):
-        """What the program makes of a member, step by step, as far as it goes."""
-        rows = []
-        try:
-            self.function(start, count, rows.append, *knobs)
-        except Stop:
-            pass
-        except (ArithmeticError, ValueError):  # where numpy's floats go on
-            rows = []
-            with contextlib.suppress(Stop), np.errstate(all="ignore"):
-                careful(self.source)(tuple(map(np.float64, start)), count, rows.append, *knobs)
-        return rows
+            most[:] = np.max(made, axis=0, initial=-np.inf)
 
 
 @lru_cache(8)
