@@ -44,7 +44,9 @@ class Language:
                 done.add(name)
                 sign, *operands = tape.nodes[name]
                 if sign == "part":
-                    lines += self.part(tape.parts[name], signed)
+                    part = tape.parts[name]
+                    written = {Call: self.call, Lanes: self.lanes}.get(type(part), self.loop)
+                    lines += written(part, signed)
                 elif sign != "of":
                     expression, bound = self.operation(sign, operands, text)
                     if used[name] == 1 and len(expression) < WIDTH:
@@ -61,8 +63,3 @@ class Language:
         left, right = operands
         left = text(left, max(bound, 2))  # in Python a < b < c is something else
         return f"{left} {sign} {text(right, bound + 1)}", bound
-
-    def part(self, part, signed):
-        """Lines of a part; signed(symbol) is an expression for what is computed before it."""
-        write = {Call: self.call, Lanes: self.lanes}.get(type(part), self.loop)
-        return write(part, signed)

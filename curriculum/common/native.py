@@ -9,7 +9,6 @@ import ctypes
 import os
 import struct
 from collections import namedtuple
-from functools import cache
 from importlib.util import find_spec
 from itertools import chain, count
 
@@ -135,22 +134,19 @@ class Writer:
         return [Lane(self.type, vector, k, many) for k in range(many)] if many > 1 else [vector]
 
     def operation(self, sign, values):
-        """What one operation makes of values."""
+        """What one operation makes of values; max and min make NaN if one of them is."""
         if sign in ARITHMETIC:
             return self.new(f"{ARITHMETIC[sign]} {self.type} {', '.join(values)}")
         if sign in LIBRARY:
             return self.library(f"@c_{LIBRARY[sign]}", values)
-        if sign in COMPARED:
-            return self.compared(sign, *values)
-        function = "fabs" if sign == "abs" else sign
-        suffix = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
-        return self.new(f"call {self.type} @llvm.{function}.{suffix}({self.type} {values[0]})")
-
-    def compared(self, sign, a, b, c=None):
-        """What depends on a comparison: 1 or 0, one of two numbers, or NaN if one of them is."""
+        if sign not in COMPARED:
+            function = "fabs" if sign == "abs" else sign
+            suffix = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
+            return self.new(f"call {self.type} @llvm.{function}.{suffix}({self.type} {values[0]})")
+        a, b, *_ = values
         chosen = (a, b) if sign in ("max", "min") else (self.constant(1.0), self.constant(0.0))
         if sign == "where":
-            b, chosen = chosen[1], (b, c)
+            b, chosen = self.constant(0.0), values[1:]
         truth = self.new(f"fcmp {COMPARED[sign]} {self.type} {a}, {b}")
         if sign in ("max", "min"):
             odd = self.new(f"fcmp uno {self.type} {a}, {a}")
@@ -189,15 +185,23 @@ class Writer:
 
     def call(self, call, env):
         """A routine, which finds its arguments in memory, and leaves its results there."""
+        tape, made = call.program.tape, call.program.made
         name = f"@r{id(call.program)}_{self.lanes}"
         if name not in self.routines:
-            self.routines[name] = routine(name, call.program, self)
+            w = Writer(self.lanes, self.routines, self.alone)
+            inner = {x: w.load(w.entry("%in", k)) for k, x in enumerate(call.program.inputs)}
+            w.operations(tape, tape.needed(made), inner)
+            for k, s in enumerate(made):
+                w.store(w.value(inner, s), w.entry("%out", k))
+            inline = "alwaysinline" if len(tape.nodes) <= INLINE else "noinline"
+            head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
+            self.routines[name] = w.function(head, "void")
         given = self.memory(self.type, len(call.arguments))
-        place = self.memory(self.type, len(call.names))
+        place = self.memory(self.type, len(made))
         for k, s in enumerate(call.arguments):
             self.store(self.value(env, s), self.entry(given, k))
         self.lines.append(f"  call void {name}(ptr {given}, ptr {place})")
-        env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
+        env |= {x: self.load(self.entry(place, k)) for k, x in enumerate(call.names)}
 
     def pieces(self, many):
         """So many rows in pieces, one a vector, about equally long; of one if lanes are members."""
@@ -251,11 +255,9 @@ class Writer:
         turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
         last = self.variable(self.constant(np.inf))
         self.begin(f"head{k}")
-        turns, before = self.load(turn, "i64"), self.load(done, truth)
+        before = self.load(done, truth)
         values = list(map(Writer.load, writers, places))
         inner = env | named(values)
-        more = self.new(f"icmp slt i64 {turns}, {loop.most}")
-        self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
         self.operations(loop.tape, loop.test, inner)
         size = self.value(inner, loop.size)
         least = f"fcmp ole {self.type}"
@@ -272,8 +274,10 @@ class Writer:
         following = joined(inner, loop.following)
         for w, place, old, new in zip(writers, places, values, following, strict=True):
             w.store(self.choice(good, w.type, old, new), place)
-        self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
-        self.begin(f"end{k}", f"label %head{k}")
+        turns = self.new(f"add i64 {self.load(turn, 'i64')}, 1")
+        self.store(turns, turn, "i64")
+        more = self.new(f"icmp slt i64 {turns}, {loop.most}")
+        self.begin(f"end{k}", f"i1 {more}, label %head{k}, label %end{k}")
         good, ends = self.load(done, truth), []
         for w, place in zip(writers, places, strict=True):
             ends.append(self.choice(good, w.type, w.load(place), w.constant(np.nan)))
@@ -287,18 +291,6 @@ class Writer:
         """All lines of the function; vectors on its stack do not cross lines of the cache."""
         start = f"define {head} alignstack(64) {{"
         return [start, "top:", *self.top, *self.lines, f"  ret {result}", "}"]
-
-
-def routine(name, program, around):
-    """A Routine's program as a function, which reads and writes memory; called by a Writer's."""
-    w = Writer(around.lanes, around.routines, around.alone)
-    env = {x: w.load(w.entry("%in", k)) for k, x in enumerate(program.inputs)}
-    w.operations(program.tape, program.tape.needed(program.made), env)
-    for k, s in enumerate(program.made):
-        w.store(w.value(env, s), w.entry("%out", k))
-    inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
-    return w.function(head, "void")
 
 
 def assembly(program, lanes):
@@ -319,7 +311,7 @@ def assembly(program, lanes):
     w.operations(program.tape, program.tape.needed(program.out), env)
     out = [w.value(env, s) for s in program.out]
     for k, (value, place) in enumerate(zip(out, places, strict=True)):
-        w.store(value if k < many else w.compared("max", w.load(place), value), place)
+        w.store(value if k < many else w.operation("max", [w.load(place), value]), place)
     good = "true"
     for value in out[:many] if lanes == 1 else ():
         good = w.new(f"and i1 {good}, {w.finite(value)}")
@@ -351,19 +343,6 @@ def declared():
     return [f"declare double @c_{name}({kinds})" for name, kinds in given.items()]
 
 
-@cache
-def library():
-    """llvmlite's binding, ready; and it knows the functions of the C library by other names."""
-    import llvmlite.binding as llvm
-
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    c = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
-    for name in LIBRARY.values():  # else LLVM would put x * x for pow(x, 2)
-        llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
-    return llvm
-
-
 def address(array):
     """Where an array's numbers begin; None if there is none."""
     return None if array is None else array.__array_interface__["data"][0]
@@ -376,7 +355,13 @@ def compiled(text, best=True):
     another version or for another processor, and the same steps can be had from Python.
     """
     try:
-        llvm = library()
+        import llvmlite.binding as llvm
+
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        c = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
+        for name in LIBRARY.values():  # by other names: else LLVM would put x * x for pow(x, 2)
+            llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
         module = llvm.parse_assembly(text)
         host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
         target = llvm.Target.from_default_triple()
