@@ -122,9 +122,11 @@ class Writer:
                 return made
         else:
             kind, made, numbers = wide.type, "poison", [*range(len(symbols))]
-            for k, s in enumerate(symbols):
-                value = self.value(env, s)
-                made = self.new(f"insertelement {kind} {made}, double {value}, i32 {k}")
+            values = [f"double {self.value(env, s)}" for s in symbols]
+            if all(isinstance(s.x, float) for s in symbols):
+                return f"<{', '.join(values + values[-1:] * (wide.lanes - len(values)))}>"
+            for k, value in enumerate(values):
+                made = self.new(f"insertelement {kind} {made}, {value}, i32 {k}")
         numbers += numbers[-1:] * (wide.lanes - len(numbers))
         mask = f"<{wide.lanes} x i32> <{', '.join(f'i32 {k}' for k in numbers)}>"
         return self.new(f"shufflevector {kind} {made}, {kind} poison, {mask}")
@@ -298,8 +300,8 @@ def assembly(program, lanes):
 
     `members`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0.
     """
-    w, many, count = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
-    found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(count - many)]
+    w, many, whole = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
+    found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(whole - many)]
     ends = [w.entry(x, w.new(f"mul i64 %members, {k}"), "double") for x, k in found]
     places = [w.variable(w.load(end)) for end in ends]
     done = w.variable("0", "i64")
@@ -317,7 +319,7 @@ def assembly(program, lanes):
         good = w.new(f"and i1 {good}, {w.finite(value)}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
-    if lanes == 1 and count == many:
+    if lanes == 1 and whole == many:
         silent = w.new("icmp eq ptr %out, null")
         w.begin("write", f"i1 {silent}, label %next, label %write")
         row = w.new(f"mul i64 {before}, {many}")

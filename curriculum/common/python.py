@@ -115,18 +115,24 @@ class Columns:
     def __init__(self, source):
         self.function = compiled(source, COLUMNS)
 
-    @np.errstate(all="ignore")
     def __call__(self, state, count, out, *knobs):
         for first in range(0, state.shape[1], PIECE):
-            ends, most = (x[:, first : first + PIECE] for x in (state, out))
-            row, rows = tuple(ends.copy()), []
-            for _ in range(count):
-                self.function(row[: len(ends)], 1, rows.append, *knobs)
-                row = rows.pop()
-                for largest, made in zip(most, row[len(ends) :], strict=True):
-                    np.maximum(largest, made, out=largest)
-            for end, value in zip(ends, row, strict=False):
-                end[:] = value
+            some = slice(first, first + PIECE)
+            self.piece(state[:, some], count, out[:, some], *knobs)
+
+    @np.errstate(all="ignore")
+    def piece(self, ends, count, most, *knobs):
+        """Some members, whose columns stay near the processor."""
+        last = []
+
+        def keep(row):
+            last[:] = row
+            for largest, made in zip(most, row[len(ends) :], strict=True):
+                np.maximum(largest, made, out=largest)
+
+        self.function(tuple(ends.copy()), count, keep, *knobs)
+        for end, value in zip(ends, last, strict=False):
+            end[:] = value
 
 
 class OneByOne:
