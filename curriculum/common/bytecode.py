@@ -215,7 +215,7 @@ def reader_lines(lanes):
     w.begin("finish", f"i1 {more}, label %step, label %finish")
     pointers = [f"ptr noalias %{x}" for x in ("registers", "rows", "out")]
     head = f"i64 @run({', '.join(pointers)}, i64 %count, i64 %many, i64 %trouble)"
-    return w.function(head, f"i64 {w.load(done, 'i64')}") + native.declared()
+    return w.function(head, f"i64 {w.load(done, 'i64')}")
 
 
 @cache

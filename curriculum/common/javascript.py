@@ -78,9 +78,7 @@ class Writer(Language):
         self.given = dict.fromkeys(parameters) | given
         ((lines, results),) = self.write(program.tape, program.out)
         used = words([*lines, *results])
-        head = [
-            self.assigned.format(x, text) for x, text in given.items() if x in used and x != text
-        ]
+        head = [self.assigned.format(x, given[x]) for x in given if x in used and x != given[x]]
         return self.function(parameters, self.split(head + lines, results), results)
 
     def calls(self, program, rows, names, signed, taken=()):
@@ -107,12 +105,11 @@ class Writer(Language):
         """A loop, which throws a Stop if it comes to no end."""
         names = loop.names
         size, last, turn = (f"{word}_{names[0]}" for word in ("size", "last", "turn"))
-        starts = zip(names, map(signed, loop.start), strict=True)
         (test, (now,)), (rest, following) = self.write(loop.tape, [loop.size], loop.following)
         ends = f"{size} <= 1 || ({last} <= {size} && {size} <= {self.number(loop.nearly)})"
         changed = {name: x for name, x in zip(names, following, strict=True) if x != name}
         lines = [
-            *(f"let {name} = {start};" for name, start in starts),
+            *(f"let {name} = {x};" for name, x in zip(names, map(signed, loop.start), strict=True)),
             f"let {last} = Infinity;",
             f"for (let {turn} = 0; ; {turn}++) {{",
             f"if ({turn} === {loop.most}) throw new Stop({json.dumps(loop.complaint)});",

@@ -13,8 +13,8 @@ CHOICE, PRODUCT, MINUS, ATOM = 0, 3, 4, 5
 class Language:
     """A subclass has the words: `number`, how a float is written; `functions` {sign: name}.
 
-    `assigned`: a line that gives a name to an expression. `minus`: how tightly that has to bind
-    which has a sign before it.
+    `assigned`: a line that gives a name to an expression. `minus`: how tightly what follows a sign
+    has to bind. `call`, `lanes` and `loop`: lines of a part, whose symbols are signed(symbol) here.
     """
 
     def write(self, tape, *groups, given=None):

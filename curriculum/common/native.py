@@ -336,13 +336,7 @@ def assembly(program, lanes):
     head += "ptr noalias %knobs, ptr noalias %unsettled)"
     lines = w.function(head, f"i64 {w.load(done, 'i64')}")
     lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
-    return "\n".join(sum(w.routines.values(), lines + declared()))
-
-
-def declared():
-    """Lines that name the functions of the C library."""
-    given = {name: "double, double" if name == "pow" else "double" for name in LIBRARY.values()}
-    return [f"declare double @c_{name}({kinds})" for name, kinds in given.items()]
+    return "\n".join(sum(w.routines.values(), lines))
 
 
 def address(array):
@@ -363,6 +357,8 @@ def compiled(text, best=True):
         llvm.initialize_native_asmprinter()
         c = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
         for name in LIBRARY.values():  # by other names: else LLVM would put x * x for pow(x, 2)
+            kinds = "double, double" if name == "pow" else "double"
+            text += f"\ndeclare double @c_{name}({kinds})"
             llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
         module = llvm.parse_assembly(text)
         host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}

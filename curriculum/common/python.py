@@ -81,8 +81,7 @@ class Python(Language):
 def source_of(program):
     """A function f(state, count, keep, *knobs) that a program is, in Python.
 
-    It puts the first results in place of the inputs `count` times, and calls keep(results) after
-    each.
+    `count` times its first results become the state, and it calls keep(results).
     """
     python, entries = Python(), len(program.inputs)
     (first, _), (lines, results) = python.write(program.tape, program.lasting(), program.out)
@@ -99,10 +98,7 @@ def source_of(program):
 
 
 def compiled(source, space):
-    """The function f of a source: of floats with NUMBERS, of columns of floats with COLUMNS.
-
-    Columns go through what has no loop.
-    """
+    """The function f of a source: of floats with NUMBERS, of columns with COLUMNS."""
     exec(source, space := dict(space))
     return space["f"]
 
