@@ -214,7 +214,7 @@ def reader_lines(lanes):
     w.begin("finish", f"i1 {more}, label %step, label %finish")
     pointers = [f"ptr noalias %{x}" for x in ("registers", "rows", "out")]
     head = f"i64 @run({', '.join(pointers)}, i64 %count, i64 %many, i64 %trouble)"
-    return w.function(head, f"i64 {w.load(done, 'i64')}") + native.declared()
+    return w.function(head, f"i64 {w.load(done, 'i64')}")
 
 
 @cache
@@ -233,8 +233,7 @@ class Bytecode:
     """
 
     def __init__(self, program, lanes=1):
-        with native.asking_llvm():
-            self.function, self.engine = reader(lanes)
+        self.function, self.engine = reader(lanes)
         found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
         self.registers = len(found.known)

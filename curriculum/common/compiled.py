@@ -162,8 +162,8 @@ class Compiled:
         if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)
-        if native.failure() and not self.alone.machine:
-            self.way = f"compiled to Python; {native.failure()}"
+        if native.FAILED and not self.alone.machine:
+            self.way = f"compiled to Python; {native.FAILED[0]}"
 
     def to_machine(self, best=True):
         """Machine code from here on; the best takes a few times as long to make."""

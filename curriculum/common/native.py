@@ -5,15 +5,12 @@ No fast-math, nothing contracted; sin, exp and the like are the C library's, as 
 extra `fast`; without it, and once it has failed, `available()` is false, and all goes another way.
 """
 
-import contextlib
 import ctypes
 import os
 import struct
 from collections import namedtuple
-from copy import copy
-from functools import cache
 from importlib.util import find_spec
-from itertools import count
+from itertools import chain, count
 
 from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.cli import shorten
@@ -28,7 +25,7 @@ COMPARED = {"<": "olt", "<=": "ole", "max": "oge", "min": "ole", "where": "une"}
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 CORES = os.cpu_count() or 1
 UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
-FAILED = []  # why llvmlite cannot be used, once that has been found out
+FAILED = []  # why llvmlite cannot be used though it is installed, once that has been found out
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -40,27 +37,7 @@ class Unavailable(Exception):
 
 def available():
     """Whether llvmlite is installed, and has not failed yet."""
-    return failure() is None and find_spec("llvmlite") is not None
-
-
-def failure():
-    """Why there is no machine code though llvmlite is installed, in words; None if it works."""
-    return FAILED[0] if FAILED else None
-
-
-@contextlib.contextmanager
-def asking_llvm():
-    """What goes wrong meanwhile is raised as Unavailable, and no further attempt is made.
-
-    llvmlite may be of another version or for another processor, or not find memory: whatever it
-    then raises, the same steps can be had from Python.
-    """
-    try:
-        yield
-    except Exception as why:
-        text = " ".join(str(why).split()) or type(why).__name__
-        FAILED[:] = [f"llvmlite fails: {shorten(text)}"]
-        raise Unavailable(FAILED[0]) from why
+    return not FAILED and find_spec("llvmlite") is not None
 
 
 class Writer:
@@ -71,20 +48,17 @@ class Writer:
     """
 
     def __init__(self, lanes, routines, alone):
-        self.routines, self.alone = routines, alone
-        self.top, self.lines, self.count = [], [], count()
-        self.set_lanes(lanes)
-
-    def set_lanes(self, lanes):
-        self.lanes = lanes
+        self.lanes, self.routines, self.alone = lanes, routines, alone
         self.type = "double" if lanes == 1 else f"<{lanes} x double>"
-        self.truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
-        self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
+        self.truth = self.type.replace("double", "i1")
+        self.top, self.lines, self.count = [], [], count()
 
     def widened(self, many):
-        """A writer of the same lines whose values have `many` lanes, or a power of two."""
-        wide = copy(self)
-        wide.set_lanes(max(4, 1 << (many - 1).bit_length()))
+        """A writer of the same lines whose values have at least `many` lanes; of one: this."""
+        if many == 1:
+            return self
+        wide = Writer(max(4, 1 << (many - 1).bit_length()), self.routines, self.alone)
+        wide.top, wide.lines, wide.count = self.top, self.lines, self.count
         return wide
 
     def new(self, text):
@@ -138,59 +112,52 @@ class Writer:
         return self.new(f"fneg {self.type} {value}") if minus else value
 
     def gathered(self, wide, env, symbols):
-        """A vector, for the writer `wide`, of symbols; copies of the last fill it up."""
-        filled = [min(k, len(symbols) - 1) for k in range(wide.lanes)]
+        """A value for the writer `wide`: of symbols, and copies of the last, which fill it up."""
+        if wide is self:
+            return self.value(env, symbols[0])
         lanes = [None if s.minus else env.get(s.x) for s in symbols]
         if all(isinstance(x, Lane) for x in lanes) and len({x.vector for x in lanes}) == 1:
-            kind, vector, _, many = lanes[0]
+            kind, made, _, many = lanes[0]
             numbers = [x.number for x in lanes]
             if numbers == [*range(many)]:
-                return vector
-            return self.shuffled(kind, vector, [numbers[k] for k in filled])
-        values = [self.value(env, s) for s in symbols]
-        given = [values[k] if values[k].startswith("0x") else "poison" for k in filled]
-        made = f"<{', '.join(f'double {x}' for x in given)}>"
-        for k, x in enumerate(values):
-            if given[k] == "poison":
-                made = self.new(f"insertelement {wide.type} {made}, double {x}, i32 {k}")
-        return made if given[-1] != "poison" else self.shuffled(wide.type, made, filled)
-
-    def shuffled(self, kind, vector, numbers):
-        """A vector of some lanes, by number, of another of type `kind`."""
-        mask = ", ".join(f"i32 {k}" for k in numbers)
-        mask = f"<{len(numbers)} x i32> <{mask}>"
-        return self.new(f"shufflevector {kind} {vector}, {kind} poison, {mask}")
+                return made
+        else:
+            kind, made, numbers = wide.type, "poison", [*range(len(symbols))]
+            values = [f"double {self.value(env, s)}" for s in symbols]
+            if all(isinstance(s.x, float) for s in symbols):
+                return f"<{', '.join(values + values[-1:] * (wide.lanes - len(values)))}>"
+            for k, value in enumerate(values):
+                made = self.new(f"insertelement {kind} {made}, {value}, i32 {k}")
+        numbers += numbers[-1:] * (wide.lanes - len(numbers))
+        mask = f"<{wide.lanes} x i32> <{', '.join(f'i32 {k}' for k in numbers)}>"
+        return self.new(f"shufflevector {kind} {made}, {kind} poison, {mask}")
 
     def spread(self, vector, many):
-        """Its first `many` numbers."""
-        return [Lane(self.type, vector, k, many) for k in range(many)]
+        """The `many` numbers that were gathered in it."""
+        return [Lane(self.type, vector, k, many) for k in range(many)] if many > 1 else [vector]
 
     def operation(self, sign, values):
-        """What one operation makes of values."""
+        """What one operation makes of values; max and min make NaN if one of them is."""
         if sign in ARITHMETIC:
             return self.new(f"{ARITHMETIC[sign]} {self.type} {', '.join(values)}")
         if sign in LIBRARY:
             return self.library(f"@c_{LIBRARY[sign]}", values)
-        if sign in COMPARED:
-            return self.compared(sign, *values)
-        function = "fabs" if sign == "abs" else sign
-        called = f"@llvm.{function}.{self.suffix}"
-        return self.new(f"call {self.type} {called}({self.type} {values[0]})")
-
-    def compared(self, sign, a, b, c=None):
-        """What depends on a comparison: 1 or 0, one of two numbers, or NaN if one of them is."""
-        truth = self.new(
-            f"fcmp {COMPARED[sign]} {self.type} {a}, {b if c is None else self.constant(0.0)}"
-        )
+        if sign not in COMPARED:
+            function = "fabs" if sign == "abs" else sign
+            suffix = "f64" if self.lanes == 1 else f"v{self.lanes}f64"
+            return self.new(f"call {self.type} @llvm.{function}.{suffix}({self.type} {values[0]})")
+        a, b, *_ = values
+        chosen = (a, b) if sign in ("max", "min") else (self.constant(1.0), self.constant(0.0))
         if sign == "where":
-            chosen = b, c
-        elif sign in ("max", "min"):
+            b, chosen = self.constant(0.0), values[1:]
+        truth = self.new(f"fcmp {COMPARED[sign]} {self.type} {a}, {b}")
+        if sign in ("max", "min"):
             odd = self.new(f"fcmp uno {self.type} {a}, {a}")
-            truth, chosen = self.new(f"or {self.truth} {truth}, {odd}"), (a, b)
-        else:
-            chosen = self.constant(1.0), self.constant(0.0)
-        first, second = (f"{self.type} {value}" for value in chosen)
-        return self.new(f"select {self.truth} {truth}, {first}, {second}")
+            truth = self.new(f"or {self.truth} {truth}, {odd}")
+        return self.choice(truth, self.type, *chosen)
+
+    def choice(self, truth, kind, a, b):
+        return self.new(f"select {self.truth} {truth}, {kind} {a}, {kind} {b}")
 
     def finite(self, value):
         """Whether it is a number, and not infinite: then less itself it is zero, and else NaN."""
@@ -221,29 +188,34 @@ class Writer:
 
     def call(self, call, env):
         """A routine, which finds its arguments in memory, and leaves its results there."""
-        program, place = call.program, self.memory(self.type, len(call.names))
-        given = self.memory(self.type, len(call.arguments))
-        name = f"@r{id(program)}_{self.lanes}"
+        tape, made = call.program.tape, call.program.made
+        name = f"@r{id(call.program)}_{self.lanes}"
         if name not in self.routines:
-            self.routines[name] = []  # known to those that it calls
-            self.routines[name] = routine(name, program, self.lanes, self.routines, self.alone)
+            w = Writer(self.lanes, self.routines, self.alone)
+            inner = {x: w.load(w.entry("%in", k)) for k, x in enumerate(call.program.inputs)}
+            w.operations(tape, tape.needed(made), inner)
+            for k, s in enumerate(made):
+                w.store(w.value(inner, s), w.entry("%out", k))
+            inline = "alwaysinline" if len(tape.nodes) <= INLINE else "noinline"
+            head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
+            self.routines[name] = w.function(head, "void")
+        given = self.memory(self.type, len(call.arguments))
+        place = self.memory(self.type, len(made))
         for k, s in enumerate(call.arguments):
             self.store(self.value(env, s), self.entry(given, k))
         self.lines.append(f"  call void {name}(ptr {given}, ptr {place})")
-        env |= {made: self.load(self.entry(place, k)) for k, made in enumerate(call.names)}
+        env |= {x: self.load(self.entry(place, k)) for k, x in enumerate(call.names)}
+
+    def pieces(self, many):
+        """So many rows in pieces, one a vector, about equally long; of one if lanes are members."""
+        size = -(-many // -(-many // LANES)) if self.lanes == 1 else 1
+        return [slice(k, k + size) for k in range(0, many, size)]
 
     def side_by_side(self, lanes, env):
         """Rows as lanes of vectors; or in turn, where the lanes are members."""
         program = lanes.program
         needed = program.tape.needed(program.made)
-        if self.lanes > 1:
-            for row, names in zip(lanes.rows, lanes.names, strict=True):
-                given = [self.value(env, s) for s in row]
-                inner = env | dict(zip(program.inputs, given, strict=True))
-                self.operations(program.tape, needed, inner)
-                env |= {x: self.value(inner, s) for x, s in zip(names, program.made, strict=True)}
-            return
-        for piece in pieces(len(lanes.rows)):
+        for piece in self.pieces(len(lanes.rows)):
             wide = self.widened(len(lanes.rows[piece]))
             inner = {x: self.gathered(wide, env, [Symbol(None, x)]) for x in lanes.taken}
             columns = zip(*lanes.rows[piece], strict=True)
@@ -254,145 +226,101 @@ class Writer:
                 numbers = wide.spread(wide.value(inner, s), len(names))
                 env |= zip(names, numbers, strict=True)
 
+    def groups(self, loop):
+        """The names that a loop changes; what Lanes make for all rows stays one vector."""
+        following = zip(loop.names, loop.following, strict=True)
+        at = {s.x: name for name, s in following if not s.minus}
+        groups = []
+        for part in loop.tape.parts.values():
+            for piece in self.pieces(len(part.names)) if isinstance(part, Lanes) else ():
+                columns = zip(*part.names[piece], strict=True)
+                groups += [[at[x] for x in column] for column in columns if at.keys() >= {*column}]
+        grouped = {*chain(*groups)}
+        return groups + [[name] for name in loop.names if name not in grouped]
+
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
-        k, t, truth, tape = next(self.count), self.type, self.truth, loop.tape
-        groups = vectors(loop) if self.lanes == 1 else [[k] for k in range(len(loop.names))]
-        writers = [self if len(group) == 1 else self.widened(len(group)) for group in groups]
+        k, truth, groups = next(self.count), self.truth, self.groups(loop)
+        writers = [self.widened(len(group)) for group in groups]
 
         def joined(env, symbols):
-            """A value for each group of symbols."""
-            for w, group in zip(writers, groups, strict=True):
-                some = [symbols[k] for k in group]
-                yield self.value(env, some[0]) if w is self else self.gathered(w, env, some)
+            """A value for each group, of a symbol for each name."""
+            at = dict(zip(loop.names, symbols, strict=True))
+            some = ([at[name] for name in group] for group in groups)
+            return [self.gathered(w, env, x) for w, x in zip(writers, some, strict=True)]
 
         def named(values):
             """The numbers of the groups' values, by name."""
-            found = {}
-            for w, group, value in zip(writers, groups, values, strict=True):
-                numbers = [value] if w is self else w.spread(value, len(group))
-                found |= zip([loop.names[k] for k in group], numbers, strict=True)
-            return found
+            numbers = map(Writer.spread, writers, values, map(len, groups))
+            return dict(zip(chain(*groups), chain(*numbers), strict=True))
 
-        start = joined(env, loop.start)
-        places = [w.variable(value) for w, value in zip(writers, start, strict=True)]
+        places = list(map(Writer.variable, writers, joined(env, loop.start)))
         turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
         last = self.variable(self.constant(np.inf))
         self.begin(f"head{k}")
-        turns, before = self.load(turn, "i64"), self.load(done, truth)
-        values = [w.load(place) for w, place in zip(writers, places, strict=True)]
+        before = self.load(done, truth)
+        values = list(map(Writer.load, writers, places))
         inner = env | named(values)
-        more = self.new(f"icmp slt i64 {turns}, {loop.most}")
-        self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
-        self.operations(tape, loop.test, inner)
+        self.operations(loop.tape, loop.test, inner)
         size = self.value(inner, loop.size)
-        good = self.new(f"fcmp ole {t} {size}, {self.constant(1.0)}")
-        small = self.new(f"fcmp ole {t} {size}, {self.constant(loop.nearly)}")
-        falls = self.new(f"fcmp ole {t} {self.load(last)}, {size}")
+        least = f"fcmp ole {self.type}"
+        good = self.new(f"{least} {size}, {self.constant(1.0)}")
+        small = self.new(f"{least} {size}, {self.constant(loop.nearly)}")
+        falls = self.new(f"{least} {self.load(last)}, {size}")
         for also in (self.new(f"and {truth} {falls}, {small}"), before):
             good = self.new(f"or {truth} {good}, {also}")
         self.store(size, last)
         self.store(good, done, truth)
         ready = self.reduced("and", good)
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
-        self.operations(tape, loop.rest, inner)
-        following = list(joined(inner, loop.following))
+        self.operations(loop.tape, loop.rest, inner)
+        following = joined(inner, loop.following)
         for w, place, old, new in zip(writers, places, values, following, strict=True):
-            w.store(w.new(f"select {truth} {good}, {w.type} {old}, {w.type} {new}"), place)
-        self.store(self.new(f"add i64 {turns}, 1"), turn, "i64")
-        self.begin(f"end{k}", f"label %head{k}")
+            w.store(self.choice(good, w.type, old, new), place)
+        turns = self.new(f"add i64 {self.load(turn, 'i64')}, 1")
+        self.store(turns, turn, "i64")
+        more = self.new(f"icmp slt i64 {turns}, {loop.most}")
+        self.begin(f"end{k}", f"i1 {more}, label %head{k}, label %end{k}")
         good, ends = self.load(done, truth), []
         for w, place in zip(writers, places, strict=True):
-            end, nan = w.load(place), w.constant(np.nan)
-            ends.append(w.new(f"select {truth} {good}, {w.type} {end}, {w.type} {nan}"))
+            ends.append(self.choice(good, w.type, w.load(place), w.constant(np.nan)))
         env |= named(ends)
         if self.alone:  # a size that is not finite has another cause
-            finite = self.finite(self.load(last))
-            lost = self.new(f"select {truth} {good}, {truth} zeroinitializer, {truth} {finite}")
+            lost = self.choice(good, truth, "zeroinitializer", self.finite(self.load(last)))
             never = self.new(f"or i1 {self.load(UNSETTLED, 'i1')}, {self.reduced('or', lost)}")
             self.store(never, UNSETTLED, "i1")
 
     def function(self, head, result):
         """All lines of the function; vectors on its stack do not cross lines of the cache."""
-        return [
-            f"define {head} alignstack(64) {{",
-            "top:",
-            *self.top,
-            *self.lines,
-            f"  ret {result}",
-            "}",
-        ]
-
-
-def pieces(many):
-    """So many rows in pieces for one vector each: at most LANES, about equally many."""
-    size = -(-many // -(-many // LANES))
-    return [slice(k, k + size) for k in range(0, many, size)]
-
-
-def vectors(loop):
-    """What a loop changes, by number, in groups: what Lanes make for all rows stays one vector."""
-    left = dict.fromkeys(range(len(loop.names)))
-    at = {s.x: k for k, s in enumerate(loop.following) if not s.minus}
-    groups = []
-    for part in loop.tape.parts.values():
-        for piece in pieces(len(part.names)) if isinstance(part, Lanes) else ():
-            columns = zip(*part.names[piece], strict=True)
-            groups += [[at[x] for x in column] for column in columns if at.keys() >= set(column)]
-    for group in groups:
-        for k in group:
-            del left[k]
-    return groups + [[k] for k in left]
-
-
-def routine(name, program, lanes, routines, alone):
-    """A Routine's program as a function, which reads and writes memory."""
-    w = Writer(lanes, routines, alone)
-    env = {x: w.load(w.entry("%in", k)) for k, x in enumerate(program.inputs)}
-    w.operations(program.tape, program.tape.needed(program.made), env)
-    for k, s in enumerate(program.made):
-        w.store(w.value(env, s), w.entry("%out", k))
-    inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
-    head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
-    return w.function(head, "void")
+        start = f"define {head} alignstack(64) {{"
+        return [start, "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, members, knobs, unsettled): how many steps were done.
+    """i64 run(state, count, out, members, knobs, unsettled): see Native.
 
-    Of `lanes` members out of many. state (entries, members): where they begin, and then where they
-    end. out (numbers, members), if the program makes numbers besides: the largest that were made,
-    or what stood there if that is larger. If it makes none, and for a single member only: out
-    (count, entries), every state, or null. knobs (knobs, lanes). A single member ends with a step
-    whose end is not finite, which is not counted; `unsettled` becomes 1 if a loop that came to no
-    end is to blame, and else 0.
+    `members`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0.
     """
-    w, tape, many = Writer(lanes, {}, lanes == 1), program.tape, len(program.inputs)
-    numbers = len(program.out) - many
-    state_at, most_at = (
-        [w.entry(array, w.new(f"mul i64 %members, {k}"), "double") for k in range(count)]
-        for array, count in (("%state", many), ("%out", numbers))
-    )
-    state = [w.variable(w.load(place)) for place in state_at]
-    most = [w.variable(w.load(place)) for place in most_at]
+    w, many, whole = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
+    found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(whole - many)]
+    ends = [w.entry(x, w.new(f"mul i64 %members, {k}"), "double") for x, k in found]
+    places = [w.variable(w.load(end)) for end in ends]
     done = w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
     w.store("false", UNSETTLED, "i1")
     w.begin("step")
     before = w.load(done, "i64")
-    env |= {name: w.load(place) for name, place in zip(program.inputs, state, strict=True)}
-    w.operations(tape, tape.needed(program.out), env)
+    env |= zip(program.inputs, map(w.load, places[:many]), strict=True)
+    w.operations(program.tape, program.tape.needed(program.out), env)
     out = [w.value(env, s) for s in program.out]
-    for value, place in zip(out[:many], state, strict=True):
-        w.store(value, place)
-    for value, place in zip(out[many:], most, strict=True):
-        w.store(w.compared("max", w.load(place), value), place)
+    for k, (value, place) in enumerate(zip(out, places, strict=True)):
+        w.store(value if k < many else w.operation("max", [w.load(place), value]), place)
     good = "true"
     for value in out[:many] if lanes == 1 else ():
         good = w.new(f"and i1 {good}, {w.finite(value)}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
-    if lanes == 1 and not numbers:
+    if lanes == 1 and whole == many:
         silent = w.new("icmp eq ptr %out, null")
         w.begin("write", f"i1 {silent}, label %next, label %write")
         row = w.new(f"mul i64 {before}, {many}")
@@ -402,34 +330,14 @@ def assembly(program, lanes):
     more = w.new(f"icmp slt i64 {after}, %count")
     more = w.new(f"and i1 {more}, {good}")
     w.begin("end", f"i1 {more}, label %step, label %end")
-    for place, end in zip(state + most, state_at + most_at, strict=True):
+    for place, end in zip(places, ends, strict=True):
         w.store(w.load(place), end)
-    pointers = "ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, ptr noalias %knobs"
-    pointers += ", ptr noalias %unsettled"
-    never = w.new(f"zext i1 {w.load(UNSETTLED, 'i1')} to i64")
-    w.store(never, "%unsettled", "i64")
-    lines = w.function(f"i64 @run({pointers})", f"i64 {w.load(done, 'i64')}")
+    w.store(w.new(f"zext i1 {w.load(UNSETTLED, 'i1')} to i64"), "%unsettled", "i64")
+    head = "i64 @run(ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, "
+    head += "ptr noalias %knobs, ptr noalias %unsettled)"
+    lines = w.function(head, f"i64 {w.load(done, 'i64')}")
     lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
-    return "\n".join(sum(w.routines.values(), lines + declared()))
-
-
-def declared():
-    """Lines that name the functions of the C library."""
-    given = {name: "double, double" if name == "pow" else "double" for name in LIBRARY.values()}
-    return [f"declare double @c_{name}({kinds})" for name, kinds in given.items()]
-
-
-@cache
-def library():
-    """llvmlite's binding, ready; and it knows the functions of the C library by other names."""
-    import llvmlite.binding as llvm
-
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    c = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
-    for name in LIBRARY.values():  # else LLVM would put x * x for pow(x, 2)
-        llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
-    return llvm
+    return "\n".join(sum(w.routines.values(), lines))
 
 
 def address(array):
@@ -438,18 +346,35 @@ def address(array):
 
 
 def compiled(text, best=True):
-    """The engine that has the functions of a text in LLVM's language, optimized if `best`."""
-    llvm = library()
-    module = llvm.parse_assembly(text)
-    host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
-    target = llvm.Target.from_default_triple()
-    machine = target.create_target_machine(opt=2 * best, jit=True, **host)
-    if best:
-        options = llvm.create_pipeline_tuning_options(speed_level=1)
-        builder = llvm.create_pass_builder(machine, options)
-        builder.getModulePassManager().run(module, builder)
-    engine = llvm.create_mcjit_compiler(module, machine)
-    engine.finalize_object()
+    """The engine that has the functions of a text in LLVM's language, optimized if `best`.
+
+    Whatever goes wrong is raised as Unavailable, and no further attempt is made: llvmlite may be of
+    another version or for another processor, and the same steps can be had from Python.
+    """
+    try:
+        import llvmlite.binding as llvm
+
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        c = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
+        for name in LIBRARY.values():  # by other names: else LLVM would put x * x for pow(x, 2)
+            kinds = "double, double" if name == "pow" else "double"
+            text += f"\ndeclare double @c_{name}({kinds})"
+            llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
+        module = llvm.parse_assembly(text)
+        host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
+        target = llvm.Target.from_default_triple()
+        machine = target.create_target_machine(opt=2 * best, jit=True, **host)
+        if best:
+            options = llvm.create_pipeline_tuning_options(speed_level=1)
+            builder = llvm.create_pass_builder(machine, options)
+            builder.getModulePassManager().run(module, builder)
+        engine = llvm.create_mcjit_compiler(module, machine)
+        engine.finalize_object()
+    except Exception as why:
+        text = " ".join(str(why).split()) or type(why).__name__
+        FAILED[:] = [f"llvmlite fails: {shorten(text)}"]
+        raise Unavailable(FAILED[0]) from why
     return engine
 
 
@@ -460,7 +385,6 @@ class Native:
     is made many times sooner. Raises Unavailable.
     """
 
-    @asking_llvm()
     def __init__(self, program, lanes=1, best=True):
         self.engine = compiled(assembly(program, lanes), best)
         word, pointer = ctypes.c_int64, ctypes.c_void_p
@@ -471,16 +395,14 @@ class Native:
     def __call__(self, state, count, out, *knobs):
         """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
 
-        Members come by `lanes`. out (numbers, members), part of an array like it, or None: see
-        `assembly`. Of a single member it may be (count, entries) and becomes all states; it ends
-        with a step whose end is not finite, which is not counted. `unsettled`: whether a loop that
-        came to no end is to blame.
+        out (numbers, members), part of an array like it, becomes the largest that the program has
+        made besides, or stays what it was if that is larger. If it makes none, and of a single
+        member, out is (count, entries), all states, or None. A single member ends with a step whose
+        end is not finite, which is not counted; `unsettled`: since a loop came to no end.
         """
-        many = self.lanes * len(knobs)
-        given = (ctypes.c_double * many)(*[x for x in knobs for _ in range(self.lanes)])
-        apart, done, unsettled = state.strides[0] // 8, count, ctypes.c_int64()
-        begin, rows, told = address(state), address(out), ctypes.byref(unsettled)
+        begin, rows, apart = address(state), address(out), state.strides[0] // 8
+        given, unsettled = np.repeat(np.array(knobs, float), self.lanes), np.zeros(1, np.int64)
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
-            place = rows and rows + first
-            done = self.function(begin + first, count, place, apart, given, told)
-        return done, bool(unsettled.value)
+            rest = rows and rows + first, apart, address(given), address(unsettled)
+            done = self.function(begin + first, count, *rest)
+        return done, bool(unsettled)
