@@ -105,7 +105,7 @@ def test_a_study_is_run_by_its_name_with_its_flags(tmp_path, capsys):
 def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(
     tmp_path, monkeypatch, capsys
 ):
-    pytest.importorskip("llvmlite", reason="the extra fast brings it")
+    llvmlite = pytest.importorskip("llvmlite", reason="the extra fast brings it")
 
     def metrics():
         c.main([*NUMBERS, "--steps", "100000", "--out", str(tmp_path)])
@@ -114,9 +114,10 @@ def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(
     machine = metrics()
     assert "compiled to machine code" in capsys.readouterr().out.replace("\n", " ")
     another = mock.Mock(side_effect=OSError("built for another\nprocessor"))
-    for library, why in ((another, "another processor"), (SimpleNamespace, "attribute")):
+    begins = SimpleNamespace(initialize_native_target=another)
+    for binding, why in ((begins, "another processor"), (SimpleNamespace(), "attribute")):
         monkeypatch.setattr(native, "FAILED", [])
-        monkeypatch.setattr(native, "library", library)
+        monkeypatch.setattr(llvmlite, "binding", binding)
         assert metrics() == machine
         told = " ".join(capsys.readouterr().out.partition("\n\n")[0].split())
         assert told.count("compiled to Python; llvmlite fails: ") == 1 and why in told
