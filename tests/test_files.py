@@ -36,10 +36,15 @@ def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
 
+@pytest.mark.parametrize("links", [True, False])
 @pytest.mark.parametrize(("call", "error"), FAILS)
-def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(call, error, tmp_path, monkeypatch):
-    """Whatever was written, replaced, made or removed before it."""
+def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(
+    call, error, links, tmp_path, monkeypatch
+):
+    """Whatever was written, replaced, made or removed before it; also on a disk without links."""
     usual = getattr(files.Path, call)
+    if not links:
+        monkeypatch.setattr(os, "link", mock.Mock(side_effect=PermissionError))
 
     def failing(path, x):
         if path.name == "d" and path.parent.name.endswith("-new"):

@@ -42,8 +42,8 @@ def write_together(folder, contents):
                 if content is not None:
                     made = content.encode() if isinstance(content, str) else content
                     (new / name).write_bytes(made)
-                with contextlib.suppress(OSError):  # none is there, or the disk knows no links
-                    os.link(folder / name, old / name)
+                if os.path.lexists(folder / name):
+                    keep(folder / name, old / name)
         replaced = []
         with undisturbed():
             try:
@@ -55,6 +55,14 @@ def write_together(folder, contents):
                 for name in replaced:
                     move(old / name, folder / name)
                 raise
+
+
+def keep(path, second):
+    """Have a file under a second name, too; on a disk that knows no links, a copy of it."""
+    try:
+        os.link(path, second)
+    except OSError:
+        shutil.copy2(path, second)
 
 
 def move(source, target):
