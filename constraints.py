@@ -307,7 +307,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
     system = {"anchors": PIVOT[None], **system}  # PIVOT, unless the system names anchors
-    system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS)
+    system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS, PIVOT)
     step_fn = followed(step_fn, getattr(force, "after", None))  # your own force may have none
 
     def measure(q, v):
@@ -425,7 +425,7 @@ def main(argv=None):
     for mode in banner.work.each(modes):
         watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
         runs[mode] = run(mode, rule, dt, steps, [truth.step, *shown], partial(usual, watch=watch))
-        pulls[mode] = mapped(partial(tensions, system, hold=holds[mode]))
+        pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))
     scale = energy_scale(system, GRAVITY)  # m g L, in J
     rows = {mode: runs[mode].summary(scale, truth) for mode in modes}
     motion = ruler.true_motion(partial(run, "project"), system, dt, shown, truth)

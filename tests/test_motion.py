@@ -2,6 +2,7 @@
 
 import json
 import math
+from argparse import ArgumentTypeError
 from itertools import product
 from types import SimpleNamespace
 
@@ -201,3 +202,11 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
 
     found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown, ruler.Truth(0))
     assert len(found) == 3
+
+
+def test_where_no_mode_gets_through_no_step_is_chosen():
+    def lost(*_):
+        return SimpleNamespace(stopped="diverged at step 1", halved=0)
+
+    with pytest.raises(ArgumentTypeError, match="no mode gets through 2 s whole, in steps of"):
+        ruler.step_for(1e-6, 2.0, None, [lost, lost], {"gauss:6": None})

@@ -136,6 +136,11 @@ def test_energy_that_jumps_in_a_step_is_told_of():
     assert not any("jumps" in line for line in results()[1])
 
 
+def test_m_g_l_is_by_the_size_of_gravity(monkeypatch):
+    monkeypatch.setattr(c, "GRAVITY", np.array([6.0, -8.0, 0.0]))
+    assert energy_scale(DOUBLE) == 2.0 * 10.0 * 2.0
+
+
 def test_where_m_g_l_is_zero_an_error_of_energy_is_a_share_of_a_joule(monkeypatch):
     monkeypatch.setattr(c, "GRAVITY", 0.0 * c.GRAVITY)
     found, lines = results.__wrapped__("--system spin --stabilization none", 20)

@@ -31,7 +31,7 @@ UNFIT = MISTAKES["scenes"]["unfit"] | {
     "q0 is [[[0.0, 0.0, 0.0]]]; must be a list or an array (N, 3)": {"q0": np.zeros((1, 1, 3))},
     "of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "q0 is null; must be a list or an array (N, 3), each row three": {"q0": None},
-    "meet is 489300; must be 10000 at most": c.build_system("chain", links=700) | STAR,
+    "meet, is 489300; must be 10000 at most": c.build_system("chain", links=700) | STAR,
     "must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
     "keep can be gone through but once": {"keep": iter([1, 2])},
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
@@ -132,6 +132,17 @@ def test_a_length_in_a_file_is_judged_by_its_rods_own():
         Path("scene.json").write_text(json.dumps(scene))
         with told:
             assert c.build_system("scene.json")["lengths"] == [rods[0]["length"]]
+
+
+def test_a_system_without_anchors_hangs_on_the_pivot_wherever_that_is(monkeypatch):
+    monkeypatch.setattr(c, "PIVOT", np.array([0.0, 1.0, 0.0]))
+    full = c.build_system("pendulum")
+    bare = {key: full[key] for key in full if key != "anchors"}
+    one, other = (c.simulate(c.rk4_step, x, c.make_force(x, "none"), 0.1, 9) for x in (full, bare))
+    assert np.array_equal(one.tip, other.tip)
+    with pytest.raises(ValueError, match="anchors are not those of the run"):
+        elsewhere = full | {"anchors": [[0.0, 1.0, 1e-9]]}
+        c.simulate(c.rk4_step, elsewhere, c.make_force(bare, "none"), 0.1, 9)
 
 
 def test_a_force_of_another_system_is_refused_whatever_differs():

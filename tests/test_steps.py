@@ -10,7 +10,7 @@ from itertools import product
 from types import SimpleNamespace
 
 import constraints as c
-from curriculum.ch3_4_constraints.run_checks import misfit
+from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
 from curriculum.common import compiled, native
@@ -409,3 +409,41 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
     if quick and not alone.stopped and not alone.halved:
         q, v = side_by_side(alone, system, rule, mode, dt)
         assert np.array_equal(q, alone.q[1:]) and np.array_equal(v, alone.v[1:])
+
+
+@pytest.mark.parametrize("way", [Compiled, Plain])
+def test_a_run_whose_loop_gets_a_force_that_is_no_number_keeps_its_steps_watched_or_not(
+    way, monkeypatch
+):
+    system = c.build_system("braced")
+
+    def lost(q, v):
+        return 0.0 * v + np.sqrt(1.0 - 1e3 * np.sum(np.square(q - system["q0"])))
+
+    feel(monkeypatch, lost)
+    watch = watched(system, partial(c.unheld, system))
+    ways = way, partial(way, watch=watch)
+    alone, seen = (run(system, "semi_implicit", "none", steps=60, way=each) for each in ways)
+    assert 5 < len(alone.tip) < 60 and alone.stopped == seen.stopped
+    assert np.array_equal(seen.tip, alone.tip) and seen.watched > 0.0
+
+
+class Weight:
+    """A force that is a method."""
+
+    def of(self, system, q):
+        return 2.0 * system["m"] * c.GRAVITY
+
+
+def test_a_force_may_be_a_method_that_takes_no_v(monkeypatch):
+    with_v = run(DOUBLE, steps=9)
+    monkeypatch.setattr(c, "external_force", Weight().of)
+    assert run(DOUBLE, steps=9).tip[-1, 1] < with_v.tip[-1, 1]
+
+
+@pytest.mark.parametrize("way", [Compiled, Plain])
+def test_a_step_that_returns_more_than_q_and_v_is_told_of_by_its_line(way):
+    with pytest.raises(ValueError, match="too many values to unpack"):
+        c.simulate(
+            lambda q, v, *_: (q, v, 0), DOUBLE, c.make_force(DOUBLE, "none"), 0.1, 9, (), way
+        )

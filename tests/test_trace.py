@@ -3,7 +3,7 @@
 import contextlib
 from functools import partial
 
-from curriculum.common import native, programs
+from curriculum.common import native, programs, trace
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, mapped
@@ -102,6 +102,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "rows in a loop": rounds,
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
+EXAMPLES["counts"] = lambda x: x + np.sum((x > 0.5) * 1.0) - (x[0, 0] < x[1, 1]) * (x[0] <= 1.0)
 EXAMPLES |= {f"tangle {seed}": partial(tangle, seed) for seed in range(2)}
 INLINED = [(name, programs.INLINE) for name in EXAMPLES]
 INLINED += [(name, 0) for name in ("routines", "rows", "loops of routines")]
@@ -165,6 +166,34 @@ def test_any_function_of_small_arrays_is_compiled_exactly(name, inline, monkeypa
     for code, q, _ in in_every_code(function, CROWD):
         assert near(q, first) if isinstance(code, Columns) else np.array_equal(q, first)
     assert near(mapped(lambda q, v: function(q))(CROWD, 0.0 * CROWD), first)
+
+
+ROW = ordered([0.25, -2.0, 0.0])
+ASKED = {  # what numpy's functions are asked for besides: of numbers, and of symbols
+    "initial": lambda x: np.max(np.abs(x), initial=0.5),
+    "keepdims": lambda x: np.sum(x, keepdims=True) * np.max(x, axis=0, keepdims=True),
+    "places": lambda x: x[np.where(np.asarray([0, 1, 1]))[0][0] - 1],
+    "bounds": lambda x: np.clip(x, a_min=-1.0, a_max=0.1),
+    "of a number": lambda x: np.dot(2.0, x),
+    "a divisor of zero": lambda x: 1.0 / np.sum(0.0 * x[:, None], axis=0)[0] > 5.0,
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_what_is_asked_of_a_function_besides_is_never_left_out(name):
+    """Many states at once have what each has alone, and that is what numpy itself makes."""
+    function, many = ASKED[name], np.stack([ROW, -ROW, 0.1 * ROW])[:, None]
+    with np.errstate(all="ignore"):
+        alone = [np.asarray(function(ordered(q[0]))) for q in many]
+        assert np.array_equal(alone, [function(np.asarray(q[0])) for q in many])
+        found = mapped(lambda q, v: function(q[0]) * 1.0)(many, 0.0 * many)
+    assert np.array_equal(found, alone)
+
+
+def test_what_was_traced_before_does_not_decide_what_can_be(monkeypatch):
+    monkeypatch.setattr(trace, "LONG", 20)
+    mapped(lambda q, v: np.sum(q * q))(CROWD[:2], CROWD[:2])
+    assert len(program_of(EXAMPLES["tangle 0"]).tape.nodes) > 20
 
 
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong

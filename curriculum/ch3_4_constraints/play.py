@@ -14,7 +14,7 @@ from pathlib import Path
 
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
-from curriculum.ch3_4_constraints.systems import check_system
+from curriculum.ch3_4_constraints.systems import check_system, energy_scale
 from curriculum.common.javascript import PRELUDE, Writer, inexact
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
@@ -187,7 +187,7 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     data["masses"] = system["m"].ravel().tolist()
     data["start"] = [float(state[k][at]) for k, at in tracer.live]
     data["box"] = [corner[:axes].tolist() for corner in reach(system)]
-    data |= {"mgl": float(weight * size) or 1.0, "newtons": float(weight) or 1.0}
+    data |= {"mgl": float(energy_scale(system, chapter.GRAVITY)), "newtons": float(weight) or 1.0}
     data |= {"far": 100.0 * size, "knobs": {"dt": dt, "w": w, "T": time_constant}}
     data["lists"] = {key: sorted({float(x) for x in values}) for key, values in lists.items()}
     table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in tracer.steps.items())

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import shlex
+import shutil
 import sys
 import textwrap
 from functools import partial
@@ -24,8 +25,6 @@ results_folder = partial(writable, names=(METRICS, PICTURE, PAGE, RECORDING))  #
 
 def scene_list(counts, folder):
     """The systems, a line each: {name: how many rods} of those without a file, and a chapter's."""
-    import shutil  # here: no run needs it
-
     width = max(20, shutil.get_terminal_size().columns - 17)
     short = partial(textwrap.shorten, width=width, placeholder=" ...")
     return "\n".join(f"{name:<16} {short(text)}" for name, text in about(counts, folder).items())

@@ -7,6 +7,7 @@ from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
 from curriculum.common.ruler import RODS
+from curriculum.common.trace import Stop
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def misfit(hold, rule):
     if not hold or hold.rule in (None, rule):
         return None
     step = "which does not end a step at q + dt (v + dt a)"
-    return f"does not fit {rule}, {step}; give --integrator {hold.rule}"
+    return f"does not fit {rule}, {step}; take {hold.rule}"
 
 
 def fitting(modes, holds, rule):
@@ -47,10 +48,27 @@ def fitting(modes, holds, rule):
     return [mode for mode, why in reasons.items() if not why]
 
 
+def or_else(function, value):
+    """function(q, v), but `value` where it raises Stop, as where a run has ended."""
+
+    def asked(q, v):
+        try:
+            return function(q, v)
+        except Stop:
+            return value
+
+    return asked
+
+
 def watched(system, function):
     """The function, for a run to watch, or None where no rods close a loop: there tensions answer
-    whatever is asked, but for rounding."""
-    return function if has_loop(system["pairs"]) else None
+    whatever is asked, but for rounding. Where it has no answer it is 0."""
+    return or_else(function, 0.0) if has_loop(system["pairs"]) else None
+
+
+def felt(system, tensions):
+    """The tensions (C,) in N that `tensions`(q, v) finds; 0 where it finds none."""
+    return or_else(tensions, np.zeros(len(system["pairs"])))
 
 
 def answerable(system, unheld):
@@ -66,9 +84,10 @@ def answerable(system, unheld):
         return True
 
 
-def check_run(system, force, dt, steps, keep, step_fn, rules):
+def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
     """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
-    integrators by name. A step_fn that is none of them is the caller's own affair."""
+    integrators by name. A step_fn that is none of them is the caller's own affair. pivot (3,): the
+    anchor of a system that names none."""
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")
@@ -90,7 +109,7 @@ def check_run(system, force, dt, steps, keep, step_fn, rules):
             must = f"must be steps of the run, whole numbers 0 to {steps}"
             raise ValueError(f"keep has {shorten(repr(x))}; {must}")
     system = check_system(system)
-    own = {"anchors": np.zeros((1, 3))} | getattr(force, "system", system)
+    own = {"anchors": pivot[None]} | getattr(force, "system", system)
     for key in TIED:
         if not np.array_equal(own[key], system[key]):
             raise ValueError(f"this force is for another system: {key} are not those of the run")

@@ -22,7 +22,7 @@ def nodes(x, fixed):
 
 
 def differences(x, fixed, pairs):
-    """x_i - x_j (..., C, 3) of rods (i, j), of x (..., N, 3), which at the anchors is `fixed`."""
+    """x_i - x_j (..., C, D) of rods (i, j), of x (..., N, D); at the anchors x is fixed (K, D)."""
     ends, (i, j) = nodes(x, fixed), zip(*pairs, strict=True)
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 

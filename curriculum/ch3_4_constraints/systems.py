@@ -18,7 +18,7 @@ import numpy as np
 
 FIT = 1e-6  # relative: how far a length in a file may be from the distance of the rod's ends
 ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
-MEETINGS = 10_000  # pairs of rods that share a particle: entries of A, which fill up in a solve
+FILLED = 10_000  # entries of A that are not zero, at most: they get more in a solve
 MOST = 1000  # particles, rods or anchors in a file; rods of a chain
 HUGE = 1e12  # beyond (divisors: below 1 / HUGE; masses: times another) rods have no digits left
 
@@ -62,7 +62,8 @@ def need(test, field, found, allowed):
 
 def energy_scale(system, gravity):
     """m g L in J, of all masses and all rods; 1 where nothing weighs anything. gravity (3,)."""
-    scale = np.sum(system["m"]) * np.max(np.abs(gravity)) * np.sum(system["lengths"])
+    size = np.sqrt(np.sum(np.square(gravity)))
+    scale = np.sum(system["m"]) * size * np.sum(system["lengths"])
     return scale if scale > 0.0 else 1.0
 
 
@@ -121,7 +122,8 @@ def checked(system, fit, name, bare):
     again = np.array([seen.setdefault(tie, k) < k for k, tie in enumerate(ties)])
     refuse("pairs", again, lambda k: f"given once; rods[{seen[ties[k]]}] ties the same two")
     shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
-    need(shared <= MEETINGS, "the number of pairs of rods that meet", shared, f"{MEETINGS} at most")
+    what = "the number of entries of A, two for rods that meet,"
+    need(shared <= FILLED, what, shared, f"{FILLED} at most")
     found = np.linalg.norm(differences(q0, anchors, pairs), axis=-1)
     refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
     lengths[bare] = found[bare]

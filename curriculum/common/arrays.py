@@ -54,13 +54,18 @@ class Ordered(np.ndarray):
     dot = __matmul__
 
     def sum(self, axis=None, dtype=None, out=None, keepdims=False):
+        if out is not None:
+            raise TypeError("np.sum of an ordered array writes into no `out`")
         made = np.asarray(self)
-        if axis is None:
-            return made.ravel().cumsum()[-1] if made.size else 0.0
-        for one in sorted(normalize_axis_tuple(axis, self.ndim), reverse=True):  # the last first
+        if axis is None and not keepdims:
+            return made.ravel().cumsum()[-1] if made.size else np.float64(0.0)
+        axes = range(self.ndim) if axis is None else normalize_axis_tuple(axis, self.ndim)
+        if axis is None:  # one row of all entries
+            made = made.reshape((1,) * (self.ndim - 1) + (-1,))
+        for one in sorted(axes, reverse=True):  # the last first
             made = made.cumsum(one).take([-1], one)
             made = made if keepdims else made.squeeze(one)
-        return ordered(made) if made.ndim else made.item()
+        return ordered(made) if made.ndim else made[()]
 
     def mean(self, axis=None, **how):
         total = self.sum(axis, **how)
@@ -90,7 +95,10 @@ def symbolic(ufunc, method, given, how):
     elif method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
         made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
-        if method == "reduce" and how.get("axis", 0) is None:
+        for key, value in how.items():  # to leave it out in silence would make another number
+            if key != "axis" and value is not USUAL.get(key):
+                raise TypeError(f"np.{ufunc.__name__} of symbols takes no {key}")
+        if method == "reduce" and how.get("axis", 0) is None:  # of all entries, as one row
             arrays, how = [arrays[0].ravel()], {}
         made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
     else:
@@ -115,7 +123,10 @@ def certain(a):
 
 
 def sparse(ufunc, a, b):
-    """a + b, a - b, a * b or a / b, done only where an entry that is zero for certain is none."""
+    """a + b, a - b, a * b or a / b, without what a certain zero makes needless.
+
+    That is x + 0, x - 0, 0 * x and, where no b is zero, 0 / b.
+    """
     a, b = np.broadcast_arrays(a, b)
     if ufunc in (np.add, np.subtract):
         made, some = np.array(a, object), certain(b)
@@ -134,6 +145,8 @@ def product(a, b):
     a, b = np.asarray(a), np.asarray(b)
     if a.shape == b.shape and a.ndim == 1 and 0 < len(a) <= FEW:
         return few_terms(a.tolist(), b.tolist())
+    if not a.ndim or not b.ndim:  # as np.dot has it
+        return np.multiply(ordered(a), b)
     rows = a[None] if a.ndim == 1 else a
     columns = b[:, None] if b.ndim == 1 else b
     if max(rows.ndim, columns.ndim) > 2 or rows.shape[1] != len(columns) or not len(columns):
@@ -191,19 +204,19 @@ def norm(x, ord=None, axis=None, keepdims=False):
     return np.sqrt(np.sum(ordered(x) * x, axis=axis, keepdims=keepdims))
 
 
-def clip(x, low=None, high=None):
+def clip(x, a_min=None, a_max=None):
     """np.clip."""
-    x = x if low is None else np.maximum(x, low)
-    return x if high is None else np.minimum(x, high)
+    x = x if a_min is None else np.maximum(x, a_min)
+    return x if a_max is None else np.minimum(x, a_max)
 
 
-def where(condition, a, b):
-    """np.where, whose condition may be of symbols."""
+def where(condition, *choices):
+    """np.where, whose condition may be of symbols; of a condition alone the places, as numpy's."""
 
     def chosen(s, a, b):
         return s.choose(a, b) if hasattr(s, "choose") else (a if s else b)
 
-    given = [np.asarray(x) for x in (condition, a, b)]
+    given = [np.asarray(x) for x in (condition, *choices)]
     if object not in [x.dtype for x in given]:
         return np.where(*given)
     made = np.frompyfunc(chosen, 3, 1)(*given)
@@ -222,6 +235,7 @@ def entrywise(name, function, count):
     return np.frompyfunc(entry, count, 1)
 
 
+USUAL = {"dtype": None, "initial": np._NoValue, "keepdims": False, "where": True}  # of np.max
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
 UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace}
 ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}

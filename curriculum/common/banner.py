@@ -98,7 +98,11 @@ def on_terminal():
 
 
 def progress(what, steps):
-    """tick(step) of a run: a part of the work under way, or in one; or all there is, as `what`."""
+    """tick(step) of a run of so many steps.
+
+    If no work is planned, the run is the work, and `what` names it. If the run is a part by itself,
+    its share is shown; if it is one of many in a part, only that the part goes on.
+    """
     if not work.names:
         work.plan(what)
         work.begin(what, runs=True)
@@ -126,8 +130,10 @@ def main():
     check_writable(LEDGER)
     seconds = timeit.repeat(lambda: subprocess.check_output(command), number=1, repeat=5)
     row = chapter, f"{sorted(seconds)[2]:.2f}", datetime.date.today(), processor().replace(",", "")
-    text = f"chapter,seconds,date,machine\n{','.join(map(str, row))}\n"
-    write_whole(LEDGER, text)
+    rows = LEDGER.read_text(encoding="utf-8").splitlines()[1:] if LEDGER.exists() else []
+    others = [line for line in rows if not line.startswith(f"{chapter},")]
+    lines = ["chapter,seconds,date,machine", *others, ",".join(map(str, row))]
+    write_whole(LEDGER, "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -20,9 +20,10 @@ import numpy as np
 # a is zero in all lanes; go on where a says; the end of a step.
 OPERANDS = dict.fromkeys(["+", "-", "*", "/", "<", "<=", "max", "min"], 2) | {"where": 3}
 OPERANDS |= dict.fromkeys(["abs", "sqrt", *native.LIBRARY], 1) | {"**": 2}
-OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}
+OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}  # "end" is the last
 NUMBER = {sign: k for k, sign in enumerate(OPERANDS)}
 WIDTH = 5  # numbers in a row
+LARGE = 5000  # operations: so many are sooner rows than Python, though llvmlite has to be loaded
 UNUSED = [(0,) * (WIDTH - 2 - many) for many in range(WIDTH - 1)]  # behind so many operands
 
 
@@ -198,7 +199,7 @@ def reader_lines(lanes):
         else:
             w.store(w.operation(sign, values), result)
         w.lines.append("  br label %next")
-    before, good = w.load(done, "i64"), "true"
+    before, good = w.load(done, "i64"), "true"  # from here on: what "end" does
     if lanes == 1:
         trouble = w.load(w.entry("%registers", "%trouble"))
         good = w.new(f"fcmp oeq double {trouble}, {w.constant(0.0)}")

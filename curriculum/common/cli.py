@@ -17,6 +17,7 @@ from pathlib import Path
 from curriculum import leave
 from curriculum.common.banner import work
 from curriculum.common.files import check_writable
+from curriculum.common.pure import foreign
 
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
 EXTRAS |= {"mujoco": "[compare]", "heyoka": "[peers]"}
@@ -153,7 +154,9 @@ def chapter_parser(prog, folder, out, examples):
     parser = Parser(prog=prog, usage=use, **settings)
     groups = map(parser.add_argument_group, ("which system", "which method", "results", "for CI"))
     system, method, results, ci = (partial(add_flag, group) for group in groups)
-    system("--seed K", type=number(int, 0), default=0, help="draws the start: a hair becomes metres")
+    system(
+        "--seed K", type=number(int, 0), default=0, help="draws the start: a hair becomes metres"
+    )
     plain = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
     method("--plain", action="store_true", help=plain)
     results("-h --help", action="help", help="these lines")
@@ -171,9 +174,7 @@ def chapter_parser(prog, folder, out, examples):
 
 def mistake(error):
     """The traceback of an exception, without frames of this package, of libraries, of made code."""
-    import traceback  # here, too
-
-    from curriculum.common.pure import foreign
+    import traceback  # here: few runs end so
 
     shown = traceback.TracebackException.from_exception(error)
     own = [frame for frame in shown.stack if not foreign(frame.filename)]

@@ -5,6 +5,7 @@ import sys
 import time
 
 from curriculum.common import native
+from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
 from curriculum.common.steps import Block, Plain, Single, Traced
 from curriculum.common.trace import Stop, Untraceable
@@ -13,14 +14,13 @@ import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# operations in all steps of the first block, and of a later one; loops count once
+# so many operations a block has at most, the first and a later one; loops count once
 SHORT, LONG = 75_000, 3_000_000
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
-LARGE = 5000  # operations: to write so many in Python takes longer than to load llvmlite
 BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
 NONE = None, None, None  # no state that there is
-AGAIN = 4  # times as many steps: then what is compiled is compared again
+OFTEN = 4  # times as many steps: then what is compiled is compared again
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -28,7 +28,7 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step in the first block, whenever the steps are AGAIN times as many, and in the
+    with the plain step in the first block, whenever the steps are OFTEN times as many, and in the
     end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is no
     comparison, and no plain step: a Stop instead, since that would take too long. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
@@ -88,6 +88,7 @@ class Compiled:
 
     def give_up(self, why):
         """Go on plainly."""
+        self.plain.halved = self.halved
         self.alone, self.way = None, f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
 
@@ -109,7 +110,7 @@ class Compiled:
             raise why
         self.done += count
         if self.done >= self.due or count >= self.steps:  # the last block, too
-            self.due = AGAIN * self.done
+            self.due = OFTEN * self.done
             if not self.only and self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
@@ -137,7 +138,7 @@ class Compiled:
         It is the last, or the first if the last is not finite. Sums and products are the same to
         the last bit; a sine need not be.
         """
-        before, end = [start, *rows[-2:]][-2:] if len(rows) > 1 else (start, rows[0])
+        before, end = [start, *rows[-2:]][-2:]
         if not np.isfinite(end).all():
             before, end = start, rows[0]
         try:

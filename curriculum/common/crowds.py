@@ -7,15 +7,14 @@ from types import SimpleNamespace
 
 from curriculum.common import native
 from curriculum.common.arrays import CALLS, ordered
-from curriculum.common.bytecode import Bytecode
+from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
 from curriculum.common.trace import Untraceable
 
 import numpy as np
 
-WORTH = 3_000_000  # operations: from so many on machine code is worth its making
-LARGE = 5000  # operations of a function: to write so many in Python takes longer
+REPAID = 3_000_000  # operations: from so many on machine code is worth its making
 SHARE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
 
@@ -154,7 +153,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             return
         program = kind.traced.program
         size = program.size()
-        if program.loops() and (size > LARGE or kind.asked * size > WORTH):
+        if program.loops() and (size > LARGE or kind.asked * size > REPAID):
             kind.code = in_machine_code(Bytecode, kind.traced, NARROW) or kind.code
         kind.code = kind.code or in_python(kind.traced)
 

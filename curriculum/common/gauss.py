@@ -71,8 +71,8 @@ def make_gauss(stages, tol=1e-16):
 
     The accelerations of the stages solve a(t_s) = force(q(t_s), v(t_s)) / m. That is iterated as it
     stands (Hairer, Lubich, Wanner, VIII.6) until a round moves the end of the step by no more than
-    `tol`, relatively, or as little as rounding allows. Raises Stop after MOST rounds, or where the
-    polynomial through the stages has no digits: then a run tries the step in halves.
+    `tol`, relatively, or as little as rounding allows. Raises Stop after MOST rounds or, with 6
+    stages or more, where the polynomial through them has no digits: a run then tries halves.
     """
 
     def gauss_step(q, v, m, force, dt):

@@ -19,7 +19,8 @@ INLINE = 160  # operations of a routine that is written out where it is called
 class Program:
     """function(*arrays, *knobs) -> tuple of arrays, traced; entries marked in `still` are zero.
 
-    `still`: a mask an array. `knobs`: names of single numbers that last, say a step's length.
+    `still`: a mask an array. `knobs`: names of single numbers that last, say a step's length, and
+    that are not zero where they divide.
     `inputs`: the names of the entries that are not still, `live` their (argument, place).
     `results`: arrays of Symbols; `out`: them all in one list.
     """

@@ -39,6 +39,12 @@ class Python(Language):
     def __init__(self):
         self.routines = []
 
+    def operation(self, sign, operands, text):
+        expression, bound = super().operation(sign, operands, text)
+        if sign in ("<", "<="):  # a number: of numpy's truths 1 + 1 is 1
+            return f"1.0 * ({expression})", PRODUCT
+        return expression, bound
+
     def call(self, call, signed):
         if call.program not in self.routines:
             self.routines.append(call.program)
@@ -105,7 +111,8 @@ def compiled(source, space):
 
 
 class Columns:
-    """A source without loops for many members, in numpy; called as native.Native is."""
+    """A source without loops for many members, in numpy: (state, count, out, *knobs), of which it
+    fills state and out as native.Native does."""
 
     lanes = 1
 
@@ -133,9 +140,9 @@ class Columns:
 
 
 class OneByOne:
-    """A source for many members, in Python's floats; called as native.Native is.
+    """A source for many members, in Python's floats; called as Columns are.
 
-    A member whose loop comes to no end is NaN from there on.
+    A member whose loop comes to no end is NaN in all that it made.
     """
 
     lanes = 1

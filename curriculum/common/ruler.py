@@ -28,7 +28,10 @@ LOOKS = 3  # states at which the forces of a step are counted
 
 
 class Truth(NamedTuple):
-    """Where the particles are at a step: q (N, 3), known to so many m; (None, inf) if not known."""
+    """Where the particles are at a step: q (N, 3), known to so many m; (None, inf) if not known.
+
+    `sought`: whether it was looked for.
+    """
 
     step: int
     q: np.ndarray | None = None
@@ -37,9 +40,11 @@ class Truth(NamedTuple):
 
 
 def once_for_all():
-    """A way for simulate: a rule is compiled once for steps of all lengths, or is not run at all.
+    """A way for simulate that traces and compiles a rule once, for steps of all lengths.
 
-    It would be long in coming, and of a force that is another each time there is no truth.
+    The force is that of the first run: it must not depend on dt, as that of `project` does not. A
+    step that cannot be compiled is not run plainly, which would take too long: its runs stop at
+    once.
     """
     made = []  # at the first run
 
@@ -142,7 +147,8 @@ def climb(tol, seconds, q, runs, rule):
     """The largest step of a rule with which the best of `runs` is within `tol` m of q (N, 3).
 
     (error in m, step in s, (run, states on its way)) or, where no step of LEAST s or more is near
-    enough, what came nearest. Steps that are taken in halves are no steps to choose.
+    enough, what came nearest, and None; its error is infinite if no run got to the end. Steps that
+    are taken in halves are no steps to choose.
     """
     tried = 2 * [(math.inf, seconds, None)]
     for steps in finer(seconds):
@@ -175,7 +181,11 @@ def step_for(tol, seconds, q, runs, rules):
             run, states = reached
             forces = cost(run, rule, dt, states) / dt
         found.append((max(error, tol), forces, name, dt))
-    return min(found, key=lambda row: row[:2])[2:]
+    error, _, name, dt = min(found, key=lambda row: row[:2])
+    if error == math.inf:
+        why = f"no mode gets through {seconds:.3g} s whole, in steps of {LEAST:g} s or more"
+        raise ArgumentTypeError(f"{why}; name a step instead")
+    return name, dt
 
 
 class Settled(NamedTuple):

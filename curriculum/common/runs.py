@@ -107,10 +107,10 @@ class Log:
         return self
 
     def __exit__(self, kind, why, trace):
-        self.quiet.__exit__(kind, why, trace)
         if isinstance(why, ValueError) and "read-only" in str(why):
             why.add_note("States are computed ahead, so none is changed in place: v = 0.9 * v.")
         self.close()
+        self.quiet.__exit__(kind, why, trace)
         if isinstance(why, Stop):
             self.stopped = self.stopped or f"stopped at step {self.done + 1}: {why}"
         self.tick(self.steps if self.stopped else self.done)
@@ -148,15 +148,15 @@ class Log:
         noted = slice(first, first + count)
         self.tip[noted] = block.q[:count, -1]
         self.violations[noted], self.energies[noted] = (x[:count] for x in block.measured)
-        if self.step.watch:
-            asked = self.step.watch(block.q[:count], block.v[:count])
-            self.watched = max(self.watched, float(np.max(asked)))
         low, high = np.searchsorted(self.keep, [first, first + count])
         rows = self.keep[low:high] - first
         self.kept.append((rows + first, block.q[rows], block.v[rows]))
         self.last = [first + count - 1], block.q[[count - 1]], block.v[[count - 1]]
         self.done += count
         self.tick(self.done)
+        if self.step.watch:
+            asked = self.step.watch(block.q[:count], block.v[:count])
+            self.watched = max(self.watched, float(np.max(asked)))
 
     def run(self):
         """All that was noted, as a Run."""

@@ -27,9 +27,9 @@ PIECE = 256  # steps of Python's floats at a time: what they take stays near the
 def called(function, *arguments):
     """function(*arguments), or of the first of them if it takes no more."""
     code = getattr(function, "__code__", None)
-    if code is None or code.co_flags & VARARGS or hasattr(function, "__self__"):
+    if code is None or code.co_flags & VARARGS:
         return function(*arguments)
-    return function(*arguments[: code.co_argcount])
+    return function(*arguments[: code.co_argcount - hasattr(function, "__self__")])
 
 
 def followed(rule, after):
@@ -112,6 +112,7 @@ class Traced:
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
                     why = str(reason) or type(reason).__name__
                 why = memory.restore() or why
+            effort.turns = math.inf
         if why:
             raise Untraceable(why)
 
@@ -124,6 +125,8 @@ class Traced:
 
         def step(q, v, dt):
             end = step_fn(q, v, m, routine, dt)
+            if len(end) != 2:
+                raise Untraceable("a step must return q and v, and nothing else")
             return (*end, *measure(*end)) if measure else end
 
         while True:  # suppose that zeros stay zero; trace; drop those that do not; again

@@ -23,9 +23,8 @@ UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**":
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
 UFUNCS |= {"<": np.less, "<=": np.less_equal} | {name: getattr(np, name) for name in FUNCTIONS}
 EXACT = set(UFUNCS) - set(FUNCTIONS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
-# operations: where there are more, they are compiled if they are done so many times; that many of
-# the lines as they stand take as long as it takes to compile one
-LARGE, WORTH = 60_000, 40
+LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
+WORTH = 40  # to compile an operation takes as long as to do it so many times in plain numpy
 
 
 class Untraceable(Exception):
@@ -37,18 +36,20 @@ class Stop(ArithmeticError):
 
 
 class Current(local):
-    """What a thread does now: that another traces meanwhile is nothing to it."""
+    """The tape on which this thread writes; another thread has its own."""
 
-    tape = None  # that is written on
+    tape = None
 
 
 current = Current()
 
 
 class Effort:
-    """How much has been traced: operations `noted`, and those of loops and rows again and again.
+    """How much a trace has noted, and how much work that is when it runs.
 
-    `turns`: how often what is traced will run. `factor`: how often in it what is traced now.
+    `noted`: operations written down. `done`: how often they are done in one step, where loops and
+    rows count as often as they turn. `turns`: how many steps are to come. `factor`: how often what
+    is traced now turns.
     """
 
     def __init__(self):
@@ -59,11 +60,10 @@ class Effort:
         self.noted, self.done, self.factor = 0, 0, 1
 
     def note(self):
-        """An operation more. Raises Untraceable where compiling them would cost more than it saves:
-        about WORTH of them as they stand."""
+        """An operation more. Raises Untraceable where compiling would cost more than it saves."""
         self.noted += 1
         self.done += self.factor
-        if self.noted > LARGE and self.done * self.turns < WORTH * self.noted:
+        if self.noted > LONG and self.done * self.turns < WORTH * self.noted:
             raise Untraceable("it is too long to be compiled for so few steps")
 
     @contextmanager
@@ -153,7 +153,7 @@ class Tape:
 
         for name in self.needed(symbols):
             sign, *operands = self.nodes[name]
-            known[name] = AGAIN[sign](*map(symbol, operands))
+            known[name] = METHODS[sign](*map(symbol, operands))
         return [symbol(s.x, s.minus) for s in symbols]
 
 
@@ -321,10 +321,10 @@ class Symbol:
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
     setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
 
-AGAIN = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
-AGAIN |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "where": Symbol.choose}
-AGAIN |= {"max": Symbol.larger, "min": Symbol.smaller, "<": Symbol.__lt__, "<=": Symbol.__le__}
-AGAIN |= {name: getattr(Symbol, name) for name in FUNCTIONS}
+METHODS = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
+METHODS |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "where": Symbol.choose}
+METHODS |= {"max": Symbol.larger, "min": Symbol.smaller, "<": Symbol.__lt__, "<=": Symbol.__le__}
+METHODS |= {name: getattr(Symbol, name) for name in FUNCTIONS}
 
 
 def lifted(array):
