@@ -210,3 +210,24 @@ def test_where_no_mode_gets_through_no_step_is_chosen():
 
     with pytest.raises(ArgumentTypeError, match="no mode gets through 2 s whole, in steps of"):
         ruler.step_for(1e-6, 2.0, None, [lost, lost], {"gauss:6": None})
+
+
+def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
+    def run(rule, dt, steps, keep):  # of order 1.2: what is half as long is less than half as wrong
+        ends = np.zeros((2, 1, 3))
+        ends[-1, 0, 0] = dt**1.2
+        return SimpleNamespace(stopped=None, halved=0, q=ends, v=ends)
+
+    error, dt, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [run], None)
+    assert reached and dt**1.2 == error <= 1e-4
+
+
+def test_a_start_alone_is_no_true_motion():
+    drawn = np.random.default_rng(0)
+
+    def run(rule, dt, steps, keep, way):  # no two agree, but in the start
+        q = np.concatenate([np.zeros((1, 1, 3)), drawn.normal(size=(len(keep) - 1, 1, 3))])
+        return SimpleNamespace(q=q, kept=np.asarray(keep))
+
+    system, truth = c.build_system("pendulum"), SimpleNamespace(sought=True)
+    assert not ruler.true_motion(run, system, 0.01, np.arange(0, 40, 10), truth).size

@@ -176,6 +176,7 @@ ASKED = {  # what numpy's functions are asked for besides: of numbers, and of sy
     "bounds": lambda x: np.clip(x, a_min=-1.0, a_max=0.1),
     "of a number": lambda x: np.dot(2.0, x),
     "a divisor of zero": lambda x: 1.0 / np.sum(0.0 * x[:, None], axis=0)[0] > 5.0,
+    "nothing by nothing": lambda x: np.zeros(12) / np.repeat(x, 4) > -1.0,
 }
 
 
