@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints import pages, play
+from curriculum.ch3_4_constraints import pages, play, publish
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.common import javascript
 from curriculum.common.programs import Program
@@ -117,14 +117,14 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
 
 
 def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_path, capsys):
-    (tmp_path / play.PAGE).write_text("old")
+    (tmp_path / publish.PAGE).write_text("old")
     forces = {"branches on a value": lambda q, v: q if q[0, 0] > 0.0 else -q}
     forces["asks for the time"] = lambda q, v: time.time() * v  # which is not to be frozen in
     for why, force in forces.items():
         feel(monkeypatch, force)
         c.main(["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
-        assert f"\n{play.PAGE} left out: it {why}" in capsys.readouterr().out
-        assert not (tmp_path / play.PAGE).exists()
+        assert f"\n{publish.PAGE} left out: it {why}" in capsys.readouterr().out
+        assert not (tmp_path / publish.PAGE).exists()
     with pytest.raises(Untraceable, match="120 rods"):
         play.page(c, "x", c.build_system("chain", links=121), "rk4", c.rk4_step, *USUAL)
 

@@ -24,7 +24,6 @@ from curriculum.common.trace import Symbol, Untraceable, current, lift
 import numpy as np
 
 TEMPLATE = Path(__file__).with_name("play.html")
-PAGE = "play.html"
 MOST = 120  # rods: a browser is too slow for more
 DAMPING = 0.1  # s: the hand, a spring, resists a speed as much as this times it in metres
 STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from

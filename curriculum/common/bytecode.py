@@ -106,14 +106,14 @@ class Assembler:
                 rows.append([NUMBER[sign], register(name), *map(register, operands), *unused])
 
     def call(self, call):
-        self.called(call.program, call.arguments, call.names)
+        self.entered(call.program, call.arguments, call.names)
 
     def in_turn(self, lanes):
         """Rows side by side, one after the other."""
         for row, names in zip(lanes.rows, lanes.names, strict=True):
-            self.called(lanes.program, row, names)
+            self.entered(lanes.program, row, names)
 
-    def called(self, program, arguments, names):
+    def entered(self, program, arguments, names):
         """What a program makes of its arguments, Symbols, by these names."""
         given = [self.number(s) for s in arguments]
         for name, register in zip(program.inputs, given, strict=True):

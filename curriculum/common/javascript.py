@@ -33,7 +33,7 @@ def words(texts):
     return dict.fromkeys(word for text in texts for word in WORD.findall(text))
 
 
-def called(names, call):
+def unpacked(names, call):
     """A text that names the numbers of the array which a call returns.
 
     One by one: a browser makes ten times as much of `const [a, b, c] = ...`, and runs it slowly.
@@ -92,7 +92,7 @@ class Writer(Language):
             self.inner[program] = name, around
         name, around = self.inner[program]
         given = (", ".join([*map(signed, row), *around]) for row in rows)
-        each = (called(made, f"{name}({x})") for made, x in zip(names, given, strict=True))
+        each = (unpacked(made, f"{name}({x})") for made, x in zip(names, given, strict=True))
         return ["\n".join(each)]
 
     def call(self, call, signed):
@@ -149,6 +149,6 @@ class Writer(Language):
             numbers = (x for x in used if x in self.given or MADE_UP.fullmatch(x))
             takes = [x for x in numbers if x not in declared]
             name = self.function(takes, piece, makes)
-            calls.append(called(makes, f"{name}({', '.join(takes)})"))
+            calls.append(unpacked(makes, f"{name}({', '.join(takes)})"))
             wanted |= used
         return calls[::-1]
