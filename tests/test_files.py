@@ -142,6 +142,17 @@ def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path, mon
         banner.main()
 
 
+def test_the_time_of_a_chapter_replaces_its_own_and_no_other(tmp_path, monkeypatch):
+    ledger = tmp_path / "wallclock.csv"
+    ledger.write_text("chapter,seconds,date,machine\nch3.3,0.10,2026-01-01,a\nch3.4,9.99,b,c\n")
+    monkeypatch.setattr(banner, "LEDGER", ledger)
+    monkeypatch.setattr(sys, "argv", ["banner", "ch3.4", sys.executable, "-S", "-c", "pass"])
+    banner.main()
+    head, other, mine = ledger.read_text().splitlines()
+    assert (head, other) == ("chapter,seconds,date,machine", "ch3.3,0.10,2026-01-01,a")
+    assert mine.startswith("ch3.4,") and "9.99" not in mine
+
+
 def test_a_working_folder_that_is_gone_is_told_of(tmp_path, monkeypatch, capsys):
     gone, out = tmp_path / "gone", tmp_path / "out"
     gone.mkdir()

@@ -275,6 +275,14 @@ def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
     assert not -0.5 < found.q[12, 0, 1] < -0.2 and not -0.5 < found.q[-1, 0, 1] < -0.2
     assert "slower: it does something else" in found.way
 
+    def left(q):
+        return isinstance(q[0, 0], float) and q[0, 0] < 0.0
+
+    feel(monkeypatch, lambda q, v: -0.1 * v if left(q) else 0.0 * v)
+    found = run(PENDULUM, timid, "none", 0.04, 90, range(91))  # of halves on both ways
+    lengths = np.array([too_long(x, 0.04) for x in found.v[:-1]])
+    assert "slower: " in found.way and found.halved == np.sum(lengths > 1.0) > 0
+
 
 def test_a_step_of_many_rods_is_bytecode_at_first():
     chain = c.build_system("chain", links=150)

@@ -104,6 +104,7 @@ class Compiled:
             return state
         clock = time.perf_counter()
         start = self.alone.traced.columns(q, v)[:, 0]
+        halved = self.alone.halved
         rows, why = self.alone(start, self.count(len(start)), self.dt)
         spent, count = time.perf_counter() - clock, len(rows)
         if why and not count:
@@ -112,6 +113,7 @@ class Compiled:
         if self.done >= self.due or count >= self.steps:  # the last block, too
             self.due = OFTEN * self.done
             if not self.only and self.differs(start, rows):
+                self.alone.halved = halved  # this block does not count
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
