@@ -33,7 +33,10 @@ def box(system, runs):
 
 
 def columns(count, shape, size, words):
-    """How many of `count` tiles go side by side in a sheet of `shape` (width, height), to show
-    things of `size` (x, y) at their largest, above `words`, in pixels; and their room (x, y)."""
+    """How many of `count` tiles go side by side so that what is `size` (x, y) is drawn largest, and
+    the room (x, y) that each has for it.
+
+    `shape`: the sheet's width and height; `words`: how tall a tile's words are, in its pixels.
+    """
     layouts = [(k, shape[0] / k, shape[1] / -(-count // k) - words) for k in range(1, count + 1)]
     return max(layouts, key=lambda layout: min(layout[1] / size[0], layout[2] / size[1]))

@@ -25,7 +25,7 @@ import numpy as np
 
 TEMPLATE = Path(__file__).with_name("play.html")
 MOST = 120  # rods: a browser is too slow for more
-DAMPING = 0.1  # s: the hand, a spring, resists a speed as much as this times it in metres
+DAMPING = 0.1  # s: the hand's spring resists 1 m/s as it does a stretch of so many metres
 STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
 STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
 TIMES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0  # s

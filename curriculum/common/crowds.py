@@ -80,9 +80,8 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
-        self.code = in_machine_code(native.Native, self.traced, native.LANES) or in_python(
-            self.traced
-        )
+        made = in_machine_code(native.Native, self.traced, native.LANES)
+        self.code = made or in_python(self.traced)
         self.put(q, v)
 
     def put(self, q, v):
