@@ -91,8 +91,9 @@ def only(x, field, keys):
     """Raise SceneError unless x is an object that has no keys but `keys`."""
     allowed = f"an object with no keys but {', '.join(keys)}"
     need(isinstance(x, dict), field, x, allowed)
-    for key in sorted({*x} - {*keys}):
-        raise SceneError(f"{field} has a key {shorten(json.dumps(key))}; must be {allowed}")
+    unknown = sorted({*x} - {*keys})
+    if unknown:
+        raise SceneError(f"{field} has a key {shorten(json.dumps(unknown[0]))}; must be {allowed}")
 
 
 def entries(data, field, *keys):
