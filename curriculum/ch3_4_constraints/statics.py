@@ -1,5 +1,7 @@
 """Rods as vectors, and whether finite tensions can hold them at a start."""
 
+from itertools import chain
+
 from curriculum.common.elimination import has_loop
 
 import numpy as np
@@ -23,7 +25,8 @@ def nodes(x, fixed):
 
 def differences(x, fixed, pairs):
     """x_i - x_j (..., C, D) of rods (i, j), of x (..., N, D); at the anchors x is fixed (K, D)."""
-    ends, (i, j) = nodes(x, fixed), zip(*pairs, strict=True)
+    i, j = np.fromiter(chain.from_iterable(pairs), int).reshape(-1, 2).T
+    ends = nodes(x, fixed)
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 

@@ -180,10 +180,12 @@ def operators(rule, zero=None):
 
 def lift(number):
     """A number as a Symbol; one that is a Symbol stays as it is."""
-    if isinstance(number, (np.ndarray, np.generic)):
-        number = number.item()
     if type(number) is Symbol:
         return number
+    if type(number) is float:  # as nearly always
+        return Symbol(current.tape, abs(number), number < 0.0)
+    if isinstance(number, (np.ndarray, np.generic)):
+        return lift(number.item())
     if isinstance(number, complex):
         current.tape.refused.append("it makes a complex number")
         number = number.real
