@@ -74,8 +74,10 @@ def test_what_cannot_be_run_is_named_before_it_begins(sentence):
     """A mistake in a typed system, or in what is asked of a run."""
     asked = {"mode": "none", "dt": 0.01, "steps": 9} | UNFIT[sentence]
     system = {key: asked.pop(key, usual) for key, usual in LEVEL.items()}
+    mode, rule = asked.pop("mode"), asked.pop("step_fn", c.rk4_step)
     with pytest.raises(ValueError, match=re.escape(sentence)):
-        c.simulate(c.rk4_step, system, c.make_force(system, asked.pop("mode")), **asked)
+        force = asked.pop("force", None) or c.make_force(system, mode)
+        c.simulate(rule, system, force, **asked)
 
 
 def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():

@@ -88,6 +88,9 @@ def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
     """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
     integrators by name. A step_fn that is none of them is the caller's own affair. pivot (3,): the
     anchor of a system that names none."""
+    for name, given, such in (("step_fn", step_fn, "rk4_step"), ("force", force, "make_force's")):
+        if not callable(given):
+            raise ValueError(f"{name} is {shorten(repr(given))}; must be a function, as {such} is")
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
         raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")

@@ -69,6 +69,7 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
     "turning: zero: right at rest, wrong in motion. gddot = d . d'' + something": lambda *_: 0.0,
     "turning: the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
     "turning: twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
+    "turning: d . d: what turns is d'": lambda d, rate: d @ d,
     "mobility: right where all masses are 1 kg: the mass is missing": lambda j, share: j @ j.T,
     "mobility: it multiplies by the mass: M^-1 divides by it": lambda j, share: (j / share) @ j.T,
     "wanted: nothing: right at w = 0 only. The spring is missing": lambda *_: 0.0,
@@ -126,6 +127,7 @@ def check_chaos(exercise, shown):
 def check_cliff(exercise, shown):
     """A bisection, not a search; a matrix that steps as the rule does; and the answers follow."""
     calls, found = [], exercise.answer()
+    need(isinstance(found, dict), f"answer: a dict of rules, as the blank had it, not {found!r}")
     edge = exercise.bisect(lambda x: calls.append(x) or x < np.sqrt(2.0), 0.0, 4.0, 1e-6)
     said = f"bisect: x < sqrt(2) holds up to 1.414214, not {edge}"
     need(abs(edge - np.sqrt(2.0)) <= 1e-6, said)
@@ -152,7 +154,7 @@ def check_linkage(exercise, shown):
     off = exercise.worst(leg, mode) * np.min(leg["lengths"])
     seconds = exercise.DT * exercise.STEPS
     said = f"ship: under {mode} a rod of the leg is {1e3 * off:.2g} mm off within {seconds:g} s"
-    need(off <= 1e-3, f"{said}, and more than that within the 20 s of the command")
+    need(off <= 1e-3, f"{said}, and no less within the 20 s of the command")
     said = f"ship: {mode} solves more systems after each step; another will do with one"
     need(hold[mode].after is None, said)
     system, scene = c.build_system(str(exercise.SCENE)), exercise.SCENE.name

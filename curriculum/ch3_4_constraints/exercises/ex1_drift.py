@@ -50,7 +50,7 @@ def main():
         print(f"dt {dt:<5g} {naive(double, 'rk4', dt, 10).violations.max():12.3e}")
     g = c.constraint_terms(pendulum, runs[0].q[-1], runs[0].v[-1])[1][0]
     line = expected_g(np.linalg.norm(runs[0].v[1:, 0], axis=1), 0.005)
-    print(f"\ng of the first run after 20 s, in m^2: {g:.9f}; by your line: {line:.9f}")
+    print(f"\ng of the first run after 20 s, in m^2: {g:.9f}; by your line: {line!s:.11}")
     return g, line
 
 

@@ -19,7 +19,7 @@ WHY = "What does a step do beyond the cliff that the spring would not?"
 
 def answer():
     """With half the damping, when does each rule fall off the cliff? Guess, run, put it right."""
-    return blank("guess: {'euler': 'sooner' or 'later', and so for each}")
+    return blank("guess: {'euler': ?, 'semi_implicit': ?, 'rk4': ?}, each sooner or later")
 
 
 def bisect(holds, low, high, width):

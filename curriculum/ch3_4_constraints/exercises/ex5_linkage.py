@@ -22,7 +22,7 @@ def ship():
     """The mode you would ship for Jansen's leg: 200 steps a second, rods 1 mm off, few solves.
 
     See what the modes make of it: python constraints.py --system jansen_leg --no-rerun
-    That is 20 s. The check goes by the first 2 s, and finds smaller errors.
+    That is 20 s. The check goes by the first 2 s, and finds no larger errors.
     """
     return blank("the mode you would ship, by its name, such as 'none'")
 
