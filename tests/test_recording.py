@@ -339,6 +339,14 @@ def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_tit
         assert {*colours} <= palette, path.name
         if path.name in DRAWN - {"cost.svg"}:  # which is slow
             assert PICTURES[path.name]() == stored, "make_pictures makes it again"
+        if path.name in PICTURES.keys() - DRAWN:
+            said = ElementTree.fromstring(stored).findall(f"{SVG}text")
+            legend = [x for x in said if x.get("font-size") == "17"]
+            ends = [float(x.get("x")) + 8.5 * len(x.text) for x in legend]
+            assert max(ends) < picture.SHEET[0] - 80, path.name  # the clock is there
+            names = [x for x in said if x.get("font-size") == "13"]  # in the chart, and its axes
+            lowest = max(float(x.get("y")) for x in names if x.get("font-weight") == "bold")
+            assert lowest < max(float(x.get("y")) for x in names if x.text == "0"), path.name
     gallery = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\((\w+\.svg)\)", gallery)) == PICTURES.keys() - DRAWN
     assert sum((FOLDER / name).stat().st_size for name in PICTURES) < 1_500_000

@@ -14,6 +14,7 @@ SHEET, WORDS, FINE = (760, 600), 60, 5  # pixels, of the tiles; words in a tile;
 CLOCK, FIGURES = 5, 2  # how often a second the time is told, and how far rods are off
 LEAST = 1e-12  # m: below this a rod is right
 CURVE = 60  # points of a curve
+BAR = 120  # pixels that the legend's length has, at most
 DECADES = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm"}
 SMALL = 13  # pixels, of words in the chart
 
@@ -82,6 +83,8 @@ def motion(found, rates=RATES):
     size = (high - low)[:2]
     across, wide, room = columns(len(runs) + 1, SHEET, size, WORDS)
     scale = min(wide / size[0], room / size[1])  # pixels a metre
+    if scale * bar > BAR:
+        bar /= 10.0
     width, tall = scale * size
     bottom = -(-(len(runs) + 1) // across) * (tall + WORDS)
     sheet = Drawing(SHEET[0], round(bottom) + 34, found.title)

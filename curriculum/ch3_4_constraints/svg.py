@@ -138,6 +138,7 @@ def plot(sheet, corners, x, y, curves, size=15):
     for above, below in list(pairwise(names)) * 100:  # names that overlap are moved apart
         overlap = line - (below[1] - above[1])
         if overlap > 0.0 and abs(above[0] - below[0]) < 100.0:
-            above[1], below[1] = above[1] - 0.5 * overlap, below[1] + 0.5 * overlap
+            above[1] -= 0.5 * overlap
+            below[1] = min(below[1] + 0.5 * overlap, bottom)
     for at, height, name, color in names:
         sheet.words(at + 6, height + size / 3, name, color, size=size, weight="bold")
