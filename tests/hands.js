@@ -33,6 +33,11 @@ globalThis.hands = {
     return Math.hypot(...point.map((x, k) => x - knobs.hand[k]));
   },
 
+  // The height of the tallest number or label of the tiles.
+  tallest() {
+    return Math.max(...[...document.querySelectorAll("dt, dd")].map((each) => each.clientHeight));
+  },
+
   // The least time in ms that 12 frames take; it is looked for until it is enough, or for 10 s.
   frames(enough) {
     return new Promise((resolve) => {

@@ -135,6 +135,7 @@ def test_a_page_needs_nothing_else_and_is_the_same_each_time():
         assert text == page(name) and len(text.encode()) <= most
         assert not re.search(r"https?:|\beval\b|new Function|\son\w+=|\bimport\b|src=", text)
         assert "default-src 'none'" in text and "unsafe" not in text
+        assert re.search("<noscript>[^<]*allow JavaScript", text)
 
 
 def test_pages_of_scenes_are_written_with_an_index(tmp_path):
@@ -213,7 +214,9 @@ def test_a_drag_moves_a_particle_in_every_tile_and_arrow_keys_pull_until_escape(
     tab.mouse.down()
     target = tab.evaluate("hands.spot", ["impulse", -1])  # to the anchor
     tab.mouse.move(*target, steps=5)
+    swing = tab.evaluate("copies[0].swing")
     tab.evaluate("hands.go", 600)
+    assert tab.evaluate("copies[0].swing") == swing  # the hand's energy is no mode's error
     for mode in tab.evaluate("data.modes"):
         far = tab.evaluate("hands.reach", [mode, 1])
         assert far < 0.3, mode  # of rods of 1 m: held by the hand's spring
@@ -223,8 +226,59 @@ def test_a_drag_moves_a_particle_in_every_tile_and_arrow_keys_pull_until_escape(
     tab.focus("canvas.view")
     tab.keyboard.press("ArrowUp")
     assert tab.evaluate("[hand.particle, knobs.pull[1] > 0]") == [1, True]
-    tab.keyboard.press("Escape")
+    held = tab.evaluate("knobs.hand")
+    tab.mouse.move(x, y)  # a mouse that passes by leads nothing
+    assert tab.evaluate("knobs.hand") == held
+    tab.press("input >> nth=0", "Escape")
     assert tab.evaluate("hand.particle") is None
+    tab.mouse.down(button="right")
+    assert tab.evaluate("hand.particle") is None
+    tab.mouse.up(button="right")
+
+
+def test_what_questions_say_is_seen(visit):
+    tab = visit("double")
+    tab.click("text=Why does none grow?")
+    tab.click("#one", click_count=6)
+    assert tab.evaluate("copies[0].error / view.wide") > 0.01  # a pixel of a hundred
+    tab.click("text=How soft is soft?")
+    hang = "begin(), hands.copy('soft').state.set([0, -1, 0, -2, 0, 0, 0, 0]), hands.go(3000)"
+    stretch = [tab.evaluate(f"knobs.T *= {x}, {hang}, hands.copy('soft').error") for x in (1, 2)]
+    assert stretch[0] < 0.01 and stretch[1] / stretch[0] == pytest.approx(4.0, rel=0.1)
+    tab.click("text=Half the step?")
+    tab.evaluate("hands.go(300), globalThis.kept = before, null")
+    tab.click("#again")
+    assert tab.evaluate("before === kept")
+    tab = visit("peaucellier")
+    tab.click("text=Where is w's cliff?")
+    for lost in (False, True):  # and a notch to the right
+        tab.evaluate("hands.go", 2000)
+        assert (tab.evaluate("hands.copy('baumgarte').lost") is not None) == lost
+        tab.press("input[aria-label^=w]", "ArrowRight")
+        tab.click("#again")
+    asked = visit("gauss", text=page("double", "gauss")).inner_text("#questions")
+    assert "cliff" not in asked and "grow" not in asked
+
+
+@pytest.mark.parametrize("wide", [360, 701, 900])
+def test_a_small_screen_shows_what_is_asked_for_and_no_number_wraps(wide, visit):
+    tab = visit("double", (wide, 844))
+    tab.click("text=What keeps energy?")
+    assert tab.evaluate("byId('plots').children[1].clientWidth") > 0
+    tab.click("text=What is near the truth?")
+    tab.evaluate("hands.go", 400)
+    tab.clock.run_for(500)
+    assert tab.is_visible("dd.away") and 10 < tab.evaluate("hands.tallest()") < 20
+
+
+def test_only_a_browser_that_is_late_for_seconds_is_said_to_be(visit):
+    tab = visit("double")
+    late = "(n) => { for (; n > 0; n--) advance((clock.last || 1) + 500); tell(); }"
+    for frames, said in ((3, False), (6, True)):  # of which each drops 0.4 s
+        tab.evaluate(late, frames)
+        assert ("only 20 %" in tab.inner_text("#notes")) == said
+    tab.evaluate("play(false), tell()")
+    assert tab.inner_text("#notes") == ""
 
 
 def test_the_cliff_of_w_is_where_theory_says(visit):
@@ -248,6 +302,8 @@ def test_a_new_step_is_a_new_run_beside_the_pale_one_before(visit):
     assert tab.evaluate("[time > 0.9, marks.length, before]") == [True, 1, None]
     tab.evaluate("hands.pick", ["dt", 0.0025])
     assert tab.evaluate("[time, marks.length, before.length]") == [0, 0, 5]
+    tab.evaluate("hands.pick(['dt', 0.05]), hands.go(40), hands.pick(['dt', 0.005])")
+    assert tab.evaluate("before[0].errors.length * before[0].bin") == pytest.approx(2.05)
     tab.click("text=As it was")
     assert tab.evaluate("knobs.dt === data.knobs.dt && knobs.w === data.knobs.w")
 
@@ -268,7 +324,14 @@ def test_a_swipe_beside_the_particles_scrolls_and_one_on_them_does_not(visit):
         touch("touchEnd")
         return held
 
-    assert swipe(*tab.evaluate("hands.spot", ["none", 1])) == 1  # it goes with the finger
+    spots = [tab.evaluate("hands.spot", [mode, 1]) for mode in ("none", "impulse")]
+    assert swipe(*spots[0]) == 1  # it goes with the finger
+    fingers = [{"x": x, "y": y + 5 * k, "id": k} for k, (x, y) in enumerate(spots)]
+    touch("touchStart", fingers[0])
+    held = tab.evaluate("knobs.hand")
+    touch("touchStart", *fingers)  # not with a second one
+    assert tab.evaluate("knobs.hand") == held
+    touch("touchEnd")
     tab.evaluate("new Promise(requestAnimationFrame)")
     assert tab.evaluate("scrollY") == 0
     box = tab.query_selector("canvas.view").bounding_box()
@@ -287,7 +350,11 @@ def test_reduced_motion_starts_paused_and_a_force_with_sin_says_that_bits_may_di
     feel(monkeypatch, lambda q, v: np.sin(q))
     tab = visit("pendulum", reduced_motion="reduce")
     tab.clock.run_for(500)
-    assert tab.evaluate("time") == 0
+    assert tab.evaluate("time") == 0 and tab.inner_text("#run") == "start"
+    tab.press("canvas.view >> nth=0", "ArrowUp")
+    tab.clock.run_for(50)
+    assert "start it" in tab.inner_text("#notes")
+    tab.keyboard.press("Escape")
     tab.click("#one")
     assert tab.evaluate("taken") == 1
     tab.click("#run")

@@ -43,7 +43,7 @@ class Tracer:
 
     `chapter`: the module constraints, as its reader has edited it. `axes`: 2 if all stays in the
     plane z = 0, or else it raises Leaves; or 3. `live`: which entries of (q, v) a state is made of.
-    `steps`: {mode: the name of its function}; `measure` and `tensions`: those of two more.
+    `steps`, `tensions`: {mode: the name of its function}; `measure`: that of one more.
     """
 
     def __init__(self, axes, chapter, system, rule, modes, impedance):
@@ -58,22 +58,22 @@ class Tracer:
         def measure(q, v):  # the energy in J, and the rod errors in m
             return np.array([chapter.energy(system, q, v)]), chapter.rod_errors(system, q)
 
-        def tensions(q, v, *_):  # the rods' pulls in N, under the hand
-            return (chapter.tensions(system, q, v),)
-
         self.steps = {mode: self.step(mode) for mode in modes}
         self.measure = self.written(measure)
-        self.tensions = self.written(tensions, "dt", "knobs")
+        self.tensions = {mode: self.pull(mode) for mode in modes}
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
         return [Symbol(current.tape, name) for name in names]
 
+    def hold(self, mode):
+        """The chapter's Hold of a mode."""
+        _, whole, w, time_constant = self.inputs(KNOBS)
+        return self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
+
     def force(self, mode):
         """The chapter's force of a mode."""
-        _, whole, w, time_constant = self.inputs(KNOBS)
-        hold = self.chapter.hold_table(whole, w, time_constant, self.impedance)[mode]
-        return self.chapter.make_force(self.system, hold)
+        return self.chapter.make_force(self.system, self.hold(mode))
 
     def written(self, function, *parameters):
         """The name of function(q, v, *knobs) as JavaScript, (state, *parameters) -> array.
@@ -112,6 +112,14 @@ class Tracer:
             return tuple(end[~self.still] for end in ends)
 
         return self.written(step, "dt", "knobs")
+
+    def pull(self, mode):
+        """The name of the function (state, dt, knobs) -> the rods' pulls in N, under the hand."""
+
+        def tensions(q, v, *_):
+            return (self.chapter.tensions(self.system, q, v, self.hold(mode)),)
+
+        return self.written(tensions, "dt", "knobs")
 
 
 def traced(chapter, system, *how):
@@ -189,9 +197,10 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     data |= {"mgl": float(energy_scale(system, chapter.GRAVITY)), "newtons": float(weight) or 1.0}
     data |= {"far": 100.0 * size, "knobs": {"dt": dt, "w": w, "T": time_constant}}
     data["lists"] = {key: sorted({float(x) for x in values}) for key, values in lists.items()}
-    table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in tracer.steps.items())
-    lines = PRELUDE + tracer.writer.source()
-    lines += f"const steps = {{{table}}}, measure = {tracer.measure}, tensions = {tracer.tensions};"
+    lines = f"{PRELUDE}{tracer.writer.source()}const measure = {tracer.measure};\n"
+    for key, functions in (("steps", tracer.steps), ("tensions", tracer.tensions)):
+        table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in functions.items())
+        lines += f"const {key} = {{{table}}};\n"
     return filled(lines, data)
 
 
