@@ -29,8 +29,8 @@ class Compiled:
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
     with the plain step in the first block, whenever the steps are OFTEN times as many, and in the
-    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is no
-    comparison, and no plain step: a Stop instead, since that would take too long. `steps`: how many
+    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is a
+    Stop instead, since that would take too long, and only one block is compared. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
     counted from zero where the way changes.
     """
@@ -38,7 +38,7 @@ class Compiled:
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
         self.given, self.only = (step_fn, m, force), only
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
-        self.ask, self.best = mapped(measure, turns=steps), False
+        self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
         self.watch = mapped(watch, turns=steps) if watch else None
         self.start(dt, steps)
 
@@ -110,9 +110,10 @@ class Compiled:
         if why and not count:
             raise why
         self.done += count
-        if self.done >= self.due or count >= self.steps:  # the last block, too
-            self.due = OFTEN * self.done
-            if not self.only and self.differs(start, rows):
+        due = self.done >= self.due or count >= self.steps  # the last block, too
+        if due and not (self.only and self.compared):
+            self.due, self.compared = OFTEN * self.done, True
+            if self.differs(start, rows):
                 self.alone.halved = halved  # this block does not count
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
@@ -168,7 +169,7 @@ class Compiled:
         if native.FAILED and not self.alone.machine:
             self.way = f"compiled to Python; {native.FAILED[0]}"
 
-    def to_machine(self, best=True):
+    def to_machine(self, best):
         """Machine code from here on; the best takes a few times as long to make."""
         self.alone.to_machine(best)
         self.best = best

@@ -166,7 +166,7 @@ class OneByOne:
                 rows = [[np.nan] * (entries + len(out))]
             end[:] = rows[-1][:entries]
             made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
-            most[:] = np.max(made, axis=0, initial=-np.inf)
+            most[:] = np.max(np.vstack([most, made]), axis=0)
 
 
 @lru_cache(8)

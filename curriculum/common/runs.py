@@ -41,6 +41,10 @@ class Run(SimpleNamespace):
             f"  q, v: kept at {len(self.kept)} steps; {self.pace:.3g} us a step, {self.way}"
         )
 
+    def __reduce__(self):
+        """Of what took the steps a copy has the code, and nothing else."""
+        return Run, (), vars(self) | {"step": SimpleNamespace(source=self.source)}
+
     @property
     def source(self):
         """The code that a step has become."""

@@ -137,10 +137,6 @@ class Tape:
                 found.update(operands)
         return [name for name in self.nodes if name in found]
 
-    def exact(self):
-        """Whether all its operations are rounded alike everywhere."""
-        return all(sign in EXACT for sign, *_ in self.nodes.values())
-
     def replay(self, symbols, known):
         """The symbols once more, where names of inputs stand for others: {name: Symbol}, `known`.
 
@@ -182,6 +178,8 @@ def lift(number):
     """A number as a Symbol; one that is a Symbol stays as it is."""
     if type(number) is Symbol:
         return number
+    if type(number) is Truth:
+        return number.number
     if type(number) is float:  # as nearly always
         return Symbol(current.tape, abs(number), number < 0.0)
     if isinstance(number, (np.ndarray, np.generic)):
@@ -298,10 +296,13 @@ class Symbol:
     def __array_function__(self, function, types, given, how):
         return OWN.get(function, function._implementation)(*given, **how)
 
-    def refuse(self, *_):
-        why = "it branches on a value, or wants one as a plain number"
+    def refuse(self, *_, why="it branches on a value, or wants one as a plain number"):
         self.tape.refused.append(why)  # should the function catch this
         raise Untraceable(why)
+
+    def truth(self):
+        """This number, which a comparison made, as what is true or not."""
+        return Truth(self.tape, self.x, self.minus)
 
     def __neg__(self):
         return Symbol(self.tape, self.x, not self.minus)
@@ -314,10 +315,26 @@ class Symbol:
     __mul__, __rmul__ = operators(multiply, lambda a: 0)
     __truediv__, __rtruediv__ = operators(divide)
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
-    __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()))
-    __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()))
+    __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()).truth())
+    __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()).truth())
     __bool__ = __float__ = __int__ = __eq__ = __ne__ = refuse
     __hash__ = None
+
+
+class Truth(Symbol):
+    """What a comparison made: 1 or 0, and a number to all but its like, since in numpy true + true
+    is true. `number`: it as a number, to be counted."""
+
+    __slots__ = ()
+
+    @property
+    def number(self):
+        return Symbol(self.tape, self.x, self.minus)
+
+    def __add__(self, other):
+        if isinstance(other, Truth):
+            self.refuse(why="it adds what comparisons made; np.sum counts them")
+        return super().__add__(other)
 
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
