@@ -334,7 +334,7 @@ def tensions(system, q, v, hold="none"):
 
 
 def unheld(system, q, v, hold="none"):
-    """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
+    """The largest acceleration in m/s^2 that is asked of the rods, and that they do not make."""
     jac, lam, A, b = multipliers(system, q, v, hold)
     return unanswered(system, jac, A, b, lam, v)
 

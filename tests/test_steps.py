@@ -15,7 +15,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
-from curriculum.common import compiled, native
+from curriculum.common import compiled, native, trace
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.programs import repeat
@@ -336,6 +336,13 @@ def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
     found = run(PENDULUM, timid, "none", 0.04, 90, range(91))  # of halves on both ways
     lengths = np.array([too_long(x, 0.04) for x in found.v[:-1]])
     assert "slower: " in found.way and found.halved == np.sum(lengths > 1.0) > 0
+
+
+def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
+    monkeypatch.setattr(trace, "LONG", 20)  # operations
+    few, many = (run(DOUBLE, steps=steps) for steps in (2, 100))
+    assert "it is too long to be compiled for so few steps" in few.way
+    assert many.way.startswith("compiled") and np.array_equal(many.tip[:3], few.tip)
 
 
 def test_a_step_of_many_rods_is_bytecode_at_first():

@@ -1,4 +1,4 @@
-"""What a run hands over: numbers, a picture and a recording, all of one run, in one folder."""
+"""What a run hands over: numbers, a picture, a page and a recording, all in one folder."""
 
 import contextlib
 import os

@@ -56,7 +56,7 @@ class Assembler:
             self.rows[row][1] = first[k]
 
     def row(self, sign, result, *operands):
-        """A row more; its number."""
+        """One more row; its number."""
         self.rows.append([NUMBER[sign], result, *operands, *UNUSED[len(operands)]])
         return len(self.rows) - 1
 

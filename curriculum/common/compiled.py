@@ -14,11 +14,13 @@ import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# so many operations a block has at most, the first and a later one; loops count once
+# operations in the first block and in a later one, at most; a loop counts as one turn of it
 SHORT, LONG = 75_000, 3_000_000
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
-BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
+# machine code is made if the steps that are left take so many times as long as that: the quick,
+# and then the best
+QUICK, BEST = 1.5, 6.0
 NONE = None, None, None  # no state that there is
 OFTEN = 4  # times as many steps: then what is compiled is compared again
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
@@ -163,7 +165,7 @@ class Compiled:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
         left, begun = self.steps * pace, isinstance(self.alone.machine, native.Native)
-        if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
+        if left > (BEST if begun else QUICK) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)
         if native.FAILED and not self.alone.machine:

@@ -15,7 +15,7 @@ from curriculum.common.trace import Untraceable
 import numpy as np
 
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
-SHARE = 3  # calls of numpy take as long as it takes to compile an operation
+PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -144,7 +144,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
         except Untraceable:
             return None
-        if (CALLS[0] - calls) * turns < SHARE * traced.program.size():
+        if (CALLS[0] - calls) * turns < PRICE * traced.program.size():
             return None
         return SimpleNamespace(traced=traced, code=None, asked=0)
 

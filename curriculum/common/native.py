@@ -208,7 +208,8 @@ class Writer:
 
     def pieces(self, many):
         """So many rows in pieces, one a vector, about equally long; of one if lanes are members."""
-        size = -(-many // -(-many // LANES)) if self.lanes == 1 else 1
+        vectors = -(-many // LANES)
+        size = -(-many // vectors) if self.lanes == 1 else 1
         return [slice(k, k + size) for k in range(0, many, size)]
 
     def side_by_side(self, lanes, env):

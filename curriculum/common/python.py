@@ -111,8 +111,7 @@ def compiled(source, space):
 
 
 class Columns:
-    """A source without loops for many members, in numpy: (state, count, out, *knobs), of which it
-    fills state and out as native.Native does."""
+    """A source without loops for many members, as columns of numpy: called as native.Native is."""
 
     lanes = 1
 

@@ -72,7 +72,7 @@ def arrays(end):
 
 
 class Block:
-    """States computed ahead: q, v (count, N, 3), and what was measured of each, (count,) each."""
+    """States, mostly computed ahead: q, v (count, N, 3), and of each what was measured (count,)."""
 
     def __init__(self, q, v, measured):
         self.q, self.v, self.measured = q, v, measured
@@ -90,7 +90,7 @@ class Plain:
     """
 
     way = source = "in plain numpy: the lines as they stand"
-    block, state = None, (None, None, None)  # none is computed ahead, as Compiled does
+    block, state = None, (None, None, None)  # there is none: only Compiled computes ahead
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
         self.step = lambda state, dt: arrays(step_fn(*state, m, force, dt))
@@ -192,7 +192,7 @@ class Traced:
 
 
 class Single:
-    """Steps of a state, by Python's floats or by `machine` code; `halved`: those in halves."""
+    """Steps of a state, by Python's floats or by `machine` code; `halved`: how many in halves."""
 
     def __init__(self, traced):
         self.traced, self.machine, self.halved = traced, None, 0

@@ -24,7 +24,7 @@ UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np
 UFUNCS |= {"<": np.less, "<=": np.less_equal} | {name: getattr(np, name) for name in FUNCTIONS}
 EXACT = set(UFUNCS) - set(FUNCTIONS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
 LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
-WORTH = 40  # to compile an operation takes as long as to do it so many times in plain numpy
+WORTH = 10  # to compile an operation takes as long as to do it so many times in plain numpy
 
 
 class Untraceable(Exception):
@@ -60,7 +60,7 @@ class Effort:
         self.noted, self.done, self.factor = 0, 0, 1
 
     def note(self):
-        """An operation more. Raises Untraceable where compiling would cost more than it saves."""
+        """One more operation. Raises Untraceable where compiling would cost more than it saves."""
         self.noted += 1
         self.done += self.factor
         if self.noted > LONG and self.done * self.turns < WORTH * self.noted:
@@ -84,16 +84,20 @@ class Tape:
 
     Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
     part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
-    `outer`: the tape on which a loop stands, whose names its body may use.
+    `outer`: the tape on which a loop stands, whose names its body may use. `names`: what an
+    operation is called that is there already. `numbers`, of new names, `refused`, why all this
+    cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
+    `open`: whether it is still written.
     """
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
 
     def __init__(self, outer=None, numbers=None):
-        self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
-        self.numbers = outer.numbers if outer else numbers or count()
-        self.refused = outer.refused if outer else []
-        self.open, self.knobs = True, outer.knobs if outer else ()
+        self.nodes, self.names, self.parts = {}, {}, {}
+        self.outer, self.open = outer, True
+        self.numbers, self.refused, self.knobs = numbers or count(), [], ()
+        if outer:
+            self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
 
     def trace(self, function, *args):
         """function(*args), whose operations come onto this tape."""
@@ -254,6 +258,7 @@ class Symbol:
         return innermost
 
     def plain(self):
+        """This number with its minus carried out, as 0 - x on the tape."""
         return lift(0.0).note("-", self) if self.minus else self
 
     def add(self, b):
