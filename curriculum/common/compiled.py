@@ -23,6 +23,7 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 QUICK, BEST = 1.5, 6.0
 NONE = None, None, None  # no state that there is
 OFTEN = 4  # times as many steps: then what is compiled is compared again
+SHORTER = 1e-3  # times as long: a step that is only compared
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -115,7 +116,11 @@ class Compiled:
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
             self.due, self.compared = OFTEN * self.done, True
-            if self.differs(start, rows):
+            tried, dt = rows, self.dt
+            if self.only:  # such rules iterate, and a short step needs fewer rounds
+                dt = SHORTER * dt
+                tried, _ = self.alone(start, 1, dt)
+            if self.differs(start, tried, dt):
                 self.alone.halved = halved  # this block does not count
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
@@ -137,8 +142,8 @@ class Compiled:
             work *= QUICKER
         return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
-    def differs(self, start, rows):
-        """Whether a step of a block (count, entries) is another than the plain one.
+    def differs(self, start, rows, dt):
+        """Whether a step of dt s, of a block (count, entries), is another than the plain one.
 
         It is the last, or the first if the last is not finite. Sums and products are the same to
         the last bit; a sine need not be.
@@ -147,7 +152,7 @@ class Compiled:
         if not np.isfinite(end).all():
             before, end = start, rows[0]
         try:
-            expected = self.alone.traced.plain(before, self.dt)
+            expected = self.alone.traced.plain(before, dt)
         except Stop:
             return False  # the step is taken in halves
         if self.alone.traced.exact:
