@@ -334,7 +334,7 @@ def tensions(system, q, v, hold="none"):
 
 
 def unheld(system, q, v, hold="none"):
-    """The largest acceleration in m/s^2 that is asked of the rods, and that no tensions make."""
+    """The largest acceleration in m/s^2 that is asked of the rods, and that they do not make."""
     jac, lam, A, b = multipliers(system, q, v, hold)
     return unanswered(system, jac, A, b, lam, v)
 
@@ -415,7 +415,7 @@ def main(argv=None):
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
-    sought = not args.plain and run_checks.answerable(system, unheld)  # the truth
+    sought = not args.plain and run_checks.answerable(system, partial(unheld, system))  # the truth
     tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
     plan = parser.attempt("--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
     args.integrator, dt, steps, truth = plan  # --tol may have chosen another rule and step

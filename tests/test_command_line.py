@@ -85,6 +85,12 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     assert not any(tmp_path.rglob(publish.RECORDING))
+    with monkeypatch.context() as broken:  # it is there, and does not load
+        broken.delattr("curriculum.ch3_4_constraints.recording", raising=False)
+        broken.setitem(sys.modules, "curriculum.ch3_4_constraints.recording", None)
+        c.main(["--steps", "2", "--rerun", "--out", str(tmp_path)])
+    assert f"\n{publish.RECORDING} left out: " in capsys.readouterr().out
+    assert (tmp_path / publish.METRICS).exists()
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     assert not c.parse(["--out", str(tmp_path)])[1].rerun
     line = complaint(capsys, "--rerun")  # told before the run, not after it

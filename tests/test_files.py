@@ -9,7 +9,7 @@ from functools import partial
 from unittest import mock
 
 import constraints as c
-from curriculum.ch3_4_constraints import publish
+from curriculum.ch3_4_constraints import publish, recording
 from curriculum.common import banner, files
 
 import pytest
@@ -170,7 +170,7 @@ def test_a_run_leaves_all_its_files_and_none_older_and_none_tells_where_it_was(
     scene, out = tmp_path / "mine.json", tmp_path / "out"
     scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
     files.write_together(out, dict.fromkeys(NAMES, "old"))
-    monkeypatch.setattr(publish, "record", mock.Mock(return_value=b"new"))
+    monkeypatch.setattr(recording, "record", mock.Mock(return_value=b"new"))
     flags = ["--system", str(scene), "--steps", "2", "--out", str(out)]
     c.main([*flags, "--rerun"])
     written = contents(out)

@@ -1,5 +1,6 @@
 """The constraint force, of few rods and many: what it must bring about, and what no force can."""
 
+from functools import partial
 from itertools import product
 
 import constraints as c
@@ -63,7 +64,19 @@ def test_rods_accelerate_as_the_hold_asks(asked, monkeypatch):
         assert_close(gddot + gives, -hold.damping * gdot - hold.stiffness * g, 1e-11)
 
 
+class Weight:
+    def __call__(self, system, q):
+        return system["m"] * c.GRAVITY
+
+    @staticmethod
+    def times(k, system, q, v):
+        return k * system["m"] * c.GRAVITY
+
+
 WRITTEN = [  # as the course has it: without v, as a list, or as one row for all
+    Weight(),
+    partial(Weight.times, 1.0),
+    lambda system, q, k=1.0: k * system["m"] * c.GRAVITY,
     lambda system, q: system["m"] * c.GRAVITY,
     lambda system, q, v: [0.0, -9.81, 0.0],
     lambda *state: c.GRAVITY.tolist(),
@@ -77,7 +90,9 @@ def test_a_force_may_be_written_in_other_ways_and_one_that_does_not_fit_is_told(
         monkeypatch.setattr(c, "external_force", force)
         assert np.array_equal(c.constraint_force(*state), expected)
         assert run(DOUBLE, steps=5).way.startswith("compiled")
-    for wrong, said in ((np.zeros((2, 2)), r"shape \(2, 2\), must be \(2, 3\)"), (None, "None wh")):
+    wrongs = [(np.zeros((2, 2)), r"shape \(2, 2\), must be \(2, 3\)"), (None, "None wh")]
+    wrongs += [(DOUBLE["m"], r"shape \(2, 1\), must be"), (1j * DOUBLE["q0"], "complex numbers")]
+    for wrong, said in wrongs:
         monkeypatch.setattr(c, "external_force", lambda *_, wrong=wrong: wrong)
         with pytest.raises(ValueError, match=said):
             c.constraint_force(*state)
@@ -117,9 +132,11 @@ def test_a_function_of_one_state_is_mapped_over_many(monkeypatch):
         asked = product((c.constraint_force, c.tensions), TABLE.values())
         return *found, *(function(system, q, v, hold) for function, hold in asked)
 
-    for force in (lambda s, q, v: -v, lambda s, q, v: v if v[1, 0] > 0.0 else -v):
+    forces = [lambda s, q, v: -v, lambda s, q, v: v if v[1, 0] > 0.0 else -v]
+    first = mapped(everything)
+    for force, mapping in ((forces[0], first), (forces[1], mapped(everything)), (forces[1], first)):
         monkeypatch.setattr(c, "external_force", force)
-        many = mapped(everything)(q, v)
+        many = mapping(q, v)
         for k in range(4):
             alone = everything(q[k], v[k])
             assert all(np.array_equal(x[k], y) for x, y in zip(many, alone, strict=True))

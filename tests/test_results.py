@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import constraints as c
-from curriculum.ch3_4_constraints import publish, tables
+from curriculum.ch3_4_constraints import publish, recording, tables
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
 from curriculum.common import compiled, steps
 from curriculum.common.ruler import true_position
@@ -86,7 +86,7 @@ def test_links_smoke_and_steps_say_how_many():
 
 def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
     recorded = []
-    monkeypatch.setattr(publish, "record", lambda found: recorded.append(found) or b"")
+    monkeypatch.setattr(recording, "record", lambda found: recorded.append(found) or b"")
     found, lines = results("--integrator gauss --tol 1e-6 --dt 0.005 --rerun", 450)
     errors = {mode: row["error"] for mode, row in found["results"].items()}
     assert found["dt"] > 0.005 and found["error_at"] == pytest.approx(2.0)

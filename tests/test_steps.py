@@ -1,7 +1,9 @@
 """Many steps at once are the steps of the lines as they stand, in every way that they are done."""
 
+import pickle
 import random as dice
 import time
+from argparse import Namespace
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
@@ -13,7 +15,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
-from curriculum.common import compiled, native
+from curriculum.common import compiled, native, trace
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.programs import repeat
@@ -128,6 +130,7 @@ def forces():
     endless = {"of": Controller, "file": open, "lock": np.lib}
     endless["self"] = [endless]
     controller = Controller(hold=SimpleNamespace(gain=1.0))
+    options = Namespace(gain=0.1)
     drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
@@ -156,6 +159,10 @@ def forces():
         calls += 1
         return np.full(q.shape, calls // 5 % 2)
 
+    def tired(q, v):
+        options.gain *= 0.99
+        return -options.gain * v
+
     def lottery(q, v):
         import secrets
 
@@ -172,6 +179,7 @@ def forces():
         "changes the global gain": lambda q, v: setattr(Slot, "gain", -Slot.gain) or Slot.gain * v,
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
         "changes the attribute gain of controller": lambda q, v: controller(q, v),
+        "changes the attribute gain of options": tired,
         "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
         "the random generator of numpy": noise,
         "asks for the time": lambda q, v: -v if datetime.now() else v,
@@ -198,11 +206,17 @@ def forces():
         "makes a complex number": lambda q, v: ((1.0 + 1e-9j) * q).real,
         "arcsinh": lambda q, v: np.arcsinh(q),
         "order of its own": lambda q, v: np.einsum("ij,ij->i", q, q)[:, None] * v,
+        "order of its own: matmul": lambda q, v: np.matmul(v, np.full((3, 3), 0.1)),
+        "order of its own: reduce": lambda q, v: -np.add.reduce(v, axis=0),
+        "order of its own: convolve": lambda q, v: np.convolve(v[:, 0], q[0])[:3],
+        "a product of symbols is one of": lambda q, v: (np.eye(3) @ v[:, :, None])[:, :, 0],
+        "adds what comparisons made": lambda q, v: -v * ((q < -0.06) + (v < -0.1)),
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
+        "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
         "compiled: in place": lambda q, v: halving(q)[0],
         # nothing that changes
         "compiled: a name of its own": lambda q, v: -drag.time * v,
@@ -230,6 +244,46 @@ def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, step
     assert same(coded[1].q[-1], plain.q[-1])
     assert name.split(":")[0] in coded[1].way
     assert ("slower: " in coded[1].way) == (name not in FINE)
+
+
+def lists(q, v, m, force, dt):
+    q, v = c.semi_implicit_step(q, v, m, force, dt)
+    return list(q), v.tolist() if isinstance(v[0, 0], float) else list(v)
+
+
+def test_a_step_may_return_lists_and_no_force_changes_the_state(monkeypatch):
+    cases = product(("semi_implicit", lists), (Compiled, Plain))
+    runs = [run(DOUBLE, rule, steps=40, way=way) for rule, way in cases]
+    assert all(alike(found, runs[0]) for found in runs)
+    feel(monkeypatch, lambda q, v: np.minimum(v, 0.1, out=v))
+    for way in (Compiled, Plain):
+        with pytest.raises(ValueError, match="read-only") as told:
+            run(DOUBLE, way=way, steps=40)
+        assert "none is changed in place" in told.value.__notes__[0]
+
+
+def test_what_is_measured_is_measured_as_the_lines_stand(monkeypatch):
+    """Though it remembers, or asks what a symbol answers otherwise than a number."""
+
+    def remembering():
+        seen = []
+        return lambda system, q, v: seen.append(1) or float(len(seen))
+
+    def asking():
+        return lambda system, q, v: q[1, 1] * (1.0 if q.dtype == float else 2.0)
+
+    for made in (remembering, asking):
+        found = []
+        for way in (Compiled, Plain):
+            monkeypatch.setattr(c, "energy", made())
+            found.append(run(DOUBLE, steps=40, way=way).energies)
+        assert np.array_equal(*found)
+
+
+def test_a_run_can_be_sent_to_another_process():
+    found = run(DOUBLE, steps=40)
+    sent = pickle.loads(pickle.dumps(found))
+    assert alike(sent, found) and sent.source == found.source and repr(sent) == repr(found)
 
 
 def too_long(v, dt):
@@ -282,6 +336,13 @@ def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
     found = run(PENDULUM, timid, "none", 0.04, 90, range(91))  # of halves on both ways
     lengths = np.array([too_long(x, 0.04) for x in found.v[:-1]])
     assert "slower: " in found.way and found.halved == np.sum(lengths > 1.0) > 0
+
+
+def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
+    monkeypatch.setattr(trace, "LONG", 20)  # operations
+    few, many = (run(DOUBLE, steps=steps) for steps in (2, 100))
+    assert "it is too long to be compiled for so few steps" in few.way
+    assert many.way.startswith("compiled") and np.array_equal(many.tip[:3], few.tip)
 
 
 def test_a_step_of_many_rods_is_bytecode_at_first():

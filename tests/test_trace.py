@@ -177,6 +177,15 @@ ASKED = {  # what numpy's functions are asked for besides: of numbers, and of sy
     "of a number": lambda x: np.dot(2.0, x),
     "a divisor of zero": lambda x: 1.0 / np.sum(0.0 * x[:, None], axis=0)[0] > 5.0,
     "nothing by nothing": lambda x: np.zeros(12) / np.repeat(x, 4) > -1.0,
+    "where": lambda x: np.divide(
+        np.repeat(x, 4), 8.0, out=np.zeros_like(x, shape=12), where=np.repeat(x, 4) < 0.1
+    ),
+    "no entries": lambda x: np.sum(x[:0].reshape(0, 2), axis=0),
+    "another norm": lambda x: np.linalg.norm(x.reshape(1, 3), 1) + np.linalg.norm(x[None], 2),
+    "new names": lambda x: np.clip(x, min=-1.0),
+    "a count": lambda x: np.array([0.0, 1.5, 3.5, 7.5])[np.sum(x > -1.0)],
+    "true or true": lambda x: (x > -1.0) + (x < 1.0),
+    "what is imaginary": lambda x: np.sum(1j * x[None], axis=0).imag + np.linalg.norm(1j * x),
 }
 
 

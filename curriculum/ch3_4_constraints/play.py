@@ -15,7 +15,7 @@ from pathlib import Path
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
 from curriculum.ch3_4_constraints.systems import check_system, energy_scale
-from curriculum.common.javascript import PRELUDE, Writer, inexact
+from curriculum.common.javascript import PRELUDE, Writer
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, called, followed
@@ -96,7 +96,7 @@ class Tracer:
             program = Program(function, self.still, self.still, knobs=knobs)
         finally:
             self.chapter.external_force = own
-        self.inexact |= inexact(program)
+        self.inexact |= program.inexact()
         self.live = program.live
         given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | knobs
         return self.writer.program(program, ["state", *parameters], given)

@@ -17,7 +17,7 @@ TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
 def chosen(hold, table):
     """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s. table(baumgarte=w)
     -> {name: Hold}. Raises ValueError if there is none of that name."""
-    if isinstance(hold, tuple):
+    if hasattr(hold, "softness"):
         return hold
     if isinstance(hold, Real) and 0.0 <= hold < np.inf:
         return table(baumgarte=hold)["baumgarte"]
@@ -67,8 +67,8 @@ def watched(system, function):
 
 
 def felt(system, tensions):
-    """The tensions (C,) in N that `tensions`(q, v) finds; 0 where it finds none."""
-    return or_else(tensions, np.zeros(len(system["pairs"])))
+    """The function `tensions`(q, v) -> (C,) in N, but 0 where it finds none."""
+    return or_else(tensions, 0.0 * system["lengths"])
 
 
 def answerable(system, unheld):
@@ -79,7 +79,7 @@ def answerable(system, unheld):
         return False
     watch = watched(system, unheld)
     try:
-        return watch is None or watch(system, system["q0"], system["v0"]) <= UNHELD
+        return watch is None or watch(system["q0"], system["v0"]) <= UNHELD
     except Exception:  # a mistake of the reader's shows in the run itself
         return True
 

@@ -19,7 +19,8 @@ def solve(system, a, b, v=None, jac=None, rough=False):
     singular. There a little is added to it, of SLACK and, if the velocities v (N, 3) are given, of
     how the rods turn. Unless `rough`, rounds of refinement remove the effect (J. Carpentier, R.
     Budhiraja, N. Mansard, RSS 2021) and, if J (C, 3N) is given as `jac`, conjugate gradients take
-    them further. What no lambda can meet is left: see `unanswered`.
+    them further. What no lambda can meet is left, and what only a large one meets, in a pose that
+    rods as fast as these pass within an instant: see `unanswered`.
     """
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))
@@ -64,8 +65,9 @@ def turned(system, v):
     jdot = np.zeros_like(v, shape=(len(system["pairs"]), *v.shape))
     for k, (i, j) in enumerate(system["pairs"]):
         rate = v[i] - v[j] if j >= 0 else v[i]
-        share = INSTANT / (TURN * system["lengths"][k])
-        rate = rate * (INSTANT / np.sqrt(1.0 + share * share * (rate @ rate)))
+        slow = INSTANT / (TURN * system["lengths"][k])  # s/m: 1 over the d' that turns by TURN
+        # h is INSTANT or, where a rod turns fast, TURN L / |d'|: smoothly the smaller one
+        rate = rate * (INSTANT / np.sqrt(1.0 + slow * slow * (rate @ rate)))
         jdot[k, i] = rate
         if j >= 0:
             jdot[k, j] = -rate

@@ -12,7 +12,8 @@ TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelli
 
 
 def near(lengths, q):
-    """The g (C,) at which rods are right: 1e-12 of L^2, and as g is rounded far away."""
+    """The |g| (C,) in m^2 that counts as zero: 1e-12 L^2, and the rounding of g, which grows with
+    how far q (N, 3) is from the origin."""
     far = np.sum(np.abs(q)) / len(q)
     return 1e-12 * lengths * lengths + 1e-15 * far * lengths
 
@@ -82,8 +83,8 @@ def torn(system, gravity, unit, rate, slow):
 
 
 def strained(rows, bend, floor):
-    """The first rod where the part of bend (C,) along self-stresses, which are tensions u with
-    rows^T u = 0, is not rounding; or None."""
+    """The rod where the part of bend (C,) along self-stresses, which are tensions u with rows^T u
+    = 0, is largest: the first of those within 1 %. None if all of it is rounding."""
     _, sizes, right = np.linalg.svd(np.linalg.qr(rows.T, mode="r"))
     free = right[np.sum(sizes > LOST * sizes[0]) :]
     stresses = free.T @ free  # a projection

@@ -119,19 +119,23 @@ def plot(sheet, corners, x, y, curves, size=15):
     """
     left, top, end, bottom = corners
     line = 1.2 * size  # from a line of words to the next
-    for value, words in x[2].items():
-        if x[1][0] <= value <= x[1][1]:
-            at = position(value, x[1], left, end)
+    _, across, columns = x
+    _, upward, rows = y
+    for value, words in columns.items():
+        if across[0] <= value <= across[1]:
+            at = position(value, across, left, end)
             sheet.line([(at, bottom), (at, top)], PALE, 1)
             sheet.words(at, bottom + line + 2, words, GREY, "middle", size)
-    for value, words in y[2].items():
-        if y[1][0] <= value <= y[1][1]:
-            at = position(value, y[1], bottom, top)
+    for value, words in rows.items():
+        if upward[0] <= value <= upward[1]:
+            at = position(value, upward, bottom, top)
             sheet.line([(left, at), (end, at)], PALE, 1)
             sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
     names = []
     for name, (color, values, *dash) in curves.items():
-        points = [(position(a, x[1], left, end), position(b, y[1], bottom, top)) for a, b in values]
+        points = [
+            (position(a, across, left, end), position(b, upward, bottom, top)) for a, b in values
+        ]
         sheet.line(points, color, 2.5 if size > 13 else 2, *dash)
         names.append([*points[-1], name, color])
     names.sort(key=lambda name: name[1])

@@ -49,7 +49,7 @@ def direction(angle):
 
 def check_links(links):
     """Raise SceneError unless a chain can have so many links."""
-    right = isinstance(links, Integral) and 1 <= links <= MOST
+    right = type(links) is not bool and isinstance(links, Integral) and 1 <= links <= MOST
     need(right, "links", links, f"a whole number of rods, 1 to {MOST}")
 
 
@@ -69,9 +69,11 @@ def energy_scale(system, gravity):
 
 def states(system, *arrays):
     """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
-    be lists. Raises ValueError for another shape, which would be repeated silently."""
-    made = [ordered(x) for x in arrays]
+    be lists, and cannot be written into. Raises ValueError for another shape, which would be
+    repeated silently."""
+    made = [ordered(x).view() for x in arrays]
     for x in made:
+        x.flags.writeable = False  # a force is to change no state
         if x.shape != (len(system["m"]), 3):
             must = f"must be {(len(system['m']), 3)}, a row for each particle"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")

@@ -5,6 +5,7 @@ import textwrap
 from itertools import product
 
 from curriculum.common.banner import work
+from curriculum.common.ruler import KNOWN
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def comparison(found):
         say(note)
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
-        unknown = "not known to 1 nm" if truth.sought else "not looked for"
+        unknown = f"not known to {length(KNOWN)}" if truth.sought else "not looked for"
         why = f"the truth is {unknown} at" if truth.q is None else "stopped before"
         say(f"- {', '.join(lost)}: {why} {at}")
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (tol or math.inf)]

@@ -22,19 +22,26 @@ NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 def ordered(x, shape=None):
     """x as an array whose products and sums go in order; it must have the `shape`, if one is given.
 
-    What lacks axes is repeated, as numpy does. Raises ValueError, for None, too.
+    What lacks the first axes is repeated. Raises ValueError, for None and complex numbers, too.
     """
     if x is None:
         raise ValueError("None where an array must be: does a function lack its return?")
+    x = np.asanyarray(x)
+    if x.dtype.kind == "c":
+        raise ValueError("complex numbers, where real ones must be")
     if not isinstance(x, Ordered):
-        x = np.asarray(x)
         x = x.view(Symbols) if x.dtype == object else x.astype(float, copy=False).view(Ordered)
     if shape is not None and x.shape != shape:
-        try:
-            x = np.broadcast_to(x, shape, subok=True)
-        except ValueError:
-            raise ValueError(f"an array of shape {x.shape}, must be {shape}") from None
+        if x.shape != shape[len(shape) - x.ndim :]:
+            raise ValueError(f"an array of shape {x.shape}, must be {shape}")
+        x = np.broadcast_to(x, shape, subok=True)
     return x
+
+
+def viewed(made):
+    """What was made of ordered arrays, as one; a single number as it is."""
+    kind = Symbols if made.dtype == object else Ordered
+    return made.view(kind) if made.ndim else made[()]
 
 
 class Ordered(np.ndarray):
@@ -53,29 +60,41 @@ class Ordered(np.ndarray):
 
     dot = __matmul__
 
-    def sum(self, axis=None, dtype=None, out=None, keepdims=False):
-        if out is not None:
-            raise TypeError("np.sum of an ordered array writes into no `out`")
+    def sum(self, axis=None, dtype=None, out=None, keepdims=False, **how):
         made = np.asarray(self)
-        if axis is None and not keepdims:
-            return made.ravel().cumsum()[-1] if made.size else np.float64(0.0)
+        if dtype is not None or out is not None or how:  # then numpy adds
+            if made.dtype == object:
+                raise TypeError("np.sum of symbols takes an axis and keepdims, and nothing else")
+            return made.sum(axis, dtype, out, keepdims, **how)
+        if made.dtype == object:  # truths are counted
+            made = np.asarray(np.frompyfunc(lambda s: getattr(s, "number", s), 1, 1)(made))
+        if axis is None and not keepdims and made.size:
+            return made.ravel().cumsum()[-1]
         axes = range(self.ndim) if axis is None else normalize_axis_tuple(axis, self.ndim)
         if axis is None:  # one row of all entries
-            made = made.reshape((1,) * (self.ndim - 1) + (-1,))
+            made = made.reshape((1,) * (self.ndim - 1) + (made.size,))
         for one in sorted(axes, reverse=True):  # the last first
-            made = made.cumsum(one).take([-1], one)
+            if made.shape[one]:
+                made = made.cumsum(one).take([-1], one)
+            else:
+                made = made.sum(one, keepdims=True)  # zeros
             made = made if keepdims else made.squeeze(one)
-        return ordered(made) if made.ndim else made[()]
+        return viewed(made)
 
     def mean(self, axis=None, **how):
         total = self.sum(axis, **how)
-        return total / (self.size // getattr(total, "size", 1))
+        return total / (self.size // max(1, np.size(total)))
 
     def __array_function__(self, function, types, given, how):
-        if function in UNORDERED and Symbols in types:
+        symbols = Symbols in types
+        if function in UNORDERED and symbols:
             raise TypeError(f"np.{function.__name__} adds in an order of its own; use @ or np.sum")
         if function in OWN:
-            return OWN[function](*given, **how)
+            try:
+                return OWN[function](*given, **how)
+            except (TypeError, ValueError):  # it is asked for what only numpy has
+                if symbols:
+                    raise
         return super().__array_function__(function, types, given, how)
 
 
@@ -90,9 +109,12 @@ def symbolic(ufunc, method, given, how):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
     CALLS[0] += 1
     arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
-    if ufunc is np.matmul:
-        made = product(*arrays)
-    elif method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
+    chosen = how.pop("where", True)  # what is not chosen stays what `out` has there
+    if ufunc is np.matmul or ufunc is np.add and method == "reduce":
+        raise TypeError(f"np.{ufunc.__name__} adds in an order of its own; use @ or np.sum")
+    if how.get("dtype") is not None or chosen is not True and out is None:
+        raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype, and no where without out")
+    if method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
         made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
         for key, value in how.items():  # to leave it out in silence would make another number
@@ -104,7 +126,7 @@ def symbolic(ufunc, method, given, how):
     else:
         made = getattr(ufunc, method)(*arrays, **how)
     if out is not None:
-        np.asarray(out)[...] = made
+        np.asarray(out)[...] = made if chosen is True else where(chosen, made, out)
         return out
     if isinstance(made, np.ndarray):
         return ordered(made) if made.ndim else made.item()
@@ -149,14 +171,16 @@ def product(a, b):
         return np.multiply(ordered(a), b)
     rows = a[None] if a.ndim == 1 else a
     columns = b[:, None] if b.ndim == 1 else b
+    symbols = object in (a.dtype, b.dtype)
     if max(rows.ndim, columns.ndim) > 2 or rows.shape[1] != len(columns) or not len(columns):
+        if symbols:
+            raise TypeError("a product of symbols is one of vectors or matrices that fit")
         return np.matmul(a, b)  # which says what is wrong
-    if object in (a.dtype, b.dtype) or len(rows) * columns.size > SMALL:
+    if symbols or len(rows) * columns.size > SMALL:
         made = sparse_product(rows, columns)
     else:
         made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
-    made = made.reshape(a.shape[:-1] + b.shape[1:])
-    return ordered(made) if made.ndim else made[()]
+    return viewed(made.reshape(a.shape[:-1] + b.shape[1:]))
 
 
 def few_terms(a, b):
@@ -198,10 +222,11 @@ def filled(a):
 
 
 def norm(x, ord=None, axis=None, keepdims=False):
-    """np.linalg.norm of vectors."""
-    if ord not in (None, 2):
-        raise ValueError(f"a norm of order {ord} is not made here")
-    return np.sqrt(np.sum(ordered(x) * x, axis=axis, keepdims=keepdims))
+    """np.linalg.norm of real vectors; it raises ValueError for others."""
+    axes = np.ndim(x) if axis is None else np.size(axis)
+    if ord is not None and (ord != 2 or axes != 1):
+        raise ValueError(f"a norm of order {ord} of {axes} axes is not made here")
+    return np.sqrt(np.sum(ordered(x) * ordered(x), axis=axis, keepdims=keepdims))
 
 
 def clip(x, a_min=None, a_max=None):
@@ -235,9 +260,9 @@ def entrywise(name, function, count):
     return np.frompyfunc(entry, count, 1)
 
 
-USUAL = {"dtype": None, "initial": np._NoValue, "keepdims": False, "where": True}  # of np.max
+USUAL = {"dtype": None, "initial": np._NoValue, "keepdims": False}  # of np.max
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
-UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace}
+UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace, np.convolve, np.correlate}
 ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
 ENTRIES[np.maximum] = entrywise("larger", np.maximum, 2)
 ENTRIES[np.minimum] = entrywise("smaller", np.minimum, 2)

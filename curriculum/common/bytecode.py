@@ -8,8 +8,9 @@ bits are, too.
 
 import ctypes
 import math
+from collections import defaultdict
 from functools import cache
-from itertools import chain
+from itertools import chain, count
 
 from curriculum.common import native
 from curriculum.common.programs import Call, Lanes
@@ -27,14 +28,6 @@ LARGE = 5000  # operations: so many are sooner rows than Python, though llvmlite
 UNUSED = [(0,) * (WIDTH - 2 - many) for many in range(WIDTH - 1)]  # behind so many operands
 
 
-class Registers(dict):
-    """{a name, or a number that is known: its register}; what is not there gets the next one."""
-
-    def __missing__(self, x):
-        self[x] = len(self)
-        return self[x]
-
-
 class Assembler:
     """The `rows` of a Program, and the registers that it needs: `register`(x) of a name or number.
 
@@ -43,7 +36,8 @@ class Assembler:
     """
 
     def __init__(self, program):
-        self.rows, self.known = [], Registers()
+        self.rows = []
+        self.known = defaultdict(count().__next__)  # {a name, or a known number: its register}
         self.register = self.known.__getitem__
         self.routines = []  # programs that are called
         self.calls = []  # (a row that goes on at the first of a routine, which)
@@ -62,7 +56,7 @@ class Assembler:
             self.rows[row][1] = first[k]
 
     def row(self, sign, result, *operands):
-        """A row more; its number."""
+        """One more row; its number."""
         self.rows.append([NUMBER[sign], result, *operands, *UNUSED[len(operands)]])
         return len(self.rows) - 1
 
@@ -253,14 +247,14 @@ class Bytecode:
         registers[self.knobs] = np.reshape(knobs, (-1, 1))
         registers[self.unsettled] = 0.0
         entries, measured = len(state), self.most.stop > self.most.start
-        rows = None if measured or self.lanes > 1 else native.address(out)
-        given = native.address(self.rows), rows, count, entries, self.trouble
+        rows = None if measured or self.lanes > 1 else out.ctypes.data
+        given = self.rows.ctypes.data, rows, count, entries, self.trouble
         for first in range(0, state.shape[1], self.lanes):
             members = slice(first, first + self.lanes)
             registers[self.state] = state[:, members]
             if measured:
                 registers[self.most] = out[:, members]
-            done = self.function(native.address(registers), *given)
+            done = self.function(registers.ctypes.data, *given)
             state[:, members] = registers[self.state]
             if measured:
                 out[:, members] = registers[self.most]

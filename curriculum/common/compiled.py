@@ -14,13 +14,16 @@ import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first block, which tells what a step costs
-# so many operations a block has at most, the first and a later one; loops count once
+# operations in the first block and in a later one, at most; a loop counts as one turn of it
 SHORT, LONG = 75_000, 3_000_000
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
-BEST = 6.0  # times as long as quick machine code takes to make: so long a rest is worth the best
+# machine code is made if the steps that are left take so many times as long as that: the quick,
+# and then the best
+QUICK, BEST = 1.5, 6.0
 NONE = None, None, None  # no state that there is
 OFTEN = 4  # times as many steps: then what is compiled is compared again
+SHORTER = 1e-3  # times as long: a step that is only compared
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -29,8 +32,8 @@ class Compiled:
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
     with the plain step in the first block, whenever the steps are OFTEN times as many, and in the
-    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is no
-    comparison, and no plain step: a Stop instead, since that would take too long. `steps`: how many
+    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is a
+    Stop instead, since that would take too long, and only one block is compared. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
     counted from zero where the way changes.
     """
@@ -38,7 +41,7 @@ class Compiled:
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
         self.given, self.only = (step_fn, m, force), only
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
-        self.ask, self.best = mapped(measure, turns=steps), False
+        self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
         self.watch = mapped(watch, turns=steps) if watch else None
         self.start(dt, steps)
 
@@ -110,9 +113,14 @@ class Compiled:
         if why and not count:
             raise why
         self.done += count
-        if self.done >= self.due or count >= self.steps:  # the last block, too
-            self.due = OFTEN * self.done
-            if not self.only and self.differs(start, rows):
+        due = self.done >= self.due or count >= self.steps  # the last block, too
+        if due and not (self.only and self.compared):
+            self.due, self.compared = OFTEN * self.done, True
+            tried, dt = rows, self.dt
+            if self.only:  # such rules iterate, and a short step needs fewer rounds
+                dt = SHORTER * dt
+                tried, _ = self.alone(start, 1, dt)
+            if self.differs(start, tried, dt):
                 self.alone.halved = halved  # this block does not count
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
@@ -134,8 +142,8 @@ class Compiled:
             work *= QUICKER
         return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
-    def differs(self, start, rows):
-        """Whether a step of a block (count, entries) is another than the plain one.
+    def differs(self, start, rows, dt):
+        """Whether a step of dt s, of a block (count, entries), is another than the plain one.
 
         It is the last, or the first if the last is not finite. Sums and products are the same to
         the last bit; a sine need not be.
@@ -144,7 +152,7 @@ class Compiled:
         if not np.isfinite(end).all():
             before, end = start, rows[0]
         try:
-            expected = self.alone.traced.plain(before, self.dt)
+            expected = self.alone.traced.plain(before, dt)
         except Stop:
             return False  # the step is taken in halves
         if self.alone.traced.exact:
@@ -162,13 +170,13 @@ class Compiled:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
         left, begun = self.steps * pace, isinstance(self.alone.machine, native.Native)
-        if left > (BEST if begun else 1.5) * cost and native.available():  # which looks at files
+        if left > (BEST if begun else QUICK) * cost and native.available():  # which looks at files
             with contextlib.suppress(native.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)
         if native.FAILED and not self.alone.machine:
             self.way = f"compiled to Python; {native.FAILED[0]}"
 
-    def to_machine(self, best=True):
+    def to_machine(self, best):
         """Machine code from here on; the best takes a few times as long to make."""
         self.alone.to_machine(best)
         self.best = best

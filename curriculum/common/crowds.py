@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 from curriculum.common import native
@@ -15,7 +15,7 @@ from curriculum.common.trace import Untraceable
 import numpy as np
 
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
-SHARE = 3  # calls of numpy take as long as it takes to compile an operation
+PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -107,9 +107,9 @@ class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), for many: q, v (K, N, 3).
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
-    leading axis (K, ...). It is traced once; or done one by one if it cannot be, or if that is soon
-    done, as for few states and few calls of numpy on long arrays. `turns`: how many states are to
-    come, if that is known.
+    leading axis (K, ...). It is traced once, and the last state of each K compared; or done one by
+    one if it cannot be, or if that is soon done, as for few states and few calls of numpy on long
+    arrays. `turns`: how many states are to come, if that is known.
     """
 
     def __init__(self, function, turns=0):
@@ -132,6 +132,9 @@ class mapped:  # noqa: N801 - it is called as a function is
         else:
             self.choose(kind, len(q))
             made = self.by_code(kind.traced, kind.code, q, v)
+            if self.differs(made, kind.traced.exact, q, v):  # it asks what a symbol answers wrongly
+                self.known[key] = None
+                made = self.one_by_one(q, v)
         return made[0] if self.single else tuple(made)
 
     def traced(self, q, v):
@@ -141,7 +144,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
         except Untraceable:
             return None
-        if (CALLS[0] - calls) * turns < SHARE * traced.program.size():
+        if (CALLS[0] - calls) * turns < PRICE * traced.program.size():
             return None
         return SimpleNamespace(traced=traced, code=None, asked=0)
 
@@ -166,6 +169,13 @@ class mapped:  # noqa: N801 - it is called as a function is
             made.append(rows[first : first + x.size].T.reshape(-1, *x.shape))
             first += x.size
         return made
+
+    def differs(self, made, exact, q, v):
+        """Whether what was made of the last state is not what the lines make as they stand."""
+        same = np.array_equal if exact else partial(np.allclose, rtol=1e-9, atol=1e-9)
+        expected = self.measure(*self.state(q, v, -1))
+        pairs = zip(made, expected, strict=True)
+        return not all(same(rows[-1], x, equal_nan=True) for rows, x in pairs)
 
     def one_by_one(self, q, v):
         made = [self.measure(*self.state(q, v, k)) for k in range(len(q))]

@@ -107,7 +107,8 @@ def eliminated(a, order):
 
 
 class System(NamedTuple):
-    """A x = b, and near A: A + slack diag A + T. A (n, n) and T are positive semidefinite."""
+    """What `refined` needs to know of A x = b. `rough` solves for a matrix near A, A + slack diag A
+    + T; A (n, n) and T are positive semidefinite."""
 
     times: Callable  # (n,) -> (n,), A x
     diagonal: np.ndarray  # (n,), of A
@@ -121,7 +122,7 @@ class System(NamedTuple):
         return np.sum(left * (left / self.diagonal))
 
     def end(self, size, before):
-        """At most 1 if the size is 1e-15 of b's, or no half of what it was before; all squared."""
+        """At most 1 if the size is 1e-15 of b's, or over half of what it was; all are squared."""
         enough = 1e-30 * self.weigh(self.b)
         return size * before / (4.0 * size * size + enough * before + 1e-300)
 

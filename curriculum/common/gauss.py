@@ -1,4 +1,4 @@
-"""Gauss-Legendre collocation, an integrator like the others: the ruler of a chapter."""
+"""Gauss-Legendre collocation, an integrator like the others, of order 2 for each stage."""
 
 import math
 from decimal import Decimal, localcontext

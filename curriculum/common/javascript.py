@@ -1,7 +1,7 @@
 """A program as JavaScript, whose numbers are the same IEEE doubles: functions for a page.
 
-What is `EXACT` makes Python's bits in every browser. Other functions need not: the standard leaves
-their last digits open, and `inexact` names those that a program uses.
+What is `EXACT` (trace.py) makes Python's bits in every browser. Other functions need not: the
+standard leaves their last digits open, and Program.inexact names those that a program uses.
 """
 
 import json
@@ -9,7 +9,6 @@ import re
 
 from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.language import CHOICE, MINUS, Language
-from curriculum.common.trace import EXACT
 
 # What a page has to define before the functions that are written here.
 PRELUDE = """class Stop extends Error {}
@@ -21,11 +20,6 @@ LONG = 40_000  # characters of a function: browsers do not optimize those that a
 MADE_UP = re.compile(r"(?<![A-Za-z0-9.])[a-z]+[0-9]+\b")
 WORD = re.compile(r"[A-Za-z]\w*")
 DECLARED = re.compile(r"\b(?:const|let) (\w+)")
-
-
-def inexact(program):
-    """The functions that a program uses and that need not have Python's bits, a set of names."""
-    return {node[0] for tape in program.tapes() for node in tape.nodes.values()} - EXACT
 
 
 def words(texts):
@@ -128,7 +122,7 @@ class Writer(Language):
         if sign != "where":
             return super().operation(sign, operands, text)
         test, yes, no = (text(x, 1) for x in operands)
-        return f"{test} ? {yes} : {no}", CHOICE
+        return f"{test} != 0 ? {yes} : {no}", CHOICE  # NaN is not 0, as in numpy
 
     def split(self, lines, later):
         """Lines that do the same; where they are too long, by calling functions of them.

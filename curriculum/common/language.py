@@ -14,7 +14,8 @@ class Language:
     """A subclass has the words: `number`, how a float is written; `functions` {sign: name}.
 
     `assigned`: a line that gives a name to an expression. `minus`: how tightly what follows a sign
-    has to bind. `call`, `lanes` and `loop`: lines of a part, whose symbols are signed(symbol) here.
+    has to bind. `call`, `lanes` and `loop`, (part, signed) -> lines of a part, where signed(symbol)
+    is what a symbol is written as.
     """
 
     def write(self, tape, *groups, given=None):

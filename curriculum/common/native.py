@@ -208,7 +208,8 @@ class Writer:
 
     def pieces(self, many):
         """So many rows in pieces, one a vector, about equally long; of one if lanes are members."""
-        size = -(-many // -(-many // LANES)) if self.lanes == 1 else 1
+        vectors = -(-many // LANES)
+        size = -(-many // vectors) if self.lanes == 1 else 1
         return [slice(k, k + size) for k in range(0, many, size)]
 
     def side_by_side(self, lanes, env):
@@ -340,11 +341,6 @@ def assembly(program, lanes):
     return "\n".join(sum(w.routines.values(), lines))
 
 
-def address(array):
-    """Where an array's numbers begin; None if there is none."""
-    return None if array is None else array.__array_interface__["data"][0]
-
-
 def compiled(text, best=True):
     """The engine that has the functions of a text in LLVM's language, optimized if `best`.
 
@@ -400,9 +396,9 @@ class Native:
         member, out is (count, entries), all states, or None. A single member ends with a step whose
         end is not finite, which is not counted; `unsettled`: since a loop came to no end.
         """
-        begin, rows, apart = address(state), address(out), state.strides[0] // 8
+        begin, rows, apart = state.ctypes.data, out.ctypes.data, state.strides[0] // 8
         given, unsettled = np.repeat(np.array(knobs, float), self.lanes), np.zeros(1, np.int64)
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
-            rest = rows and rows + first, apart, address(given), address(unsettled)
+            rest = rows + first, apart, given.ctypes.data, unsettled.ctypes.data
             done = self.function(begin + first, count, *rest)
         return done, bool(unsettled)

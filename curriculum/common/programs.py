@@ -8,7 +8,17 @@ into Python (python.py), rows of numbers (bytecode.py), machine code (native.py)
 import math
 
 from curriculum.common.arrays import ordered
-from curriculum.common.trace import Stop, Symbol, Tape, Untraceable, current, effort, lift, lifted
+from curriculum.common.trace import (
+    EXACT,
+    Stop,
+    Symbol,
+    Tape,
+    Untraceable,
+    current,
+    effort,
+    lift,
+    lifted,
+)
 
 import numpy as np
 
@@ -57,9 +67,11 @@ class Program:
         """Its tape, and those of the loops and routines in it."""
         todo, found = [self.tape], []
         while todo:
-            found.append(tape := todo.pop())
-            inner = [x.tape if isinstance(x, Loop) else x.program.tape for x in tape.parts.values()]
-            todo += [x for x in inner if x not in found]
+            tape = todo.pop()
+            if tape in found:  # a routine may be called from several places
+                continue
+            found.append(tape)
+            todo += [x.tape if isinstance(x, Loop) else x.program.tape for x in tape.parts.values()]
         return found
 
     def loops(self):
@@ -70,9 +82,9 @@ class Program:
         """How many operations, each counted once."""
         return sum(len(tape.nodes) for tape in self.tapes())
 
-    def exact(self):
-        """Whether all its operations are rounded alike everywhere."""
-        return all(tape.exact() for tape in self.tapes())
+    def inexact(self):
+        """The functions in it whose last digits may differ from machine to machine, by name."""
+        return {node[0] for tape in self.tapes() for node in tape.nodes.values()} - EXACT
 
     def lasting(self):
         """Operations on knobs and constants alone: to be done once."""
@@ -212,7 +224,7 @@ def repeat(body, x, most, complaint, nearly=1.0):
     more and is at most `nearly`: rounding allows no less. Raises Stop(complaint) after `most`
     turns.
     """
-    x, last = ordered(np.array(x, subok=True)), math.inf
+    x, last = ordered(np.array(x)), math.inf
     if current.tape is not None and x.dtype == object:
         return Loop(body, lifted(x), most, complaint, nearly).result
     for _ in range(most):

@@ -7,9 +7,10 @@ import sys
 import sysconfig
 from collections import deque
 from dis import get_instructions
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, ModuleType, SimpleNamespace
+from types import CellType, CodeType, FunctionType, ModuleType
+from weakref import WeakKeyDictionary  # in which singledispatch keeps what it has found
 
 import numpy as np
 
@@ -17,11 +18,11 @@ PLAIN = {int, float, complex, bool, str, bytes, type(None)}
 ASKED = {"time": "the time", "datetime": "the time", "random": "chance", "secrets": "chance"}
 # where partials, methods, wrappers and generators keep what they lead to
 INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
-INSIDE += "__func__", "__self__", "__wrapped__"
+INSIDE += "__func__", "__self__", "__wrapped__", "function"
 # of Python's own modules, of installed ones, of numpy, which may be anywhere, and of those here
 PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
 PLACES |= {os.path.dirname(file) for file in (np.__file__, __file__)}
-PLACES = {Path(os.path.realpath(place)) for place in PLACES}
+PLACES = {Path(place).resolve() for place in PLACES}
 
 
 @lru_cache
@@ -39,7 +40,7 @@ def ours(module):
 
 def foreign(file):
     """Whether a file of code is Python's, an installed package's, or beside this; or is none."""
-    path = Path(os.path.realpath(file))
+    path = Path(file).resolve()
     installed = {"site-packages", "dist-packages"} & {*path.parts}
     return bool(installed or PLACES & {*path.parents}) or file.startswith("<")
 
@@ -72,6 +73,15 @@ def reset(x, old):
     for name, y in old.items():
         if vars(x).get(name, x) is not y:
             setattr(x, name, y)
+
+
+def put_names(names, x, old):
+    """Have a dict hold again what another says of some names."""
+    for name in names:
+        if name in old:
+            x[name] = old[name]
+        else:
+            del x[name]
 
 
 KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
@@ -159,9 +169,9 @@ class Memory:
             arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
             yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
             yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
-        if isinstance(x, FunctionType | SimpleNamespace) or ours(type(x).__module__):
+        words = f"the attribute {{}} of {name}"
+        if isinstance(x, FunctionType) or ours(type(x).__module__):
             yield type(x), name
-            words = f"the attribute {{}} of {name}"
             yield from self.note(getattr(x, "__dict__", None), name, words)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
                 self.asks.append(f"it uses {name}, which cannot be put back")
@@ -169,14 +179,21 @@ class Memory:
             self.asks.append(f"it takes from {name}, which cannot be put back")
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
+        elif not isinstance(x, ModuleType | type | WeakKeyDictionary):  # a Namespace, a UserDict
+            yield from self.note(getattr(x, "__dict__", None), name, words)
 
     def restore(self):
-        """Put back, in place, what has changed; what that was, in words, or the first of `asks`."""
-        told = []
-        for words, x, take, put, old in self.parts.values():
-            now = take(x)
+        """Put back, in place, what has changed; what was first, in words, or None."""
+        told, spaces = [], {}
+        for (place, _), (_, names) in self.spaces.items():
+            spaces[place] = spaces.get(place, set()) | names
+        for place, (words, x, take, put, old) in self.parts.items():
+            now, names = take(x), spaces.get(place, {"globals"})
             new = [k for k in old | now if not same(old.get(k, self), now.get(k, self))]
+            if "globals" not in names:  # other threads may use the other names
+                new = [k for k in new if k in names]
+                put = partial(put_names, new)
             if new:
                 told.append(f"it changes {words.format(new[0])}")
                 put(x, old)
-        return next(iter(told + self.asks), None)
+        return told[0] if told else None

@@ -111,8 +111,7 @@ def compiled(source, space):
 
 
 class Columns:
-    """A source without loops for many members, in numpy: (state, count, out, *knobs), of which it
-    fills state and out as native.Native does."""
+    """A source without loops for many members, as columns of numpy: called as native.Native is."""
 
     lanes = 1
 
@@ -166,7 +165,7 @@ class OneByOne:
                 rows = [[np.nan] * (entries + len(out))]
             end[:] = rows[-1][:entries]
             made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
-            most[:] = np.max(made, axis=0, initial=-np.inf)
+            most[:] = np.max(np.vstack([most, made]), axis=0)
 
 
 @lru_cache(8)

@@ -137,9 +137,10 @@ def cost(run, rule, dt, states):
 def finer(seconds):
     """Numbers of steps that `seconds` are parted in: by half as many again, and then twice."""
     steps = math.ceil(seconds / LONGEST)
+    yield steps
     while seconds / steps >= LEAST:
-        yield steps
         yield (3 * steps + 1) // 2
+        yield 2 * steps
         steps *= 2
 
 
@@ -188,15 +189,6 @@ def step_for(tol, seconds, q, runs, rules):
     return name, dt
 
 
-class Settled(NamedTuple):
-    """What a run is to be: the name of a rule, steps of dt s, and the Truth to measure it by."""
-
-    rule: str
-    dt: float
-    steps: int
-    truth: Truth
-
-
 def settle(runs, rules, dt, steps, tol, sought):
     """The Settled run: of the first of `rules`, {name: rule}, or as `tol` m asks.
 
@@ -213,4 +205,4 @@ def settle(runs, rules, dt, steps, tol, sought):
     if tol:
         name, dt = step_for(tol, at, q, runs[1:], rules)
     truth = Truth(round(at / dt), q, known, sought)
-    return Settled(name, dt, math.ceil(seconds / dt - 1e-9), truth)
+    return name, dt, math.ceil(seconds / dt - 1e-9), truth

@@ -15,8 +15,8 @@ class Family(NamedTuple):
     """Rules that differ by one number."""
 
     make: object  # (number) -> rule, or (number, tol) -> rule: the same one for the same numbers
-    numbers: range  # those there are
-    what: str  # they are, in words
+    numbers: range  # those that it may be
+    what: str  # the same in words
     tried: tuple  # numbers among which `--tol` chooses
     iterated: bool = False  # whether a step ends by a tolerance, too
 

@@ -41,6 +41,10 @@ class Run(SimpleNamespace):
             f"  q, v: kept at {len(self.kept)} steps; {self.pace:.3g} us a step, {self.way}"
         )
 
+    def __reduce__(self):
+        """Of what took the steps a copy has the code, and nothing else."""
+        return Run, (), vars(self) | {"step": SimpleNamespace(source=self.source)}
+
     @property
     def source(self):
         """The code that a step has become."""
@@ -54,8 +58,8 @@ class Run(SimpleNamespace):
         return ", and ".join(filter(None, (halved, self.stopped)))
 
     def summary(self, scale, truth):
-        """What a run came to, rounded: m; its worst energy error, and the most that the energy
-        changes in a step, as shares of scale.
+        """What a run came to, rounded, as metrics.json has it: lengths in m, energies as shares of
+        `scale`.
 
         `scale` in J. `error`: how far a particle is from the Truth, if that is known. `unheld`:
         the most that was asked of the rods and left unanswered, if that was watched.

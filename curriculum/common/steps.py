@@ -6,7 +6,8 @@ A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tri
 import contextlib
 import math
 import time
-from functools import cached_property
+from functools import cached_property, lru_cache
+from inspect import signature
 from itertools import chain
 
 from curriculum.common import native
@@ -20,16 +21,26 @@ from curriculum.common.trace import Stop, Tape, Untraceable, effort
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
-VARARGS = 0x04  # a flag of a function's code: it takes *arguments
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
+
+
+@lru_cache(256)
+def wanted(function, given):
+    """How many of so many arguments a function is to have: those without a default, and v."""
+    parameters = signature(function).parameters.values()
+    if any(x.kind == x.VAR_POSITIONAL for x in parameters):
+        return given
+    asked = [x for x in parameters if x.default is x.empty or x.name == "v"]
+    return sum(x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD) for x in asked)
 
 
 def called(function, *arguments):
     """function(*arguments), or of the first of them if it takes no more."""
-    code = getattr(function, "__code__", None)
-    if code is None or code.co_flags & VARARGS:
-        return function(*arguments)
-    return function(*arguments[: code.co_argcount - hasattr(function, "__self__")])
+    try:
+        many = wanted(function, len(arguments))
+    except (TypeError, ValueError):  # nobody can tell
+        many = len(arguments)
+    return function(*arguments[:many])
 
 
 def followed(rule, after):
@@ -54,8 +65,14 @@ def tried(step, state, dt, level=0):
     return state, True
 
 
+def arrays(end):
+    """The q, v that a step returned, which may be lists."""
+    q, v = end
+    return ordered(q), ordered(v)
+
+
 class Block:
-    """States computed ahead: q, v (count, N, 3), and what was measured of each, (count,) each."""
+    """States, mostly computed ahead: q, v (count, N, 3), and of each what was measured (count,)."""
 
     def __init__(self, q, v, measured):
         self.q, self.v, self.measured = q, v, measured
@@ -73,10 +90,10 @@ class Plain:
     """
 
     way = source = "in plain numpy: the lines as they stand"
-    block, state = None, (None, None, None)  # none is computed ahead, as Compiled does
+    block, state = None, (None, None, None)  # there is none: only Compiled computes ahead
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
-        self.step = lambda state, dt: step_fn(*state, m, force, dt)
+        self.step = lambda state, dt: arrays(step_fn(*state, m, force, dt))
         self.dt, self.measure = dt, measure
         self.watch = (lambda q, v: list(map(watch, q, v))) if watch else None
         self.taken = self.halved = 0
@@ -121,7 +138,7 @@ class Traced:
         zero = [np.all(x == 0.0, axis=tuple(range(x.ndim - 2))) for x in (q, v)]
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
         self.shape = q.shape[-2:]
-        self.as_it_stands = lambda q, v, dt: step_fn(q, v, m, force, dt)
+        self.as_it_stands = lambda q, v, dt: arrays(step_fn(q, v, m, force, dt))
 
         def step(q, v, dt):
             end = step_fn(q, v, m, routine, dt)
@@ -155,7 +172,7 @@ class Traced:
     @cached_property
     def exact(self):
         """Whether the same bits are promised of it as of the lines as they stand."""
-        return self.program.exact()
+        return not self.program.inexact()
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
@@ -175,7 +192,7 @@ class Traced:
 
 
 class Single:
-    """Steps of a state, by Python's floats or by `machine` code; `halved`: those in halves."""
+    """Steps of a state, by Python's floats or by `machine` code; `halved`: how many in halves."""
 
     def __init__(self, traced):
         self.traced, self.machine, self.halved = traced, None, 0
@@ -183,14 +200,9 @@ class Single:
 
     def prepare(self):
         """Make the code that steps need, unless there is some: not while they are timed."""
-        return self.machine or self.function
+        return self.machine or self.traced.function
 
-    @property
-    def function(self):
-        """A step of Python's floats, made when first asked for."""
-        return self.traced.function
-
-    def to_machine(self, best=True):
+    def to_machine(self, best):
         self.machine = native.Native(self.traced.program, best=best)
 
     def to_bytecode(self):
@@ -224,7 +236,7 @@ class Single:
         while done < len(rows):
             states, count = [], min(PIECE, len(rows) - done)
             with contextlib.suppress(ArithmeticError, ValueError):  # taken alone it names its error
-                self.function(tuple(state.tolist()), count, states.append, dt)
+                self.traced.function(tuple(state.tolist()), count, states.append, dt)
             flat = np.fromiter(chain.from_iterable(states), float, len(states) * entries)
             rows[done : done + len(states)] = flat.reshape(-1, entries)
             done += len(states)
@@ -245,7 +257,7 @@ class Single:
             if unsettled and dt > self.least:  # its halves are next: no need for the words
                 raise Stop("a loop came to no end")
         try:
-            self.function(tuple(state.tolist()), 1, found.append, dt)
+            self.traced.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
             raise
         except (ArithmeticError, ValueError):

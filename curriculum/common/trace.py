@@ -24,7 +24,7 @@ UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np
 UFUNCS |= {"<": np.less, "<=": np.less_equal} | {name: getattr(np, name) for name in FUNCTIONS}
 EXACT = set(UFUNCS) - set(FUNCTIONS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
 LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
-WORTH = 40  # to compile an operation takes as long as to do it so many times in plain numpy
+WORTH = 10  # to compile an operation takes as long as to do it so many times in plain numpy
 
 
 class Untraceable(Exception):
@@ -60,7 +60,7 @@ class Effort:
         self.noted, self.done, self.factor = 0, 0, 1
 
     def note(self):
-        """An operation more. Raises Untraceable where compiling would cost more than it saves."""
+        """One more operation. Raises Untraceable where compiling would cost more than it saves."""
         self.noted += 1
         self.done += self.factor
         if self.noted > LONG and self.done * self.turns < WORTH * self.noted:
@@ -84,16 +84,20 @@ class Tape:
 
     Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
     part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
-    `outer`: the tape on which a loop stands, whose names its body may use.
+    `outer`: the tape on which a loop stands, whose names its body may use. `names`: what an
+    operation is called that is there already. `numbers`, of new names, `refused`, why all this
+    cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
+    `open`: whether it is still written.
     """
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
 
     def __init__(self, outer=None, numbers=None):
-        self.nodes, self.names, self.parts, self.outer = {}, {}, {}, outer
-        self.numbers = outer.numbers if outer else numbers or count()
-        self.refused = outer.refused if outer else []
-        self.open, self.knobs = True, outer.knobs if outer else ()
+        self.nodes, self.names, self.parts = {}, {}, {}
+        self.outer, self.open = outer, True
+        self.numbers, self.refused, self.knobs = numbers or count(), [], ()
+        if outer:
+            self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
 
     def trace(self, function, *args):
         """function(*args), whose operations come onto this tape."""
@@ -137,10 +141,6 @@ class Tape:
                 found.update(operands)
         return [name for name in self.nodes if name in found]
 
-    def exact(self):
-        """Whether all its operations are rounded alike everywhere."""
-        return all(sign in EXACT for sign, *_ in self.nodes.values())
-
     def replay(self, symbols, known):
         """The symbols once more, where names of inputs stand for others: {name: Symbol}, `known`.
 
@@ -182,6 +182,8 @@ def lift(number):
     """A number as a Symbol; one that is a Symbol stays as it is."""
     if type(number) is Symbol:
         return number
+    if type(number) is Truth:
+        return number.number
     if type(number) is float:  # as nearly always
         return Symbol(current.tape, abs(number), number < 0.0)
     if isinstance(number, (np.ndarray, np.generic)):
@@ -256,6 +258,7 @@ class Symbol:
         return innermost
 
     def plain(self):
+        """This number with its minus carried out, as 0 - x on the tape."""
         return lift(0.0).note("-", self) if self.minus else self
 
     def add(self, b):
@@ -298,10 +301,13 @@ class Symbol:
     def __array_function__(self, function, types, given, how):
         return OWN.get(function, function._implementation)(*given, **how)
 
-    def refuse(self, *_):
-        why = "it branches on a value, or wants one as a plain number"
+    def refuse(self, *_, why="it branches on a value, or wants one as a plain number"):
         self.tape.refused.append(why)  # should the function catch this
         raise Untraceable(why)
+
+    def truth(self):
+        """This number, which a comparison made, as what is true or not."""
+        return Truth(self.tape, self.x, self.minus)
 
     def __neg__(self):
         return Symbol(self.tape, self.x, not self.minus)
@@ -314,10 +320,26 @@ class Symbol:
     __mul__, __rmul__ = operators(multiply, lambda a: 0)
     __truediv__, __rtruediv__ = operators(divide)
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
-    __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()))
-    __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()))
+    __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()).truth())
+    __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()).truth())
     __bool__ = __float__ = __int__ = __eq__ = __ne__ = refuse
     __hash__ = None
+
+
+class Truth(Symbol):
+    """What a comparison made: 1 or 0, and a number to all but its like, since in numpy true + true
+    is true. `number`: it as a number, to be counted."""
+
+    __slots__ = ()
+
+    @property
+    def number(self):
+        return Symbol(self.tape, self.x, self.minus)
+
+    def __add__(self, other):
+        if isinstance(other, Truth):
+            self.refuse(why="it adds what comparisons made; np.sum counts them")
+        return super().__add__(other)
 
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin

@@ -177,20 +177,19 @@ def moving(name):
 
 
 DRAWN = two_pendulums, eigenvalue, forces, drift, cost, hard_cases, chaos
-PICTURES = {f"{x.__name__}.svg": x for x in DRAWN}
-PICTURES |= {f"{name}.svg": partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
+PICTURES = {x.__name__: x for x in DRAWN}
+PICTURES |= {name: partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
 
 
 def main(argv=None):
     """Make the pictures that `argv` names, or all."""
     parser = Parser(prog="make_pictures", description=__doc__)
-    files = {Path(name).stem: name for name in PICTURES}
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*files, []]}
-    parser.add_argument("names", **names, help=f"some of {', '.join(files)}")
-    for stem in parser.parse_args(argv).names or files:
-        made = PICTURES[files[stem]]().encode()
-        write_whole(FOLDER / files[stem], made)
-        print(f"wrote {files[stem]}, {len(made) / 1e3:.0f} kB")
+    names = {"nargs": "*", "metavar": "NAME", "choices": [*PICTURES, []]}
+    parser.add_argument("names", **names, help=f"some of {', '.join(PICTURES)}")
+    for name in parser.parse_args(argv).names or PICTURES:
+        made = PICTURES[name]().encode()
+        write_whole(FOLDER / f"{name}.svg", made)
+        print(f"wrote {name}.svg, {len(made) / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":
