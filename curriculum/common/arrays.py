@@ -109,11 +109,11 @@ def symbolic(ufunc, method, given, how):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
     CALLS[0] += 1
     arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
-    chosen = how.pop("where", True)  # what is not chosen stays what `out` has there
+    chosen = how.pop("where", True)  # what is not stays as `out` has it
     if ufunc is np.matmul or ufunc is np.add and method == "reduce":
         raise TypeError(f"np.{ufunc.__name__} adds in an order of its own; use @ or np.sum")
-    if how.get("dtype") is not None or chosen is not True and out is None:
-        raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype, and no where without out")
+    if how.get("dtype") is not None:
+        raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype")
     if method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
         made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
