@@ -347,6 +347,8 @@ def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_tit
             names = [x for x in said if x.get("font-size") == "13"]  # in the chart, and its axes
             lowest = max(float(x.get("y")) for x in names if x.get("font-weight") == "bold")
             assert lowest < max(float(x.get("y")) for x in names if x.text == "0"), path.name
+            swept = re.search(r'values="0;(-?[\d.]+)"', stored)  # pixels
+            assert float(swept[1]) > 100, f"the chart of {path.name} has room"
     gallery = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\((\w+)\.svg\)", gallery)) == PICTURES.keys() - DRAWN
     assert sum((FOLDER / f"{name}.svg").stat().st_size for name in PICTURES) < 1_500_000

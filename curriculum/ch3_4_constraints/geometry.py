@@ -32,11 +32,13 @@ def box(system, runs):
     return low - 0.06 * size, high + 0.06 * size, 10.0 ** np.floor(np.log10(size))
 
 
-def columns(count, shape, size, words):
+def tiling(count, shape, size, words, least=0):
     """How many of `count` tiles go side by side so that what is `size` (x, y) is drawn largest, and
     the room (x, y) that each has for it.
 
-    `shape`: the sheet's width and height; `words`: how tall a tile's words are, in its pixels.
+    In pixels of the sheet: `shape`, its width and height; `words`, how tall a tile's words are; and
+    `least`, how wide a tile is at least.
     """
     layouts = [(k, shape[0] / k, shape[1] / -(-count // k) - words) for k in range(1, count + 1)]
+    layouts = [layout for layout in layouts if layout[1] >= least]
     return max(layouts, key=lambda layout: min(layout[1] / size[0], layout[2] / size[1]))

@@ -1,17 +1,23 @@
 """The moving picture of a run: an animated SVG, which plays wherever an image is shown."""
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends
+from curriculum.ch3_4_constraints.geometry import box, rod_ends, tiling
 from curriculum.ch3_4_constraints.statics import nodes
 from curriculum.ch3_4_constraints.svg import Drawing, element
 from curriculum.ch3_4_constraints.tables import length
 
 import numpy as np
 
+# (frames a second, the longest time in s): the first of these that fits is taken
 RATES = (20.0, 20.0), (10.0, 20.0), (10.0, 10.0), (10.0, 5.0), (10.0, 2.5), (10.0, 1.0)
-BYTES, ENDS = 145_000, 150  # the first of RATES (frames a second, s) that fits; ends of rods drawn
-SHEET, WORDS, FINE = (760, 600), 60, 5  # pixels, of the tiles; words in a tile; units a pixel
-CLOCK, FIGURES = 5, 2  # how often a second the time is told, and how far rods are off
+BYTES = 145_000  # of a picture, at most
+ENDS = 150  # of rods that are drawn, at most
+SHEET = 760, 600  # pixels, of all tiles
+WORDS = 60  # pixels, of the words in a tile
+NARROW = 240  # pixels: less has no room for the chart
+FINE = 5  # units in a pixel
+CLOCK = 5  # times a second the time is told
+FIGURES = 2  # times a second it is told how far rods are off
 LEAST = 1e-12  # m: below this a rod is right
 CURVE = 60  # points of a curve
 BAR = 120  # pixels that the legend's length has, at most
@@ -81,7 +87,7 @@ def motion(found, rates=RATES):
     low, high, bar = box(system, runs)
     lines, colors = pens(system["pairs"]), svg.mode_colors(runs)
     size = (high - low)[:2]
-    across, wide, room = columns(len(runs) + 1, SHEET, size, WORDS)
+    across, wide, room = tiling(len(runs) + 1, SHEET, size, WORDS, NARROW)
     scale = min(wide / size[0], room / size[1])  # pixels a metre
     if scale * bar > BAR:
         bar /= 10.0

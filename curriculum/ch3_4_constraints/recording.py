@@ -3,7 +3,7 @@
 import zlib
 
 from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.geometry import box, columns, rod_ends
+from curriculum.ch3_4_constraints.geometry import box, rod_ends, tiling
 
 import numpy as np
 import rerun as rr
@@ -169,7 +169,7 @@ def blueprint(found, end, low, high, lively):
     whole = (rrb.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, (1.0 + LEGEND) * end))
     time = rrb.TimeAxis(view_range=rrb.TimeRange(*whole))
     size, middle = high - low, 0.5 * (low + high)
-    across, wide, tall = columns(len(found.runs) + 1, WINDOW, size, TITLE)
+    across, wide, tall = tiling(len(found.runs) + 1, WINDOW, size, TITLE)
     reach = 0.5 * MARGIN * max(size[0] * tall / wide, size[1], size[2])
     eye = middle + [0.0, 0.0, 0.5 * size[2] + reach / SLOPE]
     eye = rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0.0, 1.0, 0.0])
