@@ -159,7 +159,7 @@ def test_the_eye_sees_the_whole_scene_from_the_front(recorded):
         eye, target = (np.array(view[name][0]) for name in ("position", "look_target"))
         assert np.allclose(target[:2], eye[:2]) and target[2] < eye[2]
         assert view["eye_up"] == [[0.0, 1.0, 0.0]]
-        _, wide, tall = geometry.columns(6, (840, 800), np.ptp(q.reshape(-1, 3), axis=0)[:2], 28)
+        _, wide, tall = geometry.tiling(6, (840, 800), np.ptp(q.reshape(-1, 3), axis=0)[:2], 28)
         x, y, ahead = np.moveaxis((q - eye) * [1.0, 1.0, -1.0], -1, 0)
         share = np.max(np.abs([x * tall / wide, y]) / ahead) / recording.SLOPE  # of half a tile
         assert np.all(ahead > 0.0) and 0.5 < share < 1.0  # nothing is cut, nor far away

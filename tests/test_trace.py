@@ -181,6 +181,7 @@ ASKED = {  # what numpy's functions are asked for besides: of numbers, and of sy
         np.repeat(x, 4), 8.0, out=np.zeros_like(x, shape=12), where=np.repeat(x, 4) < 0.1
     ),
     "no entries": lambda x: np.sum(x[:0].reshape(0, 2), axis=0),
+    "no columns": lambda x: np.mean(x[:, None][:, :0], axis=0),
     "another norm": lambda x: np.linalg.norm(x.reshape(1, 3), 1) + np.linalg.norm(x[None], 2),
     "new names": lambda x: np.clip(x, min=-1.0),
     "a count": lambda x: np.array([0.0, 1.5, 3.5, 7.5])[np.sum(x > -1.0)],

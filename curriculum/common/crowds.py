@@ -166,7 +166,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             rows[:, k] = np.concatenate([np.ravel(x) for x in self.measure(*self.state(q, v, k))])
         made, first = [], 0
         for x in traced.program.results[1:]:
-            made.append(rows[first : first + x.size].T.reshape(-1, *x.shape))
+            made.append(rows[first : first + x.size].T.reshape(len(q), *x.shape))
             first += x.size
         return made
 
