@@ -99,6 +99,11 @@ def test_a_tolerance_is_held_at_two_seconds_whatever_step_it_finds(monkeypatch):
     assert np.array_equal(shown.tensions["soft"](q, v), expected)
 
 
+def test_a_run_shorter_than_any_step_meets_its_tolerance_in_one():
+    found, _ = results("--integrator gauss --tol 1e-9 --dt 5e-5", 1)
+    assert (found["dt"], found["steps"]) == (5e-5, 1)
+
+
 @pytest.mark.parametrize("system", ["chain --links 50", "heavy_tip"])
 def test_a_tolerance_that_nobody_could_judge_is_refused(system, capsys):
     with pytest.raises(SystemExit, match="2"):

@@ -118,8 +118,9 @@ def test_a_scene_is_named_by_text_or_a_path_and_a_file_here_goes_first(tmp_path)
 
 def test_a_chain_has_links_as_many_as_a_file_may_have():
     assert len(c.build_system("chain", links=MOST)["m"]) == MOST
-    for links in (0, -1, 2.5, MOST + 1):
-        with pytest.raises(SceneError, match=f"links is {links}; must be a whole number of rods"):
+    for links in (0, -1, 2.5, MOST + 1, True):
+        said = json.dumps(links)
+        with pytest.raises(SceneError, match=f"links is {said}; must be a whole number of rods"):
             c.build_system("chain", links=links)
 
 

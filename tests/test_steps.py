@@ -2,6 +2,7 @@
 
 import pickle
 import random as dice
+import sys
 import time
 from argparse import Namespace
 from collections import deque
@@ -19,6 +20,7 @@ from curriculum.common import compiled, native, trace
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.programs import repeat
+from curriculum.common.pure import Memory
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, Single
@@ -244,6 +246,21 @@ def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, step
     assert same(coded[1].q[-1], plain.q[-1])
     assert name.split(":")[0] in coded[1].way
     assert ("slower: " in coded[1].way) == (name not in FINE)
+
+
+def making(q, v):
+    global MADE
+    MADE = v
+    return v
+
+
+def test_only_what_a_force_names_is_put_back(monkeypatch):
+    """Another thread may change the rest meanwhile."""
+    memory = Memory(making)
+    monkeypatch.setattr(sys.modules[__name__], "CALLS", 7)
+    making(0, 1)
+    assert memory.restore() == "it changes the global MADE"
+    assert CALLS == 7 and "MADE" not in globals()
 
 
 def lists(q, v, m, force, dt):

@@ -247,6 +247,9 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     assert not program_of(lambda x: INNER(x, x)).tape.parts
+    often = Routine(lambda x: x * x, often=True)
+    program = program_of(lambda x: often(x) + often(2.0 * x))
+    assert len(program.tapes()) == 2  # the routine counts once
     program = program_of(lambda x, h: x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0, "h")
     assert "h" not in source_of(program).split("for _ in range(count):")[1].split()
     constants = program_of(lambda x: x * np.exp(ordered(KEPT - 0.5) / 3.0) ** 2.0)
