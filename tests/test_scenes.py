@@ -37,6 +37,7 @@ UNFIT = MISTAKES["scenes"]["unfit"] | {
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
     "hold is None; must be": {"mode": None},
     "hold is 20j; must be": {"mode": 20j},
+    "hold is (1, 2); must be": {"mode": (1, 2)},
 }
 CONTENTS = {"open": "{", "deep": "[" * 100000, "huge": ""}
 CONTENTS["twice"] = '{"particles": [{"position": [1, 0, 0], "mass": 1, "mass": 5}]}'
