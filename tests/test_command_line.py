@@ -21,7 +21,7 @@ import constraints as c
 import curriculum
 from curriculum.ch3_4_constraints import publish, svg
 from curriculum.ch3_4_constraints.studies import __main__ as studies
-from curriculum.common import banner, cli, native, pure
+from curriculum.common import banner, cli, llvm, pure
 
 import numpy
 import pytest
@@ -122,7 +122,7 @@ def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(
     another = mock.Mock(side_effect=OSError("built for another\nprocessor"))
     begins = SimpleNamespace(initialize_native_target=another)
     for binding, why in ((begins, "another processor"), (SimpleNamespace(), "attribute")):
-        monkeypatch.setattr(native, "FAILED", [])
+        monkeypatch.setattr(llvm, "FAILED", [])
         monkeypatch.setattr(llvmlite, "binding", binding)
         assert metrics() == machine
         told = " ".join(capsys.readouterr().out.partition("\n\n")[0].split())

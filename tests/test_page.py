@@ -13,7 +13,7 @@ from curriculum.ch3_4_constraints import pages, play, publish
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.common import javascript
 from curriculum.common.programs import Program
-from curriculum.common.trace import Untraceable
+from curriculum.common.tape import Untraceable
 
 import numpy as np
 import pytest

@@ -16,7 +16,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
-from curriculum.common import compiled, native, trace
+from curriculum.common import compiled, llvm, tape
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.programs import repeat
@@ -24,7 +24,7 @@ from curriculum.common.pure import Memory
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, Single
-from curriculum.common.trace import Stop
+from curriculum.common.tape import Stop
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ class Python(Compiled):
         super().trace(*state)
         if self.alone:
             self.alone.machine = None
-            if self.begin and native.available():
+            if self.begin and llvm.available():
                 self.begin(self.alone)
 
     def improve(self, pace):
@@ -356,7 +356,7 @@ def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
 
 
 def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
-    monkeypatch.setattr(trace, "LONG", 20)  # operations
+    monkeypatch.setattr(tape, "LONG", 20)  # operations
     few, many = (run(DOUBLE, steps=steps) for steps in (2, 100))
     assert "it is too long to be compiled for so few steps" in few.way
     assert many.way.startswith("compiled") and np.array_equal(many.tip[:3], few.tip)
@@ -365,7 +365,7 @@ def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
 def test_a_step_of_many_rods_is_bytecode_at_first():
     chain = c.build_system("chain", links=150)
     found, plain = (run(chain, hold="project", steps=9, way=way) for way in (Compiled, Plain))
-    assert ("bytecode" in found.way) == native.available()
+    assert ("bytecode" in found.way) == llvm.available()
     assert alike(found, plain)
 
 
@@ -380,7 +380,7 @@ def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypat
         runs.append(run(chain, "rk4", "project", 0.005, 40, range(41)))
     assert all(alike(found, runs[0]) for found in runs)
     ways = ["compiled to machine code" in found.way for found in runs]
-    assert ways == [False, False, native.available(), False]
+    assert ways == [False, False, llvm.available(), False]
     full, some = runs[0], [0, 7, 33, 40]
     few = run(chain, "rk4", "project", 0.005, 40, some)
     assert same(few.q, full.q[some]) and same(few.v, full.v[some])

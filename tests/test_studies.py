@@ -12,7 +12,7 @@ from curriculum.ch3_4_constraints.studies import _runs, chaos, real_thing, speed
 from curriculum.ch3_4_constraints.studies import map as plane
 from curriculum.ch3_4_constraints.studies._runs import Task, double, energy_scale, run
 from curriculum.ch3_4_constraints.tables import spread
-from curriculum.common import native
+from curriculum.common import llvm
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from test_steps import branching, motor
 def test_a_member_ends_where_it_ends_alone_bit_for_bit(steps, monkeypatch):
     """In machine code, or in numpy calls; starts are those that build_system draws."""
     feel(monkeypatch, motor)
-    monkeypatch.setattr(native, "available", lambda: peers.NATIVE and steps == 1000)
+    monkeypatch.setattr(llvm, "available", lambda: peers.NATIVE and steps == 1000)
     crowd = chaos.ensemble("double", range(3, 12))
     for key in chaos.RUNS:
         ends = chaos.follow(crowd, *key, steps)

@@ -3,14 +3,15 @@
 import contextlib
 from functools import partial
 
-from curriculum.common import native, programs, trace
+from curriculum.common import llvm, programs, tape
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, mapped
 from curriculum.common.programs import Program, Routine, side_by_side
 from curriculum.common.python import Columns, OneByOne, source_of
 from curriculum.common.steps import Single
-from curriculum.common.trace import Stop, Symbol
+from curriculum.common.tape import Stop
+from curriculum.common.trace import Symbol
 
 import numpy as np
 import pytest
@@ -139,7 +140,7 @@ def in_every_code(function, members, count=1, measure=None):
     crowd = Crowd(step_of(function), None, None, 0.0, members, 0.0 * members, measure)
     traced = crowd.traced
     codes = [crowd.code, OneByOne(traced.source)]
-    codes += [Bytecode(traced.program, 8)] if native.available() else []
+    codes += [Bytecode(traced.program, 8)] if llvm.available() else []
     codes += [] if traced.program.loops() else [Columns(traced.source)]
     for code in codes:
         crowd.code = code
@@ -202,7 +203,7 @@ def test_what_is_asked_of_a_function_besides_is_never_left_out(name):
 
 
 def test_what_was_traced_before_does_not_decide_what_can_be(monkeypatch):
-    monkeypatch.setattr(trace, "LONG", 20)
+    monkeypatch.setattr(tape, "LONG", 20)
     mapped(lambda q, v: np.sum(q * q))(CROWD[:2], CROWD[:2])
     assert len(program_of(EXAMPLES["tangle 0"]).tape.nodes) > 20
 

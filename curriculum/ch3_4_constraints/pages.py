@@ -13,7 +13,7 @@ from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.systems import SceneError
 from curriculum.common.cli import Parser, run_script, writable
 from curriculum.common.files import write_together
-from curriculum.common.trace import Untraceable
+from curriculum.common.tape import Untraceable
 
 INDEX = "index.html"
 RULE, DT, KNOBS = "semi_implicit", 0.005, (20.0, 0.02, 0.95)  # as a default run has them

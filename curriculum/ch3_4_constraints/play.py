@@ -19,7 +19,8 @@ from curriculum.common.javascript import PRELUDE, Writer
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, called, followed
-from curriculum.common.trace import Symbol, Untraceable, current, lift
+from curriculum.common.tape import Untraceable, current
+from curriculum.common.trace import Symbol, lift
 
 import numpy as np
 

@@ -15,7 +15,7 @@ from curriculum.ch3_4_constraints.tables import WIDTH
 from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import as_json, write_together
-from curriculum.common.trace import Untraceable
+from curriculum.common.tape import Untraceable
 
 METRICS, PICTURE, PAGE = "metrics.json", "motion.svg", "play.html"
 RECORDING = "constraints.rrd"

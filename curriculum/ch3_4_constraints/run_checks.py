@@ -7,7 +7,7 @@ from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
 from curriculum.common.ruler import RODS
-from curriculum.common.trace import Stop
+from curriculum.common.tape import Stop
 
 import numpy as np
 

@@ -12,7 +12,7 @@ from collections import defaultdict
 from functools import cache
 from itertools import chain, count
 
-from curriculum.common import native
+from curriculum.common import llvm
 from curriculum.common.programs import Call, Lanes
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 # How many operands there are. Besides the tape's operations: minus a; a itself; go on elsewhere if
 # a is zero in all lanes; go on where a says; the end of a step.
 OPERANDS = dict.fromkeys(["+", "-", "*", "/", "<", "<=", "max", "min"], 2) | {"where": 3}
-OPERANDS |= dict.fromkeys(["abs", "sqrt", *native.LIBRARY], 1) | {"**": 2}
+OPERANDS |= dict.fromkeys(["abs", "sqrt", *llvm.LIBRARY], 1) | {"**": 2}
 OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}  # "end" is the last
 NUMBER = {sign: k for k, sign in enumerate(OPERANDS)}
 WIDTH = 5  # numbers in a row
@@ -160,7 +160,7 @@ def reader_lines(lanes):
     a step after which register `trouble` is not zero, which is not counted; with several lanes it
     never does.
     """
-    w = native.Writer(lanes, {}, lanes == 1)
+    w = llvm.Function(lanes)
     done, at = w.variable("0", "i64"), w.variable("0", "i64")
     silent = w.new("icmp eq ptr %out, null")
     w.begin("step")
@@ -215,7 +215,7 @@ def reader_lines(lanes):
 @cache
 def reader(lanes):
     """What reads rows, for so many lanes; and the engine that keeps it in memory."""
-    engine = native.compiled("\n".join(reader_lines(lanes)))
+    engine = llvm.compiled("\n".join(reader_lines(lanes)))
     word, pointer = ctypes.c_int64, ctypes.c_void_p
     kind = ctypes.CFUNCTYPE(word, pointer, pointer, pointer, word, word, word)
     return kind(engine.get_function_address("run")), engine
@@ -224,7 +224,7 @@ def reader(lanes):
 class Bytecode:
     """A Program's function, iterated: as native.Native, and called as that, but made much sooner.
 
-    Raises native.Unavailable.
+    Raises llvm.Unavailable.
     """
 
     def __init__(self, program, lanes=1):

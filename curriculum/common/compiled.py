@@ -4,11 +4,12 @@ import contextlib
 import sys
 import time
 
-from curriculum.common import native
+from curriculum.common import llvm
 from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
+from curriculum.common.native import Native
 from curriculum.common.steps import Block, Plain, Single, Traced
-from curriculum.common.trace import Stop, Untraceable
+from curriculum.common.tape import Stop, Untraceable
 
 import numpy as np
 
@@ -83,8 +84,8 @@ class Compiled:
             self.give_up(why)
             return
         self.way = "compiled to Python"
-        if self.alone.size > LARGE and native.available():
-            with contextlib.suppress(native.Unavailable):
+        if self.alone.size > LARGE and llvm.available():
+            with contextlib.suppress(llvm.Unavailable):
                 self.alone.to_bytecode()
                 self.way = "compiled to bytecode"
         self.alone.prepare()
@@ -169,12 +170,12 @@ class Compiled:
         if self.best:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        left, begun = self.steps * pace, isinstance(self.alone.machine, native.Native)
-        if left > (BEST if begun else QUICK) * cost and native.available():  # which looks at files
-            with contextlib.suppress(native.Unavailable):  # it goes on as it is
+        left, begun = self.steps * pace, isinstance(self.alone.machine, Native)
+        if left > (BEST if begun else QUICK) * cost and llvm.available():  # which looks at files
+            with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)
-        if native.FAILED and not self.alone.machine:
-            self.way = f"compiled to Python; {native.FAILED[0]}"
+        if llvm.FAILED and not self.alone.machine:
+            self.way = f"compiled to Python; {llvm.FAILED[0]}"
 
     def to_machine(self, best):
         """Machine code from here on; the best takes a few times as long to make."""

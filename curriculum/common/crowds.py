@@ -5,15 +5,17 @@ import os
 from functools import cache, partial
 from types import SimpleNamespace
 
-from curriculum.common import native
+from curriculum.common import llvm
 from curriculum.common.arrays import CALLS, ordered
 from curriculum.common.bytecode import LARGE, Bytecode
+from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
-from curriculum.common.trace import Untraceable
+from curriculum.common.tape import Untraceable
 
 import numpy as np
 
+CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
 PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
@@ -24,7 +26,7 @@ def pool():
     """Threads, a processor each."""
     from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
 
-    return ThreadPoolExecutor(native.CORES)
+    return ThreadPoolExecutor(CORES)
 
 
 if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads, and makes its own
@@ -36,8 +38,8 @@ def in_machine_code(kind, traced, lanes):
 
     `kind`: Native, or Bytecode, which is made sooner.
     """
-    if native.available():
-        with contextlib.suppress(native.Unavailable):
+    if llvm.available():
+        with contextlib.suppress(llvm.Unavailable):
             return kind(traced.program, lanes)
     return None
 
@@ -54,7 +56,7 @@ def run(code, program, state, count, *knobs):
     after one step just what it makes.
     """
     entries, members = state.shape
-    some = -(-members // (native.CORES * code.lanes)) * code.lanes if code.lanes > 1 else members
+    some = -(-members // (CORES * code.lanes)) * code.lanes if code.lanes > 1 else members
     filled = -(-members // code.lanes) * code.lanes
     ends = np.empty((entries, filled))
     ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
@@ -80,7 +82,7 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
-        made = in_machine_code(native.Native, self.traced, native.LANES)
+        made = in_machine_code(Native, self.traced, LANES)
         self.code = made or in_python(self.traced)
         self.put(q, v)
 

@@ -1,6 +1,6 @@
 """A function of small arrays as a Program, traced once; and what in it is a routine or a loop.
 
-On a tape of operations (trace.py) stand parts, too, which are more than an operation: a Call of a
+On a tape of operations (tape.py) stand parts, too, which are more than an operation: a Call of a
 routine, rows that are done side by side, a Loop. Each has a tape of its own. Writers turn a program
 into Python (python.py), rows of numbers (bytecode.py), machine code (native.py) or JavaScript.
 """
@@ -8,17 +8,8 @@ into Python (python.py), rows of numbers (bytecode.py), machine code (native.py)
 import math
 
 from curriculum.common.arrays import ordered
-from curriculum.common.trace import (
-    EXACT,
-    Stop,
-    Symbol,
-    Tape,
-    Untraceable,
-    current,
-    effort,
-    lift,
-    lifted,
-)
+from curriculum.common.tape import Stop, Tape, Untraceable, current, effort
+from curriculum.common.trace import EXACT, METHODS, Symbol, lift, lifted
 
 import numpy as np
 
@@ -110,7 +101,16 @@ class Program:
 
     def replay(self, arguments):
         """The results for other inputs, noted on the tape that is current."""
-        return self.tape.replay(self.out, dict(zip(self.inputs, arguments, strict=True)))
+        known = dict(zip(self.inputs, arguments, strict=True))
+
+        def symbol(x, minus=False):
+            s = known[x] if isinstance(x, str) else lift(x)
+            return -s if minus else s
+
+        for name in self.tape.needed(self.out):
+            sign, *operands = self.tape.nodes[name]
+            known[name] = METHODS[sign](*map(symbol, operands))
+        return [symbol(s.x, s.minus) for s in self.out]
 
 
 class Routine:

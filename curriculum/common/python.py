@@ -8,7 +8,7 @@ from textwrap import indent
 from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.language import PRODUCT, Language
 from curriculum.common.programs import INLINE, Call
-from curriculum.common.trace import Stop
+from curriculum.common.tape import Stop
 
 import numpy as np
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from curriculum.common.banner import progress
 from curriculum.common.steps import Block
-from curriculum.common.trace import Stop
+from curriculum.common.tape import Stop
 
 import numpy as np
 

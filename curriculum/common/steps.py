@@ -10,13 +10,13 @@ from functools import cached_property, lru_cache
 from inspect import signature
 from itertools import chain
 
-from curriculum.common import native
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
+from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.trace import Stop, Tape, Untraceable, effort
+from curriculum.common.tape import Stop, Tape, Untraceable, effort
 
 import numpy as np
 
@@ -203,7 +203,7 @@ class Single:
         return self.machine or self.traced.function
 
     def to_machine(self, best):
-        self.machine = native.Native(self.traced.program, best=best)
+        self.machine = Native(self.traced.program, best=best)
 
     def to_bytecode(self):
         self.machine = Bytecode(self.traced.program)

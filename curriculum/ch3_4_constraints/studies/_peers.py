@@ -11,7 +11,7 @@ from functools import partial
 from unittest.mock import patch
 
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, crowd, make_system
-from curriculum.common import native
+from curriculum.common import crowds
 from curriculum.common.steps import Single, Traced, followed
 
 import numpy as np
@@ -73,7 +73,7 @@ def our_crowd(task, rule):
 
     def go(per):
         many.dt, again = task.every / per, partial(many.put, system["q0"], system["v0"])
-        with patch.object(native, "CORES", 1):
+        with patch.object(crowds, "CORES", 1):
             seconds = least(partial(many.advance, per), again)
         return seconds, many.states()[0][..., :2]
 

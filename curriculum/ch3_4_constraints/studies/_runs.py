@@ -12,18 +12,18 @@ import constraints as c
 from curriculum.ch3_4_constraints import systems
 from curriculum.ch3_4_constraints.statics import differences
 from curriculum.ch3_4_constraints.tables import say
-from curriculum.common import native, rules
+from curriculum.common import llvm, rules
 from curriculum.common.banner import processor
 from curriculum.common.cli import Parser
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
 from curriculum.common.runs import distance
 from curriculum.common.steps import followed
-from curriculum.common.trace import Untraceable
+from curriculum.common.tape import Untraceable
 
 import numpy as np
 
-NATIVE = native.available()  # whether steps are compiled to machine code, and not to Python only
+NATIVE = llvm.available()  # whether steps are compiled to machine code, and not to Python only
 G = float(-c.GRAVITY[1])  # m/s^2
 SCENES = c.HERE / c.CHAPTER / "scenes"
 SHIPPED = sorted({path.stem for path in SCENES.glob("*.json")} - {"taut_cable"})  # it is refused

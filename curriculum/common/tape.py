@@ -1,0 +1,127 @@
+"""A tape: operations in the order in which a function did them, each with a name of its own.
+
+What writes on it is in trace.py. What stands there already is not noted again.
+"""
+
+import math
+from contextlib import contextmanager
+from itertools import count
+from threading import RLock, local
+
+LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
+WORTH = 10  # to compile an operation takes as long as to do it so many times in plain numpy
+
+
+class Untraceable(Exception):
+    """The function asks of a symbol what cannot be written down; the message says what."""
+
+
+class Stop(ArithmeticError):
+    """A run cannot go on; the message says why."""
+
+
+class Current(local):
+    """The tape on which this thread writes; another thread has its own."""
+
+    tape = None
+
+
+current = Current()
+
+
+class Effort:
+    """How much a trace has noted, and how much work that is when it runs.
+
+    `noted`: operations written down. `done`: how often they are done in one step, where loops and
+    rows count as often as they turn. `turns`: how many steps are to come. `factor`: how often what
+    is traced now turns.
+    """
+
+    def __init__(self):
+        self.turns = math.inf
+        self.begin()
+
+    def begin(self):
+        self.noted, self.done, self.factor = 0, 0, 1
+
+    def note(self):
+        """One more operation. Raises Untraceable where compiling would cost more than it saves."""
+        self.noted += 1
+        self.done += self.factor
+        if self.noted > LONG and self.done * self.turns < WORTH * self.noted:
+            raise Untraceable("it is too long to be compiled for so few steps")
+
+    @contextmanager
+    def repeated(self, times):
+        """What is traced meanwhile is done so many times."""
+        before, self.factor = self.factor, self.factor * times
+        try:
+            yield
+        finally:
+            self.factor = before
+
+
+effort = Effort()  # of the one thread that traces
+
+
+class Tape:
+    """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
+
+    Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
+    part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
+    `outer`: the tape on which a loop stands, whose names its body may use. `names`: what an
+    operation is called that is there already. `numbers`, of new names, `refused`, why all this
+    cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
+    `open`: whether it is still written.
+    """
+
+    lock = RLock()  # one thread traces at a time: what a function keeps is put back
+
+    def __init__(self, outer=None, numbers=None):
+        self.nodes, self.names, self.parts = {}, {}, {}
+        self.outer, self.open = outer, True
+        self.numbers, self.refused, self.knobs = numbers or count(), [], ()
+        if outer:
+            self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
+
+    def trace(self, function, *args):
+        """function(*args), whose operations come onto this tape."""
+        with Tape.lock:
+            before, current.tape = current.tape, self
+            if before is None:
+                effort.begin()
+            try:
+                return function(*args)
+            finally:
+                current.tape, self.open = before, False
+
+    def sees(self, other):
+        """Whether `other` is this tape or one around it."""
+        tape = self
+        while tape is not None and tape is not other:
+            tape = tape.outer
+        return tape is other
+
+    def add_part(self, part, operands, names):
+        """Note a Loop, a Call or Lanes, which makes numbers of these names."""
+        name = f"part{next(self.numbers)}"
+        self.parts[name] = part
+        self.nodes[name] = "part", *operands
+        self.nodes |= dict.fromkeys(names, ("of", name))
+
+    def new_names(self, many):
+        return [f"x{next(self.numbers)}" for _ in range(many)]
+
+    def taken(self, symbols, inputs):
+        """The names from around this tape that it uses, or that the symbols are; not its inputs."""
+        used = [x for node in self.nodes.values() for x in node[1:]] + [s.x for s in symbols]
+        mine = {*self.nodes, *inputs}
+        return [x for x in dict.fromkeys(used) if isinstance(x, str) and x not in mine]
+
+    def needed(self, symbols):
+        """The names of the operations that the symbols come from, in order."""
+        found = {s.x for s in symbols}
+        for name, (_, *operands) in reversed(self.nodes.items()):
+            if name in found:
+                found.update(operands)
+        return [name for name in self.nodes if name in found]
