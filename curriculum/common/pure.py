@@ -143,44 +143,59 @@ class Memory:
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""
-        if isinstance(x, ModuleType | FunctionType | type):
-            space = vars(x) if isinstance(x, type) else getattr(x, "__globals__", vars(x))
-            module = x.__module__ if isinstance(x, type) else space.get("__name__", "")
-            if module in ASKED:
-                self.asks.append(f"it asks for {ASKED[module]}")
-            known = ours(module)
-            if known:
-                function = isinstance(x, FunctionType)  # which names globals, and not attributes
-                names = set() if function else self.attributes
-                _, names = self.spaces.setdefault((id(space), function), (space, names))
-                self.note(x if isinstance(x, type) else space, "", "the global {}")
+        if isinstance(x, FunctionType):
+            yield from self.of_function(x, name)
+        elif isinstance(x, ModuleType):
+            self.space(vars(x), vars(x), x.__name__, self.attributes)
+        elif isinstance(x, type):
+            self.space(x, vars(x), x.__module__, self.attributes)
+            yield from self.inside(x, name)
         else:
             yield from self.note(x, name)
-        if isinstance(x, FunctionType):  # of what is not ours, what it closes over
-            for n, cell in zip(x.__code__.co_freevars, x.__closure__ or (), strict=True):
-                yield from self.note(cell, n)
-            if not known:
-                return
-            globals_named, attributes = named(x.__code__)
-            names |= globals_named
-            imported = ASKED.keys() & globals_named - space.keys()  # in its own lines
-            self.asks += [f"it asks for {ASKED[module]}" for module in imported]
-            self.attributes |= attributes
-            arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
-            yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
-            yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
-        words = f"the attribute {{}} of {name}"
-        if isinstance(x, FunctionType) or ours(type(x).__module__):
+            yield from self.inside(x, name)
+
+    def space(self, x, space, module, names):
+        """The names that are asked of a space; None if it is none of the reader's modules."""
+        if module in ASKED:
+            self.asks.append(f"it asks for {ASKED[module]}")
+        if not ours(module):
+            return None
+        self.note(x, "", "the global {}")
+        kind = names is self.attributes  # functions name globals
+        return self.spaces.setdefault((id(space), kind), (space, names))[1]
+
+    def of_function(self, x, name):
+        """What a function closes over and, if it is the reader's, names, or has from the start."""
+        for n, cell in zip(x.__code__.co_freevars, x.__closure__ or (), strict=True):
+            yield from self.note(cell, n)
+        space = x.__globals__
+        names = self.space(space, space, space.get("__name__", ""), set())
+        if names is None:
+            return
+        globals_named, attributes = named(x.__code__)
+        names |= globals_named
+        self.attributes |= attributes
+        imported = ASKED.keys() & globals_named - space.keys()  # in its own lines
+        self.asks += [f"it asks for {ASKED[module]}" for module in imported]
+        arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
+        yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
+        yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
+        yield from self.note(x.__dict__, name, f"the attribute {{}} of {name}")
+
+    def inside(self, x, name):
+        """What an object keeps: the reader's in its attributes, others' where INSIDE says."""
+        kept, words = getattr(x, "__dict__", None), f"the attribute {{}} of {name}"
+        if ours(type(x).__module__):
             yield type(x), name
-            yield from self.note(getattr(x, "__dict__", None), name, words)
+            yield from self.note(kept, name, words)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
                 self.asks.append(f"it uses {name}, which cannot be put back")
         elif hasattr(type(x), "__next__"):  # an iterator, not a class of them
             self.asks.append(f"it takes from {name}, which cannot be put back")
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
-        elif not isinstance(x, ModuleType | type | WeakKeyDictionary):  # a Namespace, a UserDict
-            yield from self.note(getattr(x, "__dict__", None), name, words)
+        elif not isinstance(x, WeakKeyDictionary):  # a Namespace, a UserDict
+            yield from self.note(kept, name, words)
 
     def restore(self):
         """Put back, in place, what has changed; what was first, in words, or None."""
