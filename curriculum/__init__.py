@@ -17,11 +17,11 @@ def leave(number, frame):
 
 
 # While modules are loaded: some swallow a KeyboardInterrupt. Later run_script has its own answer.
-# A program of ours is a script beside this package, a module of it (-m), or the entry point.
+# A program of chapters is a script beside this package, a module of it (-m), or the entry point.
 here, started = os.path.dirname(__file__), os.path.abspath(sys.argv[0])
 beside = os.path.dirname(started) == os.path.dirname(here) and os.path.isfile(started)
-ours = beside or sys.argv[0] == "-m" or os.path.basename(sys.argv[0]).startswith(COMMAND)
-if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+of_chapters = beside or sys.argv[0] == "-m" or os.path.basename(sys.argv[0]).startswith(COMMAND)
+if of_chapters and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, leave)
 if not find_spec("numpy"):  # the usual reason: another python than the one README installs into
     raise SystemExit("numpy is not installed: pip install -e '.', or run .venv/bin/python")

@@ -16,7 +16,9 @@ from curriculum.common.files import write_together
 from curriculum.common.tape import Untraceable
 
 INDEX = "index.html"
-RULE, DT, KNOBS = "semi_implicit", 0.005, (20.0, 0.02, 0.95)  # as a default run has them
+# as a default run has them
+RULE, DT = "semi_implicit", 0.005  # s
+REMEDIES = 20.0, 0.02, 0.95  # w in rad/s, T in s, impedance
 
 
 def main(argv=None):
@@ -37,7 +39,7 @@ def main(argv=None):
     for name in dict.fromkeys(args.names or told):
         try:
             system = c.build_system(name)
-            files[f"{name}.html"] = page(c, name, system, RULE, c.INTEGRATORS[RULE], DT, KNOBS)
+            files[f"{name}.html"] = page(c, name, system, RULE, c.INTEGRATORS[RULE], DT, REMEDIES)
         except (Untraceable, SceneError) as why:
             print(f"{name} left out: {why}")
         else:

@@ -128,13 +128,15 @@ class mapped:  # noqa: N801 - it is called as a function is
         key = q.shape[1:], resting.tobytes()
         if key not in self.known and len(q) > 1:
             self.known[key] = self.traced(q, v)
-        kind = self.known.get(key)  # none for a single state: to trace it would take longer
-        if kind is None:
+        entry = self.known.get(key)  # none for a single state: to trace it would take longer
+        if entry is None:
             made = self.one_by_one(q, v)
         else:
-            self.choose(kind, len(q))
-            made = self.by_code(kind.traced, kind.code, q, v)
-            if self.differs(made, kind.traced.exact, q, v):  # it asks what a symbol answers wrongly
+            self.choose(entry, len(q))
+            made = self.by_code(entry.traced, entry.code, q, v)
+            if self.differs(
+                made, entry.traced.exact, q, v
+            ):  # it asks what a symbol answers wrongly
                 self.known[key] = None
                 made = self.one_by_one(q, v)
         return made[0] if self.single else tuple(made)
@@ -150,16 +152,16 @@ class mapped:  # noqa: N801 - it is called as a function is
             return None
         return SimpleNamespace(traced=traced, code=None, asked=0)
 
-    def choose(self, kind, many):
+    def choose(self, entry, many):
         """What runs it: where there is a loop, machine code once so many have been asked for."""
-        kind.asked += many
-        if isinstance(kind.code, (Columns, Bytecode)):
+        entry.asked += many
+        if isinstance(entry.code, (Columns, Bytecode)):
             return
-        program = kind.traced.program
+        program = entry.traced.program
         size = program.size()
-        if program.loops() and (size > LARGE or kind.asked * size > REPAID):
-            kind.code = in_machine_code(Bytecode, kind.traced, NARROW) or kind.code
-        kind.code = kind.code or in_python(kind.traced)
+        if program.loops() and (size > LARGE or entry.asked * size > REPAID):
+            entry.code = in_machine_code(Bytecode, entry.traced, NARROW) or entry.code
+        entry.code = entry.code or in_python(entry.traced)
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""

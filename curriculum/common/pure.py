@@ -26,8 +26,9 @@ PLACES = {Path(place).resolve() for place in PLACES}
 
 
 @lru_cache
-def ours(module):
-    """Whether a module of this name is neither Python's, nor an installed one, nor beside this."""
+def of_reader(module):
+    """Whether the reader may have written the module of this name: it is no part of Python, of an
+    installed package, or of this folder."""
     file, name = getattr(sys.modules.get(module), "__file__", None), module.partition(".")[0]
     if module == "__main__" or file is None:
         return name not in sys.stdlib_module_names
@@ -158,7 +159,7 @@ class Memory:
         """The names that are asked of a space; None if it is none of the reader's modules."""
         if module in ASKED:
             self.asks.append(f"it asks for {ASKED[module]}")
-        if not ours(module):
+        if not of_reader(module):
             return None
         self.note(x, "", "the global {}")
         kind = names is self.attributes  # functions name globals
@@ -185,7 +186,7 @@ class Memory:
     def inside(self, x, name):
         """What an object keeps: the reader's in its attributes, others' where INSIDE says."""
         kept, words = getattr(x, "__dict__", None), f"the attribute {{}} of {name}"
-        if ours(type(x).__module__):
+        if of_reader(type(x).__module__):
             yield type(x), name
             yield from self.note(kept, name, words)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
