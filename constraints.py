@@ -125,8 +125,8 @@ def constraint_terms(system, q, v):
     return jac.reshape(rods, q.size), g, gdot, jdotv
 
 
-# gddot = 0 keeps a right rod right and a wrong one wrong: each step of an integrator leaves an
-# error in g, and nothing takes it back. So ask for more, that g behave like a damped spring:
+# gddot = 0 keeps a right rod right, but asks nothing of g and gdot: each step of an integrator
+# leaves an error there, and nothing takes it back. So ask that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
 # e^(rt) solves that if r = -w: errors die like e^(-wt), and do not swing. Most remedies differ by
 # four numbers only. (use_jdotv is 1 or 0, A is J M^-1 J^T, and diag A is its diagonal.)

@@ -147,7 +147,7 @@ def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").touch()
         importlib.import_module(name)
     (tmp_path / "theirs-1.0.dist-info").mkdir()
-    assert [name for name in ("theirs", "mine", "json", "math") if pure.ours(name)] == ["mine"]
+    assert [name for name in ("theirs", "mine", "json", "math") if pure.of_reader(name)] == ["mine"]
 
 
 def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_printed_and_drawn(
