@@ -12,7 +12,7 @@ import constraints as c
 from curriculum.ch3_4_constraints import pages, play, publish
 from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.common import javascript
-from curriculum.common.programs import Program
+from curriculum.common.programs import Program, repeat
 from curriculum.common.tape import Untraceable
 
 import numpy as np
@@ -115,6 +115,14 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     assert dragged.energies[-1] < run.energies[-1] - 0.1
     monkeypatch.setattr(c, "external_force", lambda system, q: system["m"] * c.GRAVITY)
     compared(tmp_path, "pendulum", "semi_implicit", 9)  # one that takes no v is in it, too
+
+
+def test_long_functions_are_split_and_what_a_stop_says_is_not_renamed(monkeypatch, tmp_path):
+    monkeypatch.setattr(javascript, "LONG", 200)  # characters
+    words = "stage2 of t1 does not settle"
+    feel(monkeypatch, lambda q, v: repeat(lambda y: (0.5 * y, np.sum(y * y) / 1e-6), -v, 60, words))
+    compared(tmp_path, "double", "rk4", 100)
+    assert f'"{words}"' in page("double")
 
 
 def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_path, capsys):

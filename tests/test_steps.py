@@ -199,6 +199,9 @@ def forces():
             np.sin(q) * (1.0 + 1e-3 * isinstance(q[0, 0], float))
         ),
         "when it is compiled: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
+        "when it is compiled: out of its plane": lambda q, v: (
+            np.array([0.0, 0.0, 0.1 * (q.dtype == float)]) + 0.0 * q
+        ),
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # and those that it does not answer
         "branches on a value, or wants one": branching,
@@ -217,6 +220,9 @@ def forces():
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
+        "compiled: 1 / 0 of constants at times": lambda q, v: (
+            -np.minimum(1.0 / np.maximum(q + 0.05, 0.0), 5.0)
+        ),
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
         "compiled: in place": lambda q, v: halving(q)[0],
@@ -332,6 +338,27 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
     way = once_for_all()
     again = [run(PENDULUM, timid, 0.0, 0.04, 40, way=way).halved for _ in range(2)]
     assert again == [alone.halved] * 2
+
+
+def hidden(q, v, m, force, dt):
+    """It asks of a loop, which comes to no end where the pendulum is fast, whether it is small."""
+    x = repeat(lambda x: (0.5 * x, np.sum(v * v) / 9.0), 1.0 + 0.0 * q[0], 1, "too fast")
+    return c.semi_implicit_step(q, v + np.where(x < 0.1, 0.0, 1e-3) * v, m, force, dt)
+
+
+def ahead(q, v, m, force, dt):
+    """It would go on in halves, after the run has flown apart."""
+    limit = np.where(q[0, 0] > 120.0, 150.0, 50.0)
+    v = repeat(lambda v: (1.0 * v, limit * dt), v, 1, "too long")
+    return q + dt * v, v
+
+
+def test_a_loop_without_an_end_and_halves_that_were_not_taken_are_seen():
+    found = [run(PENDULUM, hidden, "project", 0.005, 4000, way=way) for way in WAYS]
+    assert all(alike(x, found[0]) for x in found) and "too fast" in found[0].stopped
+    fast = PENDULUM | {"v0": np.full((1, 3), 1000.0)}
+    found = [run(fast, ahead, dt=0.01, steps=100, way=way) for way in WAYS]
+    assert {(x.halved, x.stopped) for x in found} == {(0, "diverged at step 6")}
 
 
 def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):

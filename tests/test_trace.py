@@ -187,6 +187,11 @@ ASKED = {  # what numpy's functions are asked for besides: of numbers, and of sy
     "new names": lambda x: np.clip(x, min=-1.0),
     "a count": lambda x: np.array([0.0, 1.5, 3.5, 7.5])[np.sum(x > -1.0)],
     "true or true": lambda x: (x > -1.0) + (x < 1.0),
+    "true and true": lambda x: (x > -1.0) * (x < 1.0) + (x > 0.0),
+    "true by a number": lambda x: np.where(np.maximum(0.0 * x, 0.5) < 1.0, x, -x),
+    "counts of what is known": lambda x: np.sum(0.0 * x <= np.zeros(3)),
+    "a mean of some": lambda x: np.mean(x, where=np.asarray([True, False, True])),
+    "a mean elsewhere": lambda x: np.mean(x[None], axis=0, out=np.zeros_like(x)),
     "what is imaginary": lambda x: np.sum(1j * x[None], axis=0).imag + np.linalg.norm(1j * x),
 }
 
@@ -200,6 +205,11 @@ def test_what_is_asked_of_a_function_besides_is_never_left_out(name):
         assert np.array_equal(alone, [function(np.asarray(q[0])) for q in many])
         found = mapped(lambda q, v: function(q[0]) * 1.0, turns=10**6)(many, 0.0 * many)
     assert np.array_equal(found, alone)
+
+
+def test_what_numpy_makes_of_ordered_arrays_adds_in_order_too():
+    made = np.where(ROW < 0.0, ROW, -ROW), np.cross(ROW, ROW), np.outer(ROW, ROW), np.tril(ROW)
+    assert {type(x) for x in made} == {type(ROW)}
 
 
 def test_what_was_traced_before_does_not_decide_what_can_be(monkeypatch):

@@ -67,7 +67,7 @@ class Ordered(np.ndarray):
                 raise TypeError("np.sum of symbols takes an axis and keepdims, and nothing else")
             return made.sum(axis, dtype, out, keepdims, **how)
         if made.dtype == object:  # truths are counted
-            made = np.asarray(np.frompyfunc(lambda s: getattr(s, "number", s), 1, 1)(made))
+            made = np.asarray(np.frompyfunc(counted, 1, 1)(made))
         if axis is None and not keepdims and made.size:
             return made.ravel().cumsum()[-1]
         axes = range(self.ndim) if axis is None else normalize_axis_tuple(axis, self.ndim)
@@ -81,8 +81,12 @@ class Ordered(np.ndarray):
             made = made if keepdims else made.squeeze(one)
         return viewed(made)
 
-    def mean(self, axis=None, **how):
-        total = self.sum(axis, **how)
+    def mean(self, axis=None, dtype=None, out=None, keepdims=False, **how):
+        if dtype is not None or out is not None or how:
+            if self.dtype == object:
+                raise TypeError("np.mean of symbols takes an axis and keepdims, and nothing else")
+            return np.asarray(self).mean(axis, dtype, out, keepdims, **how)
+        total = self.sum(axis, keepdims=keepdims)
         return total / (self.size // max(1, np.size(total)))
 
     def __array_function__(self, function, types, given, how):
@@ -95,7 +99,8 @@ class Ordered(np.ndarray):
             except (TypeError, ValueError):  # it is asked for what only numpy has
                 if symbols:
                     raise
-        return super().__array_function__(function, types, given, how)
+        made = super().__array_function__(function, types, given, how)
+        return viewed(made) if type(made) is np.ndarray else made  # np.cross makes another kind
 
 
 class Symbols(Ordered):
@@ -110,10 +115,12 @@ def symbolic(ufunc, method, given, how):
     CALLS[0] += 1
     arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
     chosen = how.pop("where", True)  # what is not stays as `out` has it
-    if ufunc is np.matmul or ufunc is np.add and method == "reduce":
+    if ufunc.signature or ufunc is np.add and method in ("reduce", "reduceat"):  # as np.matmul has
         raise TypeError(f"np.{ufunc.__name__} adds in an order of its own; use @ or np.sum")
     if how.get("dtype") is not None:
         raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype")
+    if method == "at" or method != "__call__" and chosen is not True:
+        raise TypeError(f"np.{ufunc.__name__}.{method} of symbols does all or nothing")
     if method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
         made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
@@ -131,6 +138,11 @@ def symbolic(ufunc, method, given, how):
     if isinstance(made, np.ndarray):
         return ordered(made) if made.ndim else made.item()
     return made
+
+
+def counted(s):
+    """A truth as a number, to be counted; another number as it is."""
+    return int(s) if isinstance(s, np.bool) else getattr(s, "number", s)
 
 
 def certain(a):
@@ -239,11 +251,13 @@ def where(condition, *choices):
     """np.where, whose condition may be of symbols; of a condition alone the places, as numpy's."""
 
     def chosen(s, a, b):
-        return s.choose(a, b) if hasattr(s, "choose") else (a if s else b)
+        number = isinstance(s, (bool, int, float, np.generic))  # a np.bool has a `choose`, too
+        return (a if s else b) if number else s.choose(a, b)
 
     given = [np.asarray(x) for x in (condition, *choices)]
     if object not in [x.dtype for x in given]:
-        return np.where(*given)
+        made = np.where(*given)
+        return viewed(made) if choices else made
     made = np.frompyfunc(chosen, 3, 1)(*given)
     return ordered(made) if np.ndim(made) else made
 

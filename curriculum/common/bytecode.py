@@ -43,7 +43,7 @@ class Assembler:
         self.calls = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
         most = [self.register(f"most {k}") for k in range(len(program.out) - len(state))]
-        for name in [*program.knobs, "unsettled", "trouble"]:
+        for name in [*program.knobs, "endless", "unsettled", "trouble"]:
             self.register(name)
         self.operations(program.tape, program.tape.needed(program.out))
         self.end(state, most, [self.number(s) for s in program.out])
@@ -72,8 +72,8 @@ class Assembler:
 
     def end(self, state, most, ends):
         """The registers of a step's ends become its state; what else it makes is compared."""
-        trouble = self.register("trouble")  # not zero if an end is infinite or no number
-        self.row("copy", trouble, self.register(0.0))
+        trouble = self.register("trouble")  # not zero if an end is infinite or no number, or never
+        self.row("copy", trouble, self.register("endless"))
         for end in ends[: len(state)]:
             self.row("+", trouble, trouble, self.made("-", end, end))
         for register, end in zip(most, ends[len(state) :], strict=True):
@@ -150,6 +150,7 @@ class Assembler:
             self.row("where", name, done, name, self.register(math.nan))
         finite = self.made("<=", self.made("-", last, last), zero)  # else it has another cause
         never, unsettled = self.made("-", one, done), self.register("unsettled")
+        self.row("max", self.register("endless"), self.register("endless"), never)
         self.row("max", unsettled, unsettled, self.made("*", never, finite))
 
 
@@ -237,7 +238,8 @@ class Bytecode:
         self.state = slice(0, len(program.inputs))
         self.most = slice(len(program.inputs), len(program.out))
         self.knobs = [found.register(name) for name in program.knobs]
-        self.unsettled, self.trouble = found.register("unsettled"), found.register("trouble")
+        self.flags = [found.register("unsettled"), found.register("endless")]
+        self.trouble = found.register("trouble")
 
     def __call__(self, state, count, out, *knobs):
         """See native.Native."""
@@ -245,7 +247,7 @@ class Bytecode:
         places, constants = self.constants
         registers[places] = constants[:, None]
         registers[self.knobs] = np.reshape(knobs, (-1, 1))
-        registers[self.unsettled] = 0.0
+        registers[self.flags] = 0.0
         entries, measured = len(state), self.most.stop > self.most.start
         rows = None if measured or self.lanes > 1 else out.ctypes.data
         given = self.rows.ctypes.data, rows, count, entries, self.trouble
@@ -258,4 +260,4 @@ class Bytecode:
             state[:, members] = registers[self.state]
             if measured:
                 out[:, members] = registers[self.most]
-        return done, bool(registers[self.unsettled, 0])
+        return done, bool(registers[self.flags[0], 0])

@@ -53,13 +53,11 @@ class Compiled:
         self.state, self.ahead, self.block = NONE, iter(()), None
         self.begins = lambda: None  # called before a block
         self.plain.halved = 0
-        if self.alone:
-            self.alone.halved = 0
 
     @property
     def halved(self):
-        """How many steps of this run were taken in halves."""
-        return self.plain.halved + (self.alone.halved if self.alone else 0)
+        """How many plain steps of this run were taken in halves; a Block knows its own."""
+        return self.plain.halved
 
     @property
     def source(self):
@@ -92,7 +90,6 @@ class Compiled:
 
     def give_up(self, why):
         """Go on plainly."""
-        self.plain.halved = self.halved
         self.alone, self.way = None, f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
 
@@ -108,8 +105,11 @@ class Compiled:
             return state
         clock = time.perf_counter()
         start = self.alone.traced.columns(q, v)[:, 0]
-        halved = self.alone.halved
-        rows, why = self.alone(start, self.count(len(start)), self.dt)
+        try:
+            rows, why, halved = self.alone(start, self.count(len(start)), self.dt)
+        except Untraceable as reason:  # found out by the lines as they stand
+            self.give_up(reason)
+            return self.compute(q, v)
         spent, count = time.perf_counter() - clock, len(rows)
         if why and not count:
             raise why
@@ -120,9 +120,8 @@ class Compiled:
             tried, dt = rows, self.dt
             if self.only:  # such rules iterate, and a short step needs fewer rounds
                 dt = SHORTER * dt
-                tried, _ = self.alone(start, 1, dt)
+                tried, _, _ = self.alone(start, 1, dt)
             if self.differs(start, tried, dt):
-                self.alone.halved = halved  # this block does not count
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
@@ -132,7 +131,7 @@ class Compiled:
             self.improve(spent / count)
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
-        self.block = Block(*states, measured)
+        self.block = Block(*states, measured, halved)
         self.ahead = iter(self.block)
         return next(self.ahead)
 
@@ -149,6 +148,8 @@ class Compiled:
         It is the last, or the first if the last is not finite. Sums and products are the same to
         the last bit; a sine need not be.
         """
+        if not len(rows):
+            return False
         before, end = [start, *rows[-2:]][-2:]
         if not np.isfinite(end).all():
             before, end = start, rows[0]
@@ -156,6 +157,8 @@ class Compiled:
             expected = self.alone.traced.plain(before, dt)
         except Stop:
             return False  # the step is taken in halves
+        except Untraceable:
+            return True
         if self.alone.traced.exact:
             return not np.array_equal(end, expected, equal_nan=True)
         known = np.isfinite(expected)

@@ -18,13 +18,14 @@ const min = (a, b) => (a <= b || a !== a ? a : b);
 LONG = 40_000  # characters of a function: browsers do not optimize those that are twice as long
 # Names of numbers on a tape, of all words, and of what a text declares.
 MADE_UP = re.compile(r"(?<![A-Za-z0-9.])[a-z]+[0-9]+\b")
-WORD = re.compile(r"[A-Za-z]\w*")
+WORD = re.compile(r"(?<![\w.])[A-Za-z]\w*")
+TEXT = re.compile(r'("(?:[^"\\]|\\.)*")')  # what a Stop says
 DECLARED = re.compile(r"\b(?:const|let) (\w+)")
 
 
 def words(texts):
     """The words of texts, each once, in order: {word: None}."""
-    return dict.fromkeys(word for text in texts for word in WORD.findall(text))
+    return dict.fromkeys(word for text in texts for word in WORD.findall(TEXT.sub("", text)))
 
 
 def unpacked(names, call):
@@ -62,7 +63,9 @@ class Writer(Language):
         def renamed(match):
             return known.setdefault(match[0], f"t{len(known)}")
 
-        return self.made.setdefault(MADE_UP.sub(renamed, text), f"F{len(self.made)}")
+        parts = TEXT.split(text)  # every other one is such a text
+        parts[::2] = [MADE_UP.sub(renamed, part) for part in parts[::2]]
+        return self.made.setdefault("".join(parts), f"F{len(self.made)}")
 
     def program(self, program, parameters, given):
         """The name of a function (*parameters) -> array that does what a program does.
@@ -140,6 +143,8 @@ class Writer(Language):
         for piece in reversed(pieces):
             declared, used = DECLARED.findall("\n".join(piece)), words(piece)
             makes = [x for x in declared if x in wanted]
+            if not makes:  # nothing of it is used
+                continue
             numbers = (x for x in used if x in self.given or MADE_UP.fullmatch(x))
             takes = [x for x in numbers if x not in declared]
             name = self.function(takes, piece, makes)

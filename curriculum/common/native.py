@@ -14,7 +14,9 @@ from curriculum.common.trace import Symbol
 import numpy as np
 
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
-UNSETTLED = "@unsettled"  # whether a loop of a single member has come to no end
+# of a single member: whether all loops have come to an end; whether one did not, though its size
+# is finite
+ENDED, UNSETTLED = "@ended", "@unsettled"
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -185,6 +187,8 @@ class Writer(Function):
             ends.append(self.choice(good, w.type, w.load(place), w.constant(np.nan)))
         env |= named(ends)
         if self.alone:  # a size that is not finite has another cause
+            ended = self.new(f"and i1 {self.load(ENDED, 'i1')}, {self.reduced('and', good)}")
+            self.store(ended, ENDED, "i1")
             lost = self.choice(good, truth, "zeroinitializer", self.finite(self.load(last)))
             never = self.new(f"or i1 {self.load(UNSETTLED, 'i1')}, {self.reduced('or', lost)}")
             self.store(never, UNSETTLED, "i1")
@@ -202,6 +206,7 @@ def assembly(program, lanes):
     done = w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
     w.store("false", UNSETTLED, "i1")
+    w.store("true", ENDED, "i1")
     w.begin("step")
     before = w.load(done, "i64")
     env |= zip(program.inputs, map(w.load, places[:many]), strict=True)
@@ -209,7 +214,7 @@ def assembly(program, lanes):
     out = [w.value(env, s) for s in program.out]
     for k, (value, place) in enumerate(zip(out, places, strict=True)):
         w.store(value if k < many else w.operation("max", [w.load(place), value]), place)
-    good = "true"
+    good = w.load(ENDED, "i1") if lanes == 1 else "true"
     for value in out[:many] if lanes == 1 else ():
         good = w.new(f"and i1 {good}, {w.finite(value)}")
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
@@ -230,7 +235,7 @@ def assembly(program, lanes):
     head = "i64 @run(ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, "
     head += "ptr noalias %knobs, ptr noalias %unsettled)"
     lines = w.function(head, f"i64 {w.load(done, 'i64')}")
-    lines.append(f"{UNSETTLED} = internal global i1 false, align 8")
+    lines += [f"{flag} = internal global i1 false, align 8" for flag in (ENDED, UNSETTLED)]
     return "\n".join(sum(w.routines.values(), lines))
 
 

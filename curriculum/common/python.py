@@ -1,5 +1,6 @@
 """A program as Python: a function of floats, a line an operation; what is used once, in place."""
 
+import ast
 import contextlib
 import math
 from functools import lru_cache
@@ -160,7 +161,7 @@ class OneByOne:
             except (ArithmeticError, ValueError):  # where numpy's floats go on
                 rows = []
                 with contextlib.suppress(Stop), np.errstate(all="ignore"):
-                    careful(self.source)(tuple(end), count, rows.append, *knobs)
+                    careful(self.source)(end.copy(), count, rows.append, *map(np.float64, knobs))
             if len(rows) < count:
                 rows = [[np.nan] * (entries + len(out))]
             end[:] = rows[-1][:entries]
@@ -170,7 +171,8 @@ class OneByOne:
 
 @lru_cache(8)
 def careful(source):
-    """The same f, for numpy's floats: it makes inf or nan where Python's raise an error."""
+    """The same f, all of whose numbers are numpy's: it makes inf or nan where Python's floats raise
+    an error."""
 
     def function(name):
         def of(*x):
@@ -181,4 +183,11 @@ def careful(source):
 
         return of
 
-    return compiled(source, NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]})
+    class Numbers(ast.NodeTransformer):
+        def visit_Constant(self, node):
+            call = ast.Call(ast.Name("float64", ast.Load()), [node], [])
+            return call if isinstance(node.value, float) else node
+
+    space = NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]}
+    tree = ast.fix_missing_locations(Numbers().visit(ast.parse(source)))
+    return compiled(compile(tree, "<step>", "exec"), space | {"float64": np.float64})

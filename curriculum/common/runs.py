@@ -100,7 +100,7 @@ class Log:
         self.done, self.stopped = -1, None  # the start is step 0
         self.tip = np.empty((steps + 1, 3))
         self.violations, self.energies = np.empty((2, steps + 1))
-        self.kept, self.last, self.watched = [], None, 0.0
+        self.kept, self.last, self.watched, self.halved = [], None, 0.0, 0
         self.block, self.row, self.sane = None, 0, 0
         self.tick = progress("simulating", steps)
         step.begins = self.close  # before each block, which a change of the state begins, too
@@ -157,6 +157,7 @@ class Log:
         self.kept.append((rows + first, block.q[rows], block.v[rows]))
         self.last = [first + count - 1], block.q[[count - 1]], block.v[[count - 1]]
         self.done += count
+        self.halved += int(np.sum(block.halved < count))
         self.tick(self.done)
         if self.step.watch:
             asked = self.step.watch(block.q[:count], block.v[:count])
@@ -169,6 +170,7 @@ class Log:
         kept = {"kept": steps[once], "q": q[once], "v": v[once]}
         names, step = ("tip", "violations", "energies"), self.step
         series = {name: getattr(self, name)[: self.done + 1] for name in names}
-        ended = {"stopped": self.stopped, "halved": step.halved, "watched": self.watched}
+        ended = {"stopped": self.stopped, "watched": self.watched}
+        ended["halved"] = self.halved + step.halved
         pace = 1e6 * step.seconds / max(1, step.taken)
         return Run(**series, **kept, **ended, pace=pace, way=step.way, step=step)

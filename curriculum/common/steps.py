@@ -72,10 +72,13 @@ def arrays(end):
 
 
 class Block:
-    """States, mostly computed ahead: q, v (count, N, 3), and of each what was measured (count,)."""
+    """States, mostly computed ahead: q, v (count, N, 3), and of each what was measured (count,).
 
-    def __init__(self, q, v, measured):
-        self.q, self.v, self.measured = q, v, measured
+    `halved`: which of them, by number, were reached in halves.
+    """
+
+    def __init__(self, q, v, measured, halved=()):
+        self.q, self.v, self.measured, self.halved = q, v, measured, np.array(halved)
         for x in (q, v):
             x.flags.writeable = False  # what follows is known already: v *= 0.9 would be lost
 
@@ -188,14 +191,17 @@ class Traced:
     def plain(self, state, dt):
         """The step as it stands, of columns (entries,)."""
         q, v = (ordered(x[0]) for x in self.states(state[None]))
-        return self.columns(*self.as_it_stands(q, v, dt))[:, 0]
+        end = np.stack(self.as_it_stands(q, v, dt))
+        if np.any(end[~self.moving]):
+            raise Untraceable("it moves what stays where it is when it is compiled")
+        return end[self.moving]
 
 
 class Single:
-    """Steps of a state, by Python's floats or by `machine` code; `halved`: how many in halves."""
+    """Steps of a state, by Python's floats or by `machine` code."""
 
     def __init__(self, traced):
-        self.traced, self.machine, self.halved = traced, None, 0
+        self.traced, self.machine = traced, None
         self.size = max(1, traced.program.size())
 
     def prepare(self):
@@ -209,21 +215,24 @@ class Single:
         self.machine = Bytecode(self.traced.program)
 
     def __call__(self, state, count, dt):
-        """Rows (count, entries) after `state` (entries,), or fewer; and the Stop that is why."""
+        """Rows (count, entries) after `state` (entries,), or fewer; the Stop that is why; and the
+        numbers of those that were reached in halves."""
         rows, done, self.least = np.empty((count, len(state))), 0, dt / 2**HALVINGS
+        numbers = []
         while done < count:
             taken, _ = self.easy(state, rows[done:], dt)
             if not taken:
                 try:  # a step that has trouble: by itself, or in halves
                     rows[done], halved = tried(self.one, state, dt)
                 except Stop as why:
-                    return rows[:done], why
-                taken, self.halved = 1, self.halved + halved
+                    return rows[:done], why, numbers
+                taken = 1
+                numbers += [done] * halved
             done += taken
             state = rows[done - 1]
             if not math.isfinite(state.sum()):  # what measures it will say so
                 break
-        return rows[:done], None
+        return rows[:done], None, numbers
 
     def easy(self, state, rows, dt):
         """Fill rows with steps as far as they go without trouble: (how many, unsettled).
@@ -262,6 +271,6 @@ class Single:
             raise
         except (ArithmeticError, ValueError):
             with contextlib.suppress(Stop):
-                careful(self.traced.source)(tuple(state), 1, found.append, dt)
+                careful(self.traced.source)(state, 1, found.append, np.float64(dt))
         whole = found and np.isfinite(found).all()
         return np.array(found[0]) if whole else self.traced.plain(state, dt)

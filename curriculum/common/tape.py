@@ -114,7 +114,8 @@ class Tape:
 
     def taken(self, symbols, inputs):
         """The names from around this tape that it uses, or that the symbols are; not its inputs."""
-        used = [x for node in self.nodes.values() for x in node[1:]] + [s.x for s in symbols]
+        needed = self.needed(symbols)
+        used = [x for name in needed for x in self.nodes[name][1:]] + [s.x for s in symbols]
         mine = {*self.nodes, *inputs}
         return [x for x in dict.fromkeys(used) if isinstance(x, str) and x not in mine]
 

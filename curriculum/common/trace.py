@@ -203,9 +203,13 @@ class Truth(Symbol):
         return Symbol(self.tape, self.x, self.minus)
 
     def __add__(self, other):
-        if isinstance(other, Truth):
+        if isinstance(other, (Truth, bool, np.bool)):
             self.refuse(why="it adds what comparisons made; np.sum counts them")
         return super().__add__(other)
+
+    def __mul__(self, other):
+        made = super().__mul__(other)
+        return made.truth() if isinstance(other, Truth) else made
 
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
