@@ -200,7 +200,7 @@ def forces():
         ),
         "when it is compiled: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
         "when it is compiled: out of its plane": lambda q, v: (
-            np.array([0.0, 0.0, 0.1 * (q.dtype == float)]) + 0.0 * q
+            np.array([0.0, 0.0, 1e-9 * (q.dtype == float)]) + 0.0 * q
         ),
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # and those that it does not answer
