@@ -68,11 +68,11 @@ def names(system, dt=DT):
 
 # --- (b) time to an error ---
 def steps_ladder(engine, task, low, high, *words, **how):
-    """{setting: (build, steps a sample)} of an engine, each with about a tenth more steps.
+    """{setting: (build, steps a sample)} of an engine, each with about 3 % more steps.
 
     A run is build()(steps a sample); build is engine(task, *words, **how).
     """
-    build, count = partial(engine, task, *words, **how), round(10 * np.log(high / low))
+    build, count = partial(engine, task, *words, **how), round(30 * np.log(high / low))
     pers = np.unique(np.geomspace(low, high, count).round().astype(int)).tolist()
     return {" ".join([*words, f"dt {task.every / per:.3g}"]): (build, per) for per in pers}
 
