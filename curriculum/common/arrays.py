@@ -2,8 +2,9 @@
 
 numpy hands the products of matrices to a library, which adds their terms as the processor likes
 best, and sums eight numbers at a time. So the last digit differs from machine to machine, and from
-the same lines where they are compiled. In an Ordered array terms are added from first to last. What
-is zero for certain is left out, which changes no digit, and makes a large sparse product short.
+the same lines where they are compiled. In an Ordered array `@`, np.dot, np.sum and np.mean add from
+first to last; asked for what they do not know, they are numpy's own, and symbols refuse. What is
+zero for certain is left out, which changes no digit, and makes a large sparse product short.
 """
 
 from operator import ge, gt, le, lt
