@@ -353,6 +353,13 @@ def ahead(q, v, m, force, dt):
     return q + dt * v, v
 
 
+def test_a_crowd_whose_step_is_another_when_it_is_compiled_is_refused(monkeypatch):
+    feel(monkeypatch, lambda q, v: -v if q.dtype == float else 9.0 + q)
+    many = DOUBLE | {key: np.stack([DOUBLE[key]] * 3) for key in ("q0", "v0")}
+    with pytest.raises(SystemExit, match="it does something else when it is compiled"):
+        _runs.crowd(many, "rk4", "none", 0.005)
+
+
 def test_a_loop_without_an_end_and_halves_that_were_not_taken_are_seen():
     found = [run(PENDULUM, hidden, "project", 0.005, 4000, way=way) for way in WAYS]
     assert all(alike(x, found[0]) for x in found) and "too fast" in found[0].stopped

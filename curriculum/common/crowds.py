@@ -11,7 +11,7 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns, OneByOne
 from curriculum.common.steps import Traced
-from curriculum.common.tape import Untraceable
+from curriculum.common.tape import Stop, Untraceable
 
 import numpy as np
 
@@ -85,6 +85,21 @@ class Crowd:
         made = in_machine_code(Native, self.traced, LANES)
         self.code = made or in_python(self.traced)
         self.put(q, v)
+        if self.differs():
+            raise Untraceable("it does something else when it is compiled")
+
+    def differs(self):
+        """Whether the first step of the first member is not that of the lines as they stand."""
+        start = self.columns[:, :1]
+        ends, _ = run(self.code, self.traced.program, start, 1, self.dt)
+        try:
+            expected = self.traced.plain(start[:, 0], self.dt)
+        except Stop:
+            return False
+        except Untraceable:
+            return True
+        same = comparison(self.traced)
+        return bool(np.isfinite(expected).all()) and not same(ends[:, 0], expected)
 
     def put(self, q, v):
         """Go on from q, v (R, N, 3)."""
@@ -98,6 +113,12 @@ class Crowd:
         """Take `count` steps; (numbers, R): the largest that was measured at any of them."""
         self.columns, most = run(self.code, self.traced.program, self.columns, count, self.dt)
         return most
+
+
+def comparison(traced):
+    """What says whether two arrays are what the same lines make: to the bit, where promised."""
+    alike = np.array_equal if traced.exact else partial(np.allclose, rtol=1e-9, atol=1e-9)
+    return partial(alike, equal_nan=True)
 
 
 def stay(q, v, m, force, dt):
@@ -134,9 +155,7 @@ class mapped:  # noqa: N801 - it is called as a function is
         else:
             self.choose(entry, len(q))
             made = self.by_code(entry.traced, entry.code, q, v)
-            if self.differs(
-                made, entry.traced.exact, q, v
-            ):  # it asks what a symbol answers wrongly
+            if self.differs(made, entry.traced, q, v):  # a symbol has answered it wrongly
                 self.known[key] = None
                 made = self.one_by_one(q, v)
         return made[0] if self.single else tuple(made)
@@ -174,12 +193,12 @@ class mapped:  # noqa: N801 - it is called as a function is
             first += x.size
         return made
 
-    def differs(self, made, exact, q, v):
+    def differs(self, made, traced, q, v):
         """Whether what was made of the last state is not what the lines make as they stand."""
-        same = np.array_equal if exact else partial(np.allclose, rtol=1e-9, atol=1e-9)
+        same = comparison(traced)
         expected = self.measure(*self.state(q, v, -1))
         pairs = zip(made, expected, strict=True)
-        return not all(same(rows[-1], x, equal_nan=True) for rows, x in pairs)
+        return not all(same(rows[-1], x) for rows, x in pairs)
 
     def one_by_one(self, q, v):
         made = [self.measure(*self.state(q, v, k)) for k in range(len(q))]
