@@ -72,7 +72,8 @@ class Assembler:
 
     def end(self, state, most, ends):
         """The registers of a step's ends become its state; what else it makes is compared."""
-        trouble = self.register("trouble")  # not zero if an end is infinite or no number, or never
+        # not zero if an end is infinite or no number, or if a loop came to no end
+        trouble = self.register("trouble")
         self.row("copy", trouble, self.register("endless"))
         for end in ends[: len(state)]:
             self.row("+", trouble, trouble, self.made("-", end, end))

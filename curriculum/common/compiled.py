@@ -117,11 +117,7 @@ class Compiled:
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
             self.due, self.compared = OFTEN * self.done, True
-            tried, dt = rows, self.dt
-            if self.only:  # such rules iterate, and a short step needs fewer rounds
-                dt = SHORTER * dt
-                tried, _, _ = self.alone(start, 1, dt)
-            if self.differs(start, tried, dt):
+            if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
@@ -142,18 +138,22 @@ class Compiled:
             work *= QUICKER
         return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
-    def differs(self, start, rows, dt):
-        """Whether a step of dt s, of a block (count, entries), is another than the plain one.
+    def differs(self, start, rows):
+        """Whether a step of a block (count, entries) is another than the plain one.
 
         It is the last, or the first if the last is not finite. Sums and products are the same to
         the last bit; a sine need not be.
         """
-        if not len(rows):
-            return False
-        before, end = [start, *rows[-2:]][-2:]
-        if not np.isfinite(end).all():
-            before, end = start, rows[0]
+        dt = self.dt
         try:
+            if self.only:  # such rules iterate, and a short step needs fewer rounds
+                dt = SHORTER * dt
+                rows, why, _ = self.alone(start, 1, dt)
+                if why:
+                    return False
+            before, end = [start, *rows[-2:]][-2:]
+            if not np.isfinite(end).all():
+                before, end = start, rows[0]
             expected = self.alone.traced.plain(before, dt)
         except Stop:
             return False  # the step is taken in halves

@@ -38,7 +38,7 @@ def called(function, *arguments):
     """function(*arguments), or of the first of them if it takes no more."""
     try:
         many = wanted(function, len(arguments))
-    except (TypeError, ValueError):  # nobody can tell
+    except (TypeError, ValueError):  # it has no signature, or no hash
         many = len(arguments)
     return function(*arguments[:many])
 
