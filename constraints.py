@@ -416,8 +416,9 @@ def main(argv=None):
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     sought = not args.plain and run_checks.answerable(system, partial(unheld, system))  # the truth
-    tried = [partial(run, mode) for mode in ("project", *modes)]  # the first finds the truth
-    plan = parser.attempt("--tol", ruler.settle, tried, offered, args.dt, steps, args.tol, sought)
+    true_run = ruler.truly(partial(run, "project")) if sought else None
+    tried = [partial(run, mode) for mode in modes]
+    plan = parser.attempt("--tol", ruler.settle, true_run, tried, offered, args.dt, steps, args.tol)
     args.integrator, dt, steps, truth = plan  # --tol may have chosen another rule and step
     rule, holds = offered[args.integrator], hold_table(dt, *knobs)
     shown = frames(steps, dt, len(system["q0"]), args.picture or args.rerun)
@@ -427,9 +428,8 @@ def main(argv=None):
         runs[mode] = run(mode, rule, dt, steps, [truth.step, *shown], partial(usual, watch=watch))
         pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))
     scale = energy_scale(system, GRAVITY)  # m g L, in J
-    rows = {mode: runs[mode].summary(scale, truth) for mode in modes}
-    motion = ruler.true_motion(partial(run, "project"), system, dt, shown, truth)
-    found = Comparison(args, system, dt, steps, truth, runs, rows, scale, pulls, shown, motion)
+    motion = ruler.true_motion(true_run, system, dt, shown)
+    found = Comparison(args, system, dt, steps, truth, runs, scale, pulls, shown, motion)
     report(found)
     print(publish.publish(found, sys.modules[__name__], rule))  # a page of these very lines, too
 

@@ -12,7 +12,7 @@ import constraints
 from curriculum.ch3_4_constraints import publish
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common.compiled import Compiled
-from curriculum.common.ruler import nudged
+from curriculum.common.ruler import nudged, truly
 
 import pytest
 
@@ -68,6 +68,11 @@ def held(system, mode):
         return run(nudged(system) if nudge else system, rule, mode, dt, steps, keep, way)
 
     return asked
+
+
+def true_run(system):
+    """What finds the truth of a system or a scene."""
+    return truly(held(system, "project"))
 
 
 def feel(monkeypatch, force):

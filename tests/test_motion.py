@@ -15,7 +15,7 @@ from curriculum.common.runs import distance
 
 import numpy as np
 import pytest
-from conftest import feel, held
+from conftest import feel, held, true_run
 
 EXACT = make_gauss(8, tol=1e-16)  # as rounding allows: the rule's own error is left
 REFERENCE = json.loads((c.HERE / c.CHAPTER / "studies/reference.json").read_text(encoding="utf-8"))
@@ -113,10 +113,10 @@ def test_a_step_too_long_for_its_stages_is_taken_in_halves_if_that_helps(name, m
 
 
 def test_the_ruler_knows_a_place_by_odd_numbers_of_steps():
-    truth, known = true_position(held("double", "project"), 2.0)
+    truth, known = true_position(true_run("double"), 2.0)
     reference = np.array(REFERENCE["cases"]["double"]["positions"])[REFERENCE["times"].index(2.0)]
     assert distance(truth[:, :2], reference) < 1e-12 and known < 1e-11
-    assert true_position(held("triple", "project"), 8.0)[1] < 1e-9
+    assert true_position(true_run("triple"), 8.0)[1] < 1e-9
     for seconds in (0.01, 0.1):
         counts = np.array(ruler.rungs(seconds))
         assert np.diff(counts).min() > 0 and np.all(counts % 2)
@@ -132,17 +132,17 @@ UNKNOWN = [("triple", 20.0), ("spin", 0.1), ("spin", 2.0), (LONG, 2.0), (FAR, 2.
 def test_a_place_that_is_not_known_to_a_nanometre_is_not_known(system, seconds):
     """Of what is chaotic or too fast no two steps agree; and two may agree where the numbers they
     begin with have no such digits."""
-    assert true_position(held(system, "project"), seconds) == (None, math.inf)
+    assert true_position(true_run(system), seconds) == (None, math.inf)
 
 
 def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
     """It would not be found, and looking for it takes minutes without compiled steps."""
     calls = []
     feel(monkeypatch, lambda q, v: calls.append(1) or 1e-6 * len(calls) * c.GRAVITY)
-    assert true_position(held("double", "project"), 0.1) == (None, math.inf)
+    assert true_position(true_run("double"), 0.1) == (None, math.inf)
     assert len(calls) < 100
     feel(monkeypatch, lambda q, v: -v if q.dtype == float else 0.0 * q)  # not so when it is traced
-    assert true_position(held("double", "project"), 0.1) == (None, math.inf)
+    assert true_position(true_run("double"), 0.1) == (None, math.inf)
 
 
 def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
@@ -150,22 +150,22 @@ def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
     anchors = [[0.0, 0.0, 0.0], [30000.0, 0.0, 0.0]]
     taut = make_system([bob], v, [1.0], [(0, -1), (0, -2)], None, anchors)
     short = make_system([[0.0, -1.0, 0.0]], v, [1.0], [(0, -1)])
-    (q, known), (expected, _) = (true_position(held(x, "project"), 2.0) for x in (taut, short))
+    (q, known), (expected, _) = (true_position(true_run(x), 2.0) for x in (taut, short))
     assert known < 2e-11 and np.abs(q - expected - [15000.0, 0.0, 0.0]).max() < 1e-11
 
 
 @pytest.mark.parametrize(("steps", "dt", "at"), [(2001, 0.001, 2000), (300, 0.005, 300)])
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     """As many steps; a truth after 2 s or at the end; for an error, a step twice as large fails."""
-    runs = [held("double", mode) for mode in ("project", "none")]
-    name, found, count, truth = ruler.settle(runs, {"rk4": c.rk4_step}, dt, steps, None, True)
+    true, run_of = true_run("double"), held("double", "none")
+    name, found, count, truth = ruler.settle(true, [], {"rk4": c.rk4_step}, dt, steps, None)
     assert (name, found, count, truth.step) == ("rk4", dt, steps, at)
     assert truth.known < 1e-9
     offered = rules.offered("gauss:6", c.INTEGRATORS, 1e-9)
-    name, found, count, truth = ruler.settle(runs, offered, dt, steps, 1e-9, True)
+    name, found, count, truth = ruler.settle(true, [run_of], offered, dt, steps, 1e-9)
     assert found > dt and 0.0 <= count * found - steps * dt < found
     assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)
-    ends = [runs[1](offered[name], h, round(at * dt / h)) for h in (found, 2.0 * found)]
+    ends = [run_of(offered[name], h, round(at * dt / h)) for h in (found, 2.0 * found)]
     near, far = (distance(end.q[-1], truth.q) for end in ends)
     assert near <= 1e-9 and (far > 1e-9 or ends[1].halved)
 
@@ -173,7 +173,7 @@ def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
 def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     """midpoint: (order / 2)^2 + 1 of them a step; those of gauss are counted at states of a run."""
     runs = [held("double", "none")]
-    q, _ = true_position(held("double", "project"), 2.0)
+    q, _ = true_position(true_run("double"), 2.0)
     costs = {}
     for order in (4, 8, 12):
         rule = rules.named(f"midpoint:{order}", c.INTEGRATORS)
@@ -197,12 +197,12 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     """Though later they may meet again, by chance."""
     shown = np.arange(6)
 
-    def parting(rule, dt, steps, keep, way):
+    def parting(dt, steps, keep):
         q = np.zeros((len(keep), 1, 3))
         q[3, 0, 0] = 100.0 * dt  # the two runs have steps of different length
         return SimpleNamespace(q=q, kept=np.array(keep))
 
-    found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown, ruler.Truth(0))
+    found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown)
     assert len(found) == 3
 
 
@@ -227,9 +227,9 @@ def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
 def test_a_start_alone_is_no_true_motion():
     drawn = np.random.default_rng(0)
 
-    def run(rule, dt, steps, keep, way):  # no two agree, but in the start
+    def run(dt, steps, keep):  # no two agree, but in the start
         q = np.concatenate([np.zeros((1, 1, 3)), drawn.normal(size=(len(keep) - 1, 1, 3))])
         return SimpleNamespace(q=q, kept=np.asarray(keep))
 
-    system, truth = c.build_system("pendulum"), SimpleNamespace(sought=True)
-    assert not ruler.true_motion(run, system, 0.01, np.arange(0, 40, 10), truth).size
+    system = c.build_system("pendulum")
+    assert not ruler.true_motion(run, system, 0.01, np.arange(0, 40, 10)).size

@@ -17,7 +17,7 @@ from curriculum.common.ruler import true_position
 
 import numpy as np
 import pytest
-from conftest import held, python
+from conftest import python, true_run
 
 DOUBLE = c.build_system("double")
 
@@ -115,7 +115,7 @@ def test_a_tolerance_that_nobody_could_judge_is_refused(system, capsys):
 def test_metrics_are_the_run_rounded_and_the_table_fits_a_terminal():
     found, lines = results()
     here = run(DOUBLE, hold=20.0, steps=200)
-    truth, _ = true_position(held(DOUBLE, "project"), 1.0)
+    truth, _ = true_position(true_run(DOUBLE), 1.0)
     error = np.linalg.norm(here.q[-1] - truth, axis=1).max()
     wanted = here.violations.max(), here.violations[-1], drift(DOUBLE, here), error
     row, keys = found["results"]["baumgarte"], "max_violation final_violation energy_rel_max error"

@@ -26,11 +26,15 @@ class Comparison(NamedTuple):
     steps: int  # that were to be taken
     truth: Truth
     runs: dict[str, Run]  # by mode
-    rows: dict[str, dict]  # by mode: a run's summary, as in metrics.json
     scale: float  # J, the unit of energy errors: sum m |g| sum L
     tensions: dict[str, Callable]  # by mode: of states q, v (F, N, 3), newtons (F, C)
     shown: np.ndarray  # (F,) the steps to be shown, as `frames` has them
     motion: np.ndarray  # (T, N, 3) m: the true motion at the first T of these
+
+    @property
+    def rows(self):
+        """By mode: the summary of a run, as in metrics.json."""
+        return {mode: run.summary(self.scale, self.truth) for mode, run in self.runs.items()}
 
     @property
     def scene(self):

@@ -2,6 +2,7 @@
 
 import math
 from argparse import ArgumentTypeError
+from functools import partial
 from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
@@ -19,8 +20,7 @@ ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
 RODS = 40  # with more, finding the truth would take longer than the run
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
-FINE = 0.02  # s: the longest step of the true motion that is shown
-SHOWN = 4, 1e-9  # the stages by which it is found, and how well they settle
+FINE = 0.04  # s: the longest step of the true motion that is shown
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
 LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
@@ -57,6 +57,14 @@ def once_for_all():
     return way
 
 
+def truly(run):
+    """(dt, steps, keep=(), nudge=False) -> Run, by gauss, compiled once for steps of all lengths.
+
+    run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`.
+    """
+    return partial(run, make_gauss(6), way=once_for_all())
+
+
 def rungs(seconds):
     """Ever larger numbers of steps; odd ones, so that halves of two are never the same steps."""
     counts = [math.ceil(seconds / longest) | 1 for longest in LADDER]
@@ -70,16 +78,15 @@ def nudged(system):
     return system | {"q0": system["q0"] * off, "v0": system["v0"] * off}
 
 
-def true_position(run, seconds):
+def true_position(true_run, seconds):
     """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
 
     That is how far two steps of gauss differ or, if that is more, WORSE times as far as two starts
-    that a rounding parts. run(rule, dt, steps, way, nudge) -> Run, of a `nudged` system if `nudge`.
+    that a rounding parts. `true_run` is made by `truly`.
     """
-    rule, way = make_gauss(6), once_for_all()
 
     def end(steps, nudge=False):  # not a number where a run stops
-        found = run(rule, seconds / steps, steps, way=way, nudge=nudge)
+        found = true_run(seconds / steps, steps, nudge=nudge)
         return found.q[-1] * (math.nan if found.stopped else 1.0)
 
     for (fewer, before), (_, q) in pairwise((steps, end(steps)) for steps in rungs(seconds)):
@@ -90,17 +97,17 @@ def true_position(run, seconds):
     return None, math.inf
 
 
-def true_motion(run, system, dt, shown, truth):
+def true_motion(true_run, system, dt, shown):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    Two steps of gauss agree that long to CLOSE of the longest rod. It is not sought where the Truth
-    is not. `shown`: multiples of the first that is not 0. run(rule, dt, steps, keep, way) -> Run.
+    Two steps of gauss agree that long to CLOSE of the longest rod. `true_run` is made by `truly`;
+    with None in its place there is no such motion. `shown`: multiples of the first that is not 0.
     """
-    if len(shown) < 2 or not truth.sought:
+    if len(shown) < 2 or true_run is None:
         return np.array([])
     work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
-    rule, way, every, frames = make_gauss(*SHOWN), once_for_all(), shown[1], len(shown)
+    every, frames = shown[1], len(shown)
     parts = math.ceil(every * dt / FINE)  # of the time between two frames
     last = math.ceil(HORIZON / (every * dt))  # the frame up to which it is sought
     while True:
@@ -108,7 +115,7 @@ def true_motion(run, system, dt, shown, truth):
         found = []
         for fine in (parts, parts + 1):
             keep = seen // every * fine
-            end = run(rule, every * dt / fine, keep[-1], keep, way)
+            end = true_run(every * dt / fine, keep[-1], keep)
             found.append(end.q[np.isin(end.kept, keep)])
         agree = takewhile(lambda pair: distance(*pair) < close, zip(*found, strict=False))
         q = np.array([finer for _, finer in agree])
@@ -189,20 +196,20 @@ def step_for(tol, seconds, q, runs, rules):
     return name, dt
 
 
-def settle(runs, rules, dt, steps, tol, sought):
-    """The Settled run: of the first of `rules`, {name: rule}, or as `tol` m asks.
+def settle(true_run, runs, rules, dt, steps, tol):
+    """The name of a rule, a step in s, how many, and the Truth; None in place of `true_run`: none.
 
-    With `tol`, step_for finds rule and step. The truth is `sought` by the first of `runs`: (rule,
-    dt, steps, keep, way, nudge) -> Run. ArgumentTypeError if `tol` is under what can be known.
+    The rule is the first of `rules`, {name: rule}; or, with a `tol` in m, rule and step are those
+    that step_for finds among `runs`. ArgumentTypeError if `tol` is under what can be known.
     """
     work.begin("the truth")
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    q, known = true_position(runs[0], at) if sought else (None, math.inf)
+    q, known = true_position(true_run, at) if true_run else (None, math.inf)
     if tol and not known < tol:
         where = f"where the particles are after {at:.3g} s"
         raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
     name = next(iter(rules))
     if tol:
-        name, dt = step_for(tol, at, q, runs[1:], rules)
-    truth = Truth(round(at / dt), q, known, sought)
+        name, dt = step_for(tol, at, q, runs, rules)
+    truth = Truth(round(at / dt), q, known, true_run is not None)
     return name, dt, math.ceil(seconds / dt - 1e-9), truth
