@@ -129,6 +129,7 @@ def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_pa
     (tmp_path / publish.PAGE).write_text("old")
     forces = {"branches on a value": lambda q, v: q if q[0, 0] > 0.0 else -q}
     forces["asks for the time"] = lambda q, v: time.time() * v  # which is not to be frozen in
+    forces["does something else"] = lambda q, v: -v if q.dtype == float else q
     for why, force in forces.items():
         feel(monkeypatch, force)
         c.main(["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])

@@ -60,7 +60,10 @@ def publish(found, chapter, step_fn):
         from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
 
         rule = args.integrator
+        lies = [run.step.lies for run in found.runs.values() if run.step.lies]
         try:
+            if lies:  # and so would the page
+                raise Untraceable(lies[0])
             files[PAGE] = page(chapter, found.scene, found.system, rule, step_fn, found.dt, knobs)
         except Untraceable as why:
             more = f"\n{PAGE} left out: {why}"

@@ -36,11 +36,11 @@ class Compiled:
     end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is a
     Stop instead, since that would take too long, and only one block is compared. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
-    counted from zero where the way changes.
+    counted from zero where the way changes. `lies`: how what was compiled differs, or None.
     """
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
-        self.given, self.only = (step_fn, m, force), only
+        self.given, self.only, self.lies = (step_fn, m, force), only, None
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
         self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
         self.watch = mapped(watch, turns=steps) if watch else None
@@ -90,6 +90,7 @@ class Compiled:
 
     def give_up(self, why):
         """Go on plainly."""
+        self.lies = why if self.alone else None
         self.alone, self.way = None, f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
 

@@ -94,6 +94,7 @@ class Plain:
 
     way = source = "in plain numpy: the lines as they stand"
     block, state = None, (None, None, None)  # there is none: only Compiled computes ahead
+    lies = None
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
         self.step = lambda state, dt: arrays(step_fn(*state, m, force, dt))
