@@ -44,11 +44,13 @@ class Compiled:
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
         self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
         self.watch = mapped(watch, turns=steps) if watch else None
+        self.earlier = self.done = 0
         self.start(dt, steps)
 
     def start(self, dt, steps):
         """Begin a run of so many steps of so many seconds, of the same system."""
         self.dt = self.plain.dt = dt
+        self.earlier += self.done
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
         self.begins = lambda: None  # called before a block
@@ -174,7 +176,8 @@ class Compiled:
         if self.best:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        left, begun = self.steps * pace, isinstance(self.alone.machine, Native)
+        # where there were runs before, others will follow
+        left, begun = (self.steps + self.earlier) * pace, isinstance(self.alone.machine, Native)
         if left > (BEST if begun else QUICK) * cost and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)

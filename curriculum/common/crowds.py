@@ -131,8 +131,8 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
     leading axis (K, ...). It is traced once, and the last state of each K compared; or done one by
-    one if it cannot be, or if that is soon done, as for few states and few calls of numpy on long
-    arrays. `turns`: how many states are to come, if that is known.
+    one if it cannot be, or while that is soon done, as for few states and few calls of numpy on
+    long arrays. `turns`: how many states are to come, if that is known.
     """
 
     def __init__(self, function, turns=0):
@@ -150,11 +150,11 @@ class mapped:  # noqa: N801 - it is called as a function is
         if key not in self.known and len(q) > 1:
             self.known[key] = self.traced(q, v)
         entry = self.known.get(key)  # none for a single state: to trace it would take longer
-        if entry is None:
+        code = self.choose(entry, len(q)) if entry else None
+        if code is None:
             made = self.one_by_one(q, v)
         else:
-            self.choose(entry, len(q))
-            made = self.by_code(entry.traced, entry.code, q, v)
+            made = self.by_code(entry.traced, code, q, v)
             if self.differs(made, entry.traced, q, v):  # a symbol has answered it wrongly
                 self.known[key] = None
                 made = self.one_by_one(q, v)
@@ -167,20 +167,22 @@ class mapped:  # noqa: N801 - it is called as a function is
             traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
         except Untraceable:
             return None
-        if (CALLS[0] - calls) * turns < PRICE * traced.program.size():
-            return None
-        return SimpleNamespace(traced=traced, code=None, asked=0)
+        return SimpleNamespace(traced=traced, code=None, asked=0, calls=CALLS[0] - calls)
 
     def choose(self, entry, many):
-        """What runs it: where there is a loop, machine code once so many have been asked for."""
+        """What runs it: None as long as that costs more than it saves; where there is a loop,
+        machine code if there are many states."""
         entry.asked += many
         if isinstance(entry.code, (Columns, Bytecode)):
-            return
-        program = entry.traced.program
+            return entry.code
+        program, states = entry.traced.program, max(self.turns, entry.asked)
         size = program.size()
-        if program.loops() and (size > LARGE or entry.asked * size > REPAID):
+        if entry.calls * states < PRICE * size:
+            return None
+        if program.loops() and (size > LARGE or states * size > REPAID):
             entry.code = in_machine_code(Bytecode, entry.traced, NARROW) or entry.code
         entry.code = entry.code or in_python(entry.traced)
+        return entry.code
 
     def by_code(self, traced, code, q, v):
         """All at once; a state that has trouble by itself."""
