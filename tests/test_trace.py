@@ -218,6 +218,14 @@ def test_what_was_traced_before_does_not_decide_what_can_be(monkeypatch):
     assert len(program_of(EXAMPLES["tangle 0"]).tape.nodes) > 20
 
 
+def test_what_is_soon_done_of_few_states_is_compiled_once_there_are_many():
+    asked, many = mapped(lambda q, v: np.sum(q * q)), np.repeat(CROWD, 20, axis=0)
+    for states, compiled in ((CROWD[:2], False), (many, True), (CROWD[:2], True)):
+        asked(states, states)
+        (entry,) = asked.known.values()
+        assert (entry.code is not None) == compiled
+
+
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong
     "a divisor of zero": (lambda x: x - 1.0 + 0.0 / (x * x), 2.0),
     "a loop that does not settle in a routine": (lambda x: ROUTINE(x) + 1e100 * x, 1e10),
