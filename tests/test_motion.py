@@ -110,6 +110,8 @@ def test_a_step_too_long_for_its_stages_is_taken_in_halves_if_that_helps(name, m
     assert found.violations.max() < 1e-4
     hopeless = held(name, mode)("gauss", 100.0, 20).stopped
     assert hopeless.startswith("stopped at step 1: the Gauss stages do not ")
+    few, enough = (held("pendulum", "none")(rule, 0.5, 2).halved for rule in ("gauss:5", "gauss:6"))
+    assert few == 0 < enough  # with six stages the last terms tell
 
 
 def test_the_ruler_knows_a_place_by_odd_numbers_of_steps():

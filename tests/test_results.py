@@ -3,7 +3,7 @@
 import json
 import tempfile
 from contextlib import redirect_stdout
-from functools import cache
+from functools import cache, partial
 from io import StringIO
 from itertools import count
 from pathlib import Path
@@ -159,6 +159,12 @@ def test_a_length_has_two_digits_and_a_unit():
     words = {0.384014620396: "38 cm", 0.0013: "0.13 cm", 0.996: "1 m", 23.4: "23 m", 0.0: "< 1 pm"}
     words |= {3.4e-5: "34 um", 5.5e-9: "5.5 nm", 9.98e-13: "< 1 pm", 1.26e-12: "1.3 pm"}
     assert {metres: tables.length(metres) for metres in words} == words
+
+
+def test_jobs_take_turns_and_their_first_round_is_not_counted():
+    done = []
+    jobs = {name: partial(lambda name: done.append(name) or len(done), name) for name in "ab"}
+    assert tables.in_turns(jobs, 2) == {"a": [3, 5], "b": [4, 6]} and "".join(done) == "ababab"
 
 
 def test_every_mark_and_dash_in_the_table_has_its_sentence():

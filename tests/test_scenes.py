@@ -91,6 +91,8 @@ def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():
     assert {clean[key].dtype for key in clean if key not in ("pairs", "wind")} == {np.dtype(float)}
     assert clean["pairs"] == [(0, -1), (1, 0)] and clean["wind"] == 3.0
     assert np.array_equal(clean["q0"], short["q0"]) and clean["lengths"][1] == 0.999
+    off = {"q0": [[10.0, 0, 0], [20, 0, 0]], "lengths": [11.0, 9.0]}  # by 10 %, and no more
+    assert np.array_equal(check_system(LEVEL | off)["lengths"], off["lengths"])
 
 
 def test_a_file_or_a_name_that_is_no_scene(capsys):

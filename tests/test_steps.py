@@ -23,7 +23,7 @@ from curriculum.common.programs import repeat
 from curriculum.common.pure import Memory
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
-from curriculum.common.steps import Plain, Single
+from curriculum.common.steps import Plain, Single, Traced
 from curriculum.common.tape import Stop
 
 import numpy as np
@@ -360,12 +360,31 @@ def test_a_crowd_whose_step_is_another_when_it_is_compiled_is_refused(monkeypatc
         _runs.crowd(many, "rk4", "none", 0.005)
 
 
+def bursting(q, v, m, force, dt):
+    """Timid, until a whole step, though no half of one, goes beyond all numbers."""
+    q, v = timid(q, v, m, force, dt)
+    far = 1.8e155 * dt * (1.0 - q[0, 0])
+    return q + 1e-310 * (far * far), v
+
+
 def test_a_loop_without_an_end_and_halves_that_were_not_taken_are_seen():
     found = [run(PENDULUM, hidden, "project", 0.005, 4000, way=way) for way in WAYS]
     assert all(alike(x, found[0]) for x in found) and "too fast" in found[0].stopped
     fast = PENDULUM | {"v0": np.full((1, 3), 1000.0)}
     found = [run(fast, ahead, dt=0.01, steps=100, way=way) for way in WAYS]
     assert {(x.halved, x.stopped) for x in found} == {(0, "diverged at step 6")}
+    found = in_every_way(bursting, PENDULUM, 0.0, 0.04, 40)
+    assert found.halved > 0 and found.stopped == f"diverged at step {len(found.tip)}"
+
+
+def test_where_machine_code_tells_of_a_loop_without_an_end_nothing_slower_is_asked(monkeypatch):
+    pytest.importorskip("llvmlite", reason="the extra fast brings it")
+    expected = run(PENDULUM, timid, dt=0.04, steps=40, way=Plain)
+    monkeypatch.setattr(Single, "prepare", lambda _: None)
+    monkeypatch.delattr(Traced, "function")
+    for way in (Machine, Rows):
+        found = run(PENDULUM, timid, dt=0.04, steps=40, way=way)
+        assert found.halved == expected.halved > 0 and np.array_equal(found.tip, expected.tip)
 
 
 def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
