@@ -1,5 +1,6 @@
 """What several test files need: mistakes, processes of their own, and a run that is made once."""
 
+import gc
 import os
 import re
 import subprocess
@@ -17,6 +18,7 @@ from curriculum.common.ruler import nudged, truly
 import pytest
 
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
+gc.set_threshold(20_000)  # a trace makes many objects, which stay: a tenth less to do
 START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
 
 
@@ -104,7 +106,7 @@ def smoke(folder):
         assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
     one, two = (place / publish.RECORDING for place in folders)
     asked = ("verify", one), ("print", one), ("compare", one, two)
-    verified, printed, compared = (python("-m", "rerun", "rrd", *words) for words in asked)
+    verified, printed, compared = (python("-m", "rerun_cli", "rrd", *words) for words in asked)
     assert verified.returncode == printed.returncode == 0
     layout = [line for line in printed.stdout.splitlines() if "BlueprintActivation" in line]
     return SimpleNamespace(folders=folders, compared=compared, layout=layout)
