@@ -1,4 +1,4 @@
-"""What several test files need: mistakes, processes of their own, and a run that is made once."""
+"""What several test files need: mistakes, processes of their own, runs for the ruler, forces."""
 
 import gc
 import os
@@ -7,10 +7,8 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import constraints
-from curriculum.ch3_4_constraints import publish
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import nudged, truly
@@ -84,29 +82,3 @@ def feel(monkeypatch, force):
         return system["m"] * constraints.GRAVITY + force(q, v)
 
     monkeypatch.setattr(constraints, "external_force", both)
-
-
-def shared(find):
-    """Makes a fixture of what find(folder) finds, once, in a folder of its own."""
-
-    @pytest.fixture(scope="session", name=find.__name__)
-    def found(tmp_path_factory):
-        return find(tmp_path_factory.mktemp(find.__name__))
-
-    return found
-
-
-@shared
-def smoke(folder):
-    """Two folders with all that --smoke writes; how Rerun compares the two recordings, and the
-    lines in which it tells of the layout of one."""
-    folders = folder / "one", folder / "and two"
-    for place in folders:
-        done = python(constraints.__file__, "--smoke", "--out", place)
-        assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
-    one, two = (place / publish.RECORDING for place in folders)
-    asked = ("verify", one), ("print", one), ("compare", one, two)
-    verified, printed, compared = (python("-m", "rerun_cli", "rrd", *words) for words in asked)
-    assert verified.returncode == printed.returncode == 0
-    layout = [line for line in printed.stdout.splitlines() if "BlueprintActivation" in line]
-    return SimpleNamespace(folders=folders, compared=compared, layout=layout)

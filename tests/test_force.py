@@ -68,6 +68,9 @@ class Weight:
     def __call__(self, system, q):
         return system["m"] * c.GRAVITY
 
+    def of(self, system, q):
+        return self(system, q)
+
     @staticmethod
     def times(k, system, q, v):
         return k * system["m"] * c.GRAVITY
@@ -75,6 +78,7 @@ class Weight:
 
 WRITTEN = [  # as the course has it: without v, as a list, or as one row for all
     Weight(),
+    Weight().of,
     partial(Weight.times, 1.0),
     lambda system, q, k=1.0: k * system["m"] * c.GRAVITY,
     lambda system, q: system["m"] * c.GRAVITY,
@@ -85,11 +89,12 @@ WRITTEN = [  # as the course has it: without v, as a list, or as one row for all
 
 def test_a_force_may_be_written_in_other_ways_and_one_that_does_not_fit_is_told(monkeypatch):
     state = DOUBLE, DOUBLE["q0"], DOUBLE["v0"]
-    expected = c.constraint_force(*state)
+    expected, tip = c.constraint_force(*state), run(DOUBLE, steps=5).tip
     for force in WRITTEN:
         monkeypatch.setattr(c, "external_force", force)
         assert np.array_equal(c.constraint_force(*state), expected)
-        assert run(DOUBLE, steps=5).way.startswith("compiled")
+        found = run(DOUBLE, steps=5)
+        assert found.way.startswith("compiled") and np.array_equal(found.tip, tip)
     wrongs = [(np.zeros((2, 2)), r"shape \(2, 2\), must be \(2, 3\)"), (None, "None wh")]
     wrongs += [(DOUBLE["m"], r"shape \(2, 1\), must be"), (1j * DOUBLE["q0"], "complex numbers")]
     for wrong, said in wrongs:

@@ -18,7 +18,7 @@ from curriculum.common import ruler
 
 import numpy as np
 import pytest
-from conftest import held, shared, true_run
+from conftest import held, true_run
 from rerun.chunk import RrdReader
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -70,9 +70,10 @@ def colors(entity):
     return np.concatenate(entity["colors"])[:, None] >> [24, 16, 8] & 255
 
 
-@shared
-def recorded(folder):
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
     """The default run; a leg, whose rods pull and push; and rods that grow beside a lost mode."""
+    folder = tmp_path_factory.mktemp("recorded")
     flags = {"default": "", "leg": "--system jansen_leg --dt 0.01 --steps 200"}
     flags["lost"] = "--dt 0.05 --steps 60 --baumgarte 40"
     return {name: made(folder / name, *words.split()) for name, words in flags.items()}

@@ -141,12 +141,9 @@ def test_energy_that_jumps_in_a_step_is_told_of():
     assert not any("jumps" in line for line in results()[1])
 
 
-def test_m_g_l_is_by_the_size_of_gravity(monkeypatch):
+def test_an_error_of_energy_is_a_share_of_m_g_l_or_where_that_is_zero_of_a_joule(monkeypatch):
     monkeypatch.setattr(c, "GRAVITY", np.array([6.0, -8.0, 0.0]))
     assert energy_scale(DOUBLE) == 2.0 * 10.0 * 2.0
-
-
-def test_where_m_g_l_is_zero_an_error_of_energy_is_a_share_of_a_joule(monkeypatch):
     monkeypatch.setattr(c, "GRAVITY", 0.0 * c.GRAVITY)
     found, lines = results.__wrapped__("--system spin --stabilization none", 20)
     joules = run(c.build_system("spin"), steps=20).energies
@@ -258,14 +255,18 @@ def test_metrics_are_the_same_bytes_everywhere(tmp_path):
     assert len(digests) == 1
 
 
-def test_smoke_twice_is_the_same_files_and_the_same_recording(smoke):
-    one, two = smoke.folders
+def test_smoke_twice_is_the_same_files_and_the_same_recording(tmp_path):
+    """A server keeps its layout, or else a viewer in a browser makes up its own."""
+    one, two = folders = tmp_path / "one", tmp_path / "and two"
+    for folder in folders:
+        done = python(c.__file__, "--smoke", "--out", folder)
+        assert (done.returncode, done.stderr) == (0, "") and "\r" not in done.stdout
     names = {path.name for path in one.iterdir()} - {publish.RECORDING}
     assert names == {publish.METRICS, publish.PICTURE, publish.PAGE}
     assert all((one / name).read_bytes() == (two / name).read_bytes() for name in names)
-    assert smoke.compared.returncode == 0, smoke.compared.stderr
-
-
-def test_a_server_keeps_the_layout_of_a_recording(smoke):
-    """Or else a viewer in a browser makes up its own."""
-    assert any("make_active: true, make_default: true" in line for line in smoke.layout)
+    recordings = [folder / publish.RECORDING for folder in folders]
+    for words in (["verify", recordings[0]], ["compare", *recordings], ["print", recordings[0]]):
+        told = python("-m", "rerun_cli", "rrd", *words)
+        assert told.returncode == 0, told.stderr
+    layout = [line for line in told.stdout.splitlines() if "BlueprintActivation" in line]
+    assert any("make_active: true, make_default: true" in line for line in layout)

@@ -576,19 +576,6 @@ def test_a_run_whose_loop_gets_a_force_that_is_no_number_keeps_its_steps_watched
     assert np.array_equal(seen.tip, alone.tip) and seen.watched > 0.0
 
 
-class Weight:
-    """A force that is a method."""
-
-    def of(self, system, q):
-        return 2.0 * system["m"] * c.GRAVITY
-
-
-def test_a_force_may_be_a_method_that_takes_no_v(monkeypatch):
-    with_v = run(DOUBLE, steps=9)
-    monkeypatch.setattr(c, "external_force", Weight().of)
-    assert run(DOUBLE, steps=9).tip[-1, 1] < with_v.tip[-1, 1]
-
-
 @pytest.mark.parametrize("way", [Compiled, Plain])
 def test_a_step_that_returns_more_than_q_and_v_is_told_of_by_its_line(way):
     with pytest.raises(ValueError, match="too many values to unpack"):
