@@ -120,7 +120,11 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
 def test_long_functions_are_split_and_what_a_stop_says_is_not_renamed(monkeypatch, tmp_path):
     monkeypatch.setattr(javascript, "LONG", 200)  # characters
     words = "stage2 of t1 does not settle"
-    feel(monkeypatch, lambda q, v: repeat(lambda y: (0.5 * y, np.sum(y * y) / 1e-6), -v, 60, words))
+
+    def drag(q, v):  # by a loop that ends where its size falls no more
+        return repeat(lambda y: (0.5 * y, 2.0 + np.sum(y * y)), -v, 60, words, 3.0)
+
+    feel(monkeypatch, drag)
     compared(tmp_path, "double", "rk4", 100)
     assert f'"{words}"' in page("double")
 
