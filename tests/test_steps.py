@@ -70,15 +70,11 @@ def alike(one, other):
 def in_every_way(rule, system, hold, dt, steps):
     """The Run of a system, one and the same; how far up a particle is may be most at the start.
     Its step is traced once for all ways."""
-    ways, traced = [partial(way, watch=lambda q, v: 2.0 + q[0, 1]) for way in WAYS], []
-
-    def once(*given, **turns):
-        if not traced:
-            traced.append(Traced(*given, **turns))
-        return traced[0]
-
-    with mock.patch.object(compiled, "Traced", once):
-        runs = [run(system, rule, hold, dt, steps, range(steps + 1), way) for way in ways]
+    ways = [partial(way, watch=lambda q, v: 2.0 + q[0, 1]) for way in WAYS]
+    asked = partial(run, system, rule, hold, dt, steps, range(steps + 1))
+    runs = [asked(ways[0])]
+    with mock.patch.object(compiled, "Traced", return_value=runs[0].step.alone.traced):
+        runs += map(asked, ways[1:])
     assert all(alike(found, runs[0]) for found in runs)
     assert all(found.way.startswith("compiled") for found in runs[:3])
     assert runs[0].watched == np.max(2.0 + runs[0].q[:, 0, 1], initial=0.0)
