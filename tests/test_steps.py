@@ -197,6 +197,9 @@ def forces():
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
         "something else when it is compiled: turns": lambda q, v: len(halving(q)[1]) * -v,
         "something else when it is compiled: no number": lambda q, v: 0.0 * np.exp(800.0 + q),
+        "something else when it is compiled: no number, beside a sine": lambda q, v: (
+            np.sin(1.0 + q) + 0.0 * np.exp(800.0 + q)
+        ),
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
         "when it is compiled: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
