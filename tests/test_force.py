@@ -90,8 +90,11 @@ def test_a_force_may_be_written_in_other_ways_and_one_that_does_not_fit_is_told(
         monkeypatch.setattr(c, "external_force", force)
         assert np.array_equal(c.constraint_force(*state), expected)
         assert run(DOUBLE, steps=5).way.startswith("compiled")
-    wrongs = [(np.zeros((2, 2)), r"shape \(2, 2\), must be \(2, 3\)"), (None, "None wh")]
+    wrongs = [
+        (np.zeros((2, 2)), r"lambda> \(test_force.py, line \d+\): an array of shape \(2, 2\), m")
+    ]
     wrongs += [(DOUBLE["m"], r"shape \(2, 1\), must be"), (1j * DOUBLE["q0"], "complex numbers")]
+    wrongs += [(None, "None wh"), (-9.81, r"shape \(\), must be \(2, 3\)")]
     for wrong, said in wrongs:
         monkeypatch.setattr(c, "external_force", lambda *_, wrong=wrong: wrong)
         with pytest.raises(ValueError, match=said):

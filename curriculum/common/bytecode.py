@@ -20,7 +20,7 @@ import numpy as np
 # How many operands there are. Besides the tape's operations: minus a; a itself; go on elsewhere if
 # a is zero in all lanes; go on where a says; the end of a step.
 OPERANDS = dict.fromkeys(["+", "-", "*", "/", "<", "<=", "max", "min"], 2) | {"where": 3}
-OPERANDS |= dict.fromkeys(["abs", "sqrt", *llvm.LIBRARY], 1) | {"**": 2}
+OPERANDS |= dict.fromkeys(["abs", "sqrt", *llvm.LIBRARY], 1) | dict.fromkeys(llvm.OF_TWO, 2)
 OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}  # "end" is the last
 NUMBER = {sign: k for k, sign in enumerate(OPERANDS)}
 WIDTH = 5  # numbers in a row

@@ -7,7 +7,7 @@ standard leaves their last digits open, and Program.inexact names those that a p
 import json
 import re
 
-from curriculum.common.arrays import FUNCTIONS
+from curriculum.common.arrays import BINARY, FUNCTIONS
 from curriculum.common.language import CHOICE, MINUS, Language
 
 # What a page has to define before the functions that are written here.
@@ -42,8 +42,8 @@ class Writer(Language):
     """Functions of JavaScript, `made` {text: name}; those with the same text are one function."""
 
     assigned, minus, number = "const {} = {};", MINUS, staticmethod(json.dumps)
-    functions = {name: f"Math.{name}" for name in [*FUNCTIONS, "abs"]}
-    functions |= {"**": "Math.pow", "max": "max", "min": "min"}
+    functions = {name: f"Math.{called}" for name, called in (FUNCTIONS | BINARY).items()}
+    functions |= {"abs": "Math.abs", "**": "Math.pow", "max": "max", "min": "min"}
 
     def __init__(self):
         self.made = {}

@@ -6,20 +6,19 @@ import math
 from functools import lru_cache
 from textwrap import indent
 
-from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.language import PRODUCT, Language
 from curriculum.common.programs import INLINE, Call
 from curriculum.common.tape import Stop
+from curriculum.common.trace import CALLED
 
 import numpy as np
 
-NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow", "inf", "nan"]}
-NUMBERS |= {"abs": abs, "Stop": Stop}
+NUMBERS = CALLED | {"pow": math.pow, "inf": math.inf, "nan": math.nan, "abs": abs, "Stop": Stop}
 NUMBERS["largest"] = lambda a, b: a if a >= b or a != a else b  # NaN, if one of them is
 NUMBERS["smallest"] = lambda a, b: a if a <= b or a != a else b
 NUMBERS["where"] = lambda condition, a, b: a if condition else b
 # the same names for columns of numbers, so that the same source does as many states at once
-COLUMNS = {name: getattr(np, name) for name in [*FUNCTIONS, "inf", "nan", "abs", "where"]}
+COLUMNS = {name: getattr(np, name) for name in [*CALLED, "inf", "nan", "abs", "where"]}
 COLUMNS |= {"pow": np.power, "largest": np.maximum, "smallest": np.minimum}
 PIECE = 1 << 13  # members at a time: a dozen columns of them stay near the processor
 
@@ -188,6 +187,6 @@ def careful(source):
             call = ast.Call(ast.Name("float64", ast.Load()), [node], [])
             return call if isinstance(node.value, float) else node
 
-    space = NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]}
+    space = NUMBERS | {name: function(name) for name in [*CALLED, "pow"]}
     tree = ast.fix_missing_locations(Numbers().visit(ast.parse(source)))
     return compiled(compile(tree, "<step>", "exec"), space | {"float64": np.float64})

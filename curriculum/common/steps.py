@@ -9,12 +9,14 @@ import time
 from functools import cached_property, lru_cache
 from inspect import signature
 from itertools import chain
+from pathlib import Path
+from traceback import extract_tb
 
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
-from curriculum.common.pure import Memory
+from curriculum.common.pure import Memory, foreign
 from curriculum.common.python import NUMBERS, careful, compiled, source_of
 from curriculum.common.tape import Stop, Tape, Untraceable, effort
 
@@ -103,6 +105,9 @@ class Plain:
         self.taken = self.halved = 0
         self.seconds = 0.0
 
+    def confirm(self, count):
+        """Nothing was computed ahead."""
+
     def __call__(self, q, v):
         clock = time.perf_counter()
         try:
@@ -112,6 +117,12 @@ class Plain:
         self.taken += 1
         self.halved += halved
         return q, v, *self.measure(q, v)
+
+
+def place(reason):
+    """Which line of the reader's raised an error, in words; or "", if none did."""
+    frames = [x for x in extract_tb(reason.__traceback__) if not foreign(x.filename)]
+    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
 
 
 class Traced:
@@ -125,13 +136,13 @@ class Traced:
     def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
         with Tape.lock:
             effort.turns = turns
-            memory = Memory(step_fn, force, measure)
+            memory = self.memory = Memory(step_fn, force, measure)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
                 try:
                     self.trace(step_fn, m, force, q, v, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
-                    why = str(reason) or type(reason).__name__
+                    why = (str(reason) or type(reason).__name__) + place(reason)
                 why = memory.restore() or why
             effort.turns = math.inf
         if why:
