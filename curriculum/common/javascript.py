@@ -76,25 +76,21 @@ class Writer(Language):
         head = [self.assigned.format(x, given[x]) for x in given if x in used and x != given[x]]
         return self.function(parameters, head + lines, results)
 
-    def calls(self, program, rows, names, signed, taken=()):
-        """Calls of a program, one a row of arguments; it needs what is `taken` from around it."""
+    def calls(self, calls, signed):
+        """Calls of a function, one a row of arguments."""
+        program = calls.program
         if program not in self.inner:
             ((lines, results),) = self.write(program.tape, program.made)
             used = words([*lines, *results])
-            around = [*taken, *(x for x in self.given if x in used and x not in taken)]
+            knobs = (x for x in self.given if x in used and x not in calls.taken)
+            around = [*calls.taken, *knobs]
             inputs = [*program.inputs, *around]
             name = self.function(inputs, lines, results)
             self.inner[program] = name, around
         name, around = self.inner[program]
-        given = (", ".join([*map(signed, row), *around]) for row in rows)
-        each = (unpacked(made, f"{name}({x})") for made, x in zip(names, given, strict=True))
+        given = (", ".join([*map(signed, row), *around]) for row in calls.rows)
+        each = (unpacked(made, f"{name}({x})") for made, x in zip(calls.names, given, strict=True))
         return ["\n".join(each)]
-
-    def call(self, call, signed):
-        return self.calls(call.program, [call.arguments], [call.names], signed)
-
-    def lanes(self, lanes, signed):
-        return self.calls(lanes.program, lanes.rows, lanes.names, signed, lanes.taken)
 
     def loop(self, loop, signed):
         """A loop, which throws a Stop if it comes to no end."""

@@ -7,7 +7,6 @@ from functools import lru_cache
 from textwrap import indent
 
 from curriculum.common.language import PRODUCT, Language
-from curriculum.common.programs import INLINE, Call
 from curriculum.common.tape import Stop
 from curriculum.common.trace import CALLED
 
@@ -45,29 +44,22 @@ class Python(Language):
             return f"1.0 * ({expression})", PRODUCT
         return expression, bound
 
-    def call(self, call, signed):
-        if call.program not in self.routines:
-            self.routines.append(call.program)
-        called = f"routine{self.routines.index(call.program)}"
-        yield f"{', '.join(call.names)}, = {called}({', '.join(map(signed, call.arguments))})"
-
-    def lanes(self, lanes, signed):
-        """Rows in turn: written out if they are short, or a loop adds what they make to a list."""
-        program, rows = lanes.program, [list(map(signed, row)) for row in lanes.rows]
-        short = len(rows) * len(program.tape.nodes) <= INLINE
-        if short and all(isinstance(part, Call) for part in program.tape.parts.values()):
-            for row, names in zip(rows, lanes.names, strict=True):
-                given = dict(zip(program.inputs, row, strict=True))
-                ((lines, made),) = self.write(program.tape, program.made, given=given)
-                yield from [*lines, f"{', '.join(names)}, = {', '.join(made)},"]
+    def calls(self, calls, signed):
+        """One calls a routine; of several, which are rows, a loop adds what they make to a list."""
+        program, rows = calls.program, [", ".join(map(signed, row)) for row in calls.rows]
+        names = ", ".join(sum(calls.names, []))
+        if len(rows) == 1:
+            if program not in self.routines:
+                self.routines.append(program)
+            yield f"{names}, = routine{self.routines.index(program)}({rows[0]})"
             return
         ((lines, made),) = self.write(program.tape, program.made)
-        everything = f"all_{lanes.names[0][0]}"
+        everything = f"all_{calls.names[0][0]}"
         yield f"{everything} = []"
-        tuples = ", ".join(f"({', '.join(row)},)" for row in rows)
         lines.append(f"{everything} += {', '.join(made)},")
+        tuples = ", ".join(f"({row},)" for row in rows)
         yield block(f"for {', '.join(program.inputs)}, in {tuples}", lines)
-        yield f"{', '.join(sum(lanes.names, []))}, = {everything}"
+        yield f"{names}, = {everything}"
 
     def loop(self, loop, signed):
         names, size = ", ".join(loop.names), f"size_{loop.names[0]}"

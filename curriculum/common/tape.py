@@ -67,7 +67,7 @@ effort = Effort()  # of the one thread that traces
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
-    Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
+    Two signs are no arithmetic: a "part" is a Loop or Calls, found in `parts`; and ("of",
     part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
     `outer`: the tape on which a loop stands, whose names its body may use. `names`: what an
     operation is called that is there already. `numbers`, of new names, `refused`, why all this
@@ -103,7 +103,7 @@ class Tape:
         return tape is other
 
     def add_part(self, part, operands, names):
-        """Note a Loop, a Call or Lanes, which makes numbers of these names."""
+        """Note a Loop or Calls, which makes numbers of these names."""
         name = f"part{next(self.numbers)}"
         self.parts[name] = part
         self.nodes[name] = "part", *operands
