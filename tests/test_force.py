@@ -143,6 +143,8 @@ def test_a_function_of_one_state_is_mapped_over_many(monkeypatch):
         for k in range(4):
             alone = everything(q[k], v[k])
             assert all(np.array_equal(x[k], y) for x, y in zip(many, alone, strict=True))
+    off = mapped(partial(c.rod_errors, system))(q, v)  # it takes no v
+    assert np.array_equal(off, [c.rod_errors(system, x) for x in q])
 
 
 def hung(q, pairs, anchors, v=0.0, m=1.0):

@@ -1,9 +1,6 @@
 """A program as Python: a function of floats, a line an operation; what is used once, in place."""
 
-import ast
-import contextlib
 import math
-from functools import lru_cache
 from textwrap import indent
 
 from curriculum.common.language import PRODUCT, Language
@@ -128,57 +125,3 @@ class Columns:
         self.function(tuple(ends.copy()), count, keep, *knobs)
         for end, value in zip(ends, last, strict=False):
             end[:] = value
-
-
-class OneByOne:
-    """A source for many members, in Python's floats; called as Columns are.
-
-    A member whose loop comes to no end is NaN in all that it made.
-    """
-
-    lanes = 1
-
-    def __init__(self, source):
-        self.source, self.function = source, compiled(source, NUMBERS)
-
-    def __call__(self, state, count, out, *knobs):
-        entries = len(state)
-        for end, most in zip(state.T, out.T, strict=True):
-            rows = []
-            try:
-                self.function(end.tolist(), count, rows.append, *knobs)
-            except Stop:
-                pass
-            except (ArithmeticError, ValueError):  # where numpy's floats go on
-                rows = []
-                with contextlib.suppress(Stop), np.errstate(all="ignore"):
-                    careful(self.source)(end.copy(), count, rows.append, *map(np.float64, knobs))
-            if len(rows) < count:
-                rows = [[np.nan] * (entries + len(out))]
-            end[:] = rows[-1][:entries]
-            made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
-            most[:] = np.max(np.vstack([most, made]), axis=0)
-
-
-@lru_cache(8)
-def careful(source):
-    """The same f, all of whose numbers are numpy's: it makes inf or nan where Python's floats raise
-    an error."""
-
-    def function(name):
-        def of(*x):
-            try:
-                return np.float64(NUMBERS[name](*x))
-            except (ArithmeticError, ValueError):
-                return COLUMNS[name](*map(np.float64, x))
-
-        return of
-
-    class Numbers(ast.NodeTransformer):
-        def visit_Constant(self, node):
-            call = ast.Call(ast.Name("float64", ast.Load()), [node], [])
-            return call if isinstance(node.value, float) else node
-
-    space = NUMBERS | {name: function(name) for name in [*CALLED, "pow"]}
-    tree = ast.fix_missing_locations(Numbers().visit(ast.parse(source)))
-    return compiled(compile(tree, "<step>", "exec"), space | {"float64": np.float64})

@@ -17,7 +17,7 @@ from curriculum.common.bytecode import Bytecode
 from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory, foreign
-from curriculum.common.python import NUMBERS, careful, compiled, source_of
+from curriculum.common.python import NUMBERS, compiled, source_of
 from curriculum.common.tape import Stop, Tape, Untraceable, effort
 
 import numpy as np
@@ -154,12 +154,13 @@ class Traced:
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
         self.shape = q.shape[-2:]
         self.as_it_stands = lambda q, v, dt: arrays(step_fn(q, v, m, force, dt))
+        self.measure = measure or (lambda q, v: ())
 
         def step(q, v, dt):
             end = step_fn(q, v, m, routine, dt)
             if len(end) != 2:
                 raise Untraceable("a step must return q and v, and nothing else")
-            return (*end, *measure(*end)) if measure else end
+            return *end, *self.measure(*end)
 
         while True:  # suppose that zeros stay zero; trace; drop those that do not; again
             program = Program(step, *still, knobs=["dt"])
@@ -201,12 +202,13 @@ class Traced:
         return tuple(x.transpose(2, 0, 1) for x in whole)
 
     def plain(self, state, dt):
-        """The step as it stands, of columns (entries,)."""
+        """The step as it stands, of columns (entries,), and what is measured: a row."""
         q, v = (ordered(x[0]) for x in self.states(state[None]))
-        end = np.stack(self.as_it_stands(q, v, dt))
+        q, v = self.as_it_stands(q, v, dt)
+        end = np.stack([q, v])
         if np.any(end[~self.moving]):
             raise Untraceable("it moves what stays where it is when it is compiled")
-        return end[self.moving]
+        return np.concatenate([end[self.moving], *map(np.ravel, self.measure(q, v))])
 
 
 class Single:
@@ -267,8 +269,7 @@ class Single:
         return done, False
 
     def one(self, state, dt):
-        """A step by machine code, or on Python's floats; where they raise an error, on numpy's; or
-        the plain step."""
+        """A step by machine code, or on Python's floats; or the plain step."""
         found = []
         if self.machine:
             row = np.empty((1, len(state)))
@@ -281,8 +282,7 @@ class Single:
             self.traced.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
             raise
-        except (ArithmeticError, ValueError):
-            with contextlib.suppress(Stop):
-                careful(self.traced.source)(state, 1, found.append, np.float64(dt))
+        except (ArithmeticError, ValueError):  # where numpy's floats go on
+            pass
         whole = found and np.isfinite(found).all()
         return np.array(found[0]) if whole else self.traced.plain(state, dt)
