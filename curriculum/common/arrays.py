@@ -9,6 +9,8 @@ zero for certain is left out, which changes no digit, and makes a large sparse p
 
 from operator import and_, eq, ge, gt, le, lt, ne, or_
 
+from curriculum.common.tape import effort
+
 import numpy as np
 from numpy.lib.array_utils import normalize_axis_tuple
 
@@ -19,7 +21,6 @@ ALIKE = "sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "co
 FUNCTIONS = dict(zip(ALIKE, ALIKE, strict=True))
 FUNCTIONS |= {"arcsin": "asin", "arccos": "acos", "arctan": "atan"}
 BINARY = {"arctan2": "atan2"}
-CALLS = [0]  # of numpy, and products, so far with arrays of symbols
 SPARSE = {np.add, np.subtract, np.multiply, np.divide}
 NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
@@ -119,7 +120,7 @@ class Symbols(Ordered):
 
 def symbolic(ufunc, method, given, how):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
-    CALLS[0] += 1
+    effort.call()
     arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
     chosen = how.pop("where", True)  # what is not stays as `out` has it
     if ufunc.signature or ufunc is np.add and method in ("reduce", "reduceat"):  # as np.matmul has
@@ -214,11 +215,13 @@ def product(a, b):
 
 def few_terms(a, b):
     """The product of two short vectors, lists of numbers or of symbols."""
-    CALLS[0] += 1
     total = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
         total = total + x * y
-    return np.float64(total) if isinstance(total, (float, int)) else total
+    if isinstance(total, (float, int)):
+        return np.float64(total)
+    effort.call()
+    return total
 
 
 def sparse_product(a, b):

@@ -6,18 +6,17 @@ from functools import cache, partial
 from types import SimpleNamespace
 
 from curriculum.common import llvm
-from curriculum.common.arrays import CALLS, ordered
+from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
 from curriculum.common.steps import Traced, called
-from curriculum.common.tape import Stop, Untraceable
+from curriculum.common.tape import PRICE, Stop, Tape, Untraceable, effort
 
 import numpy as np
 
 CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
-PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -187,12 +186,13 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def traced(self, q, v):
         """The function on symbols, of states that are zero in the same places; or None."""
-        turns, calls = max(self.turns, len(q)), CALLS[0]
         try:
-            traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
+            with Tape.lock:
+                turns = max(self.turns, len(q))
+                traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
+                return SimpleNamespace(traced=traced, code=None, asked=0, calls=effort.calls)
         except Untraceable:
             return None
-        return SimpleNamespace(traced=traced, code=None, asked=0, calls=CALLS[0] - calls)
 
     def choose(self, entry, many):
         """What runs it: None as long as that costs more than it saves; where there is a loop,

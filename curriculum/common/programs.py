@@ -130,12 +130,14 @@ class Routine:
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
         shapes = [np.shape(a) for a in arrays]
         key = current.tape.numbers, *zip(shapes, still, strict=True)
-        if key not in self.programs:
-            tape = Tape(numbers=current.tape.numbers)
+        if key in self.programs:
+            effort.calls += effort.factor * self.calls
+        else:
+            tape, before = Tape(numbers=current.tape.numbers), effort.calls
             tape.refused = current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
-            self.programs[key] = once
+            self.programs[key], self.calls = once, (effort.calls - before) // effort.factor
         program = self.programs[key]
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts

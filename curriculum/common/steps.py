@@ -18,7 +18,7 @@ from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory, foreign
 from curriculum.common.python import NUMBERS, compiled, source_of
-from curriculum.common.tape import Stop, Tape, Untraceable, effort
+from curriculum.common.tape import Stop, Tape, TooLong, Untraceable, effort
 
 import numpy as np
 
@@ -119,10 +119,13 @@ class Plain:
         return q, v, *self.measure(q, v)
 
 
-def place(reason):
-    """Which line of the reader's raised an error, in words; or "", if none did."""
+def told(reason):
+    """An error in words, and the line of the reader's that raised it, if one did."""
+    words = str(reason) or type(reason).__name__
     frames = [x for x in extract_tb(reason.__traceback__) if not foreign(x.filename)]
-    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    if isinstance(reason, TooLong) or not frames:
+        return words
+    return f"{words} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
 
 
 class Traced:
@@ -142,7 +145,7 @@ class Traced:
                 try:
                     self.trace(step_fn, m, force, q, v, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
-                    why = (str(reason) or type(reason).__name__) + place(reason)
+                    why = told(reason)
                 why = memory.restore() or why
             effort.turns = math.inf
         if why:
