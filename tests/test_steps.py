@@ -634,9 +634,17 @@ def test_a_force_may_be_a_method_that_takes_no_v(monkeypatch):
     assert run(DOUBLE, steps=9).tip[-1, 1] < with_v.tip[-1, 1]
 
 
+@pytest.mark.parametrize("returned", [None, 3])
 @pytest.mark.parametrize("way", [Compiled, Plain])
-def test_a_step_that_returns_more_than_q_and_v_is_told_of_by_its_line(way):
-    with pytest.raises(ValueError, match="too many values to unpack"):
-        c.simulate(
-            lambda q, v, *_: (q, v, 0), DOUBLE, c.make_force(DOUBLE, "none"), 0.1, 9, (), way
-        )
+def test_a_step_that_does_not_return_q_and_v_is_told_of_by_its_line(way, returned):
+    force = c.make_force(DOUBLE, "none")
+
+    def mine(q, v, *_):
+        return None if returned is None else (q, v, 0)
+
+    line = mine.__code__.co_firstlineno
+    with pytest.raises(ValueError, match=rf"mine \(test_steps.py, line {line}\) returned"):
+        c.simulate(mine, DOUBLE, force, 0.1, 9, (), way)
+    force = force._replace(after=mine)
+    with pytest.raises(ValueError, match=rf"mine \(test_steps.py, line {line}\) returned"):
+        c.simulate(c.rk4_step, DOUBLE, force, 0.1, 9, (), way)

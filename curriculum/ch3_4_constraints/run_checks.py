@@ -1,7 +1,6 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
 from numbers import Integral, Real
-from pathlib import Path
 from types import MappingProxyType
 
 from curriculum.ch3_4_constraints.systems import check_system
@@ -10,7 +9,7 @@ from curriculum.common.arrays import ordered
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
 from curriculum.common.ruler import RODS
-from curriculum.common.steps import called
+from curriculum.common.steps import called, named
 from curriculum.common.tape import Stop
 
 import numpy as np
@@ -52,11 +51,7 @@ def own_force(function, system, q, v):
     try:
         return ordered(made, q.shape)
     except ValueError as why:
-        code = getattr(function, "__code__", None)
-        if code is None:
-            raise
-        place = f"{function.__name__} ({Path(code.co_filename).name}, line {code.co_firstlineno})"
-        raise ValueError(f"{place}: {why}") from None
+        raise ValueError(f"{named(function)}: {why}") from None
 
 
 def misfit(hold, rule):
@@ -121,7 +116,8 @@ def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
             raise ValueError(f"{name} is {shorten(repr(given))}; must be a function, as {such} is")
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
-        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")
+        other = f"not of {dt!r} s; make it of hold_table({dt!r})[mode]"
+        raise ValueError(f"this force is for steps of {hold.dt:g} s, {other}")
     for name, rule in rules.items():
         if rule is step_fn and misfit(hold, name):
             raise ValueError(f"this force {misfit(hold, name)}")

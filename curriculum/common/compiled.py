@@ -34,8 +34,8 @@ class Compiled:
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
     with the plain step in the first block, whenever the steps are OFTEN times as many, and in the
-    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is a
-    Stop instead, since that would take too long, and only one block is compared. `steps`: how many
+    end. Where they differ, or the step cannot be traced, steps are plain. With `only` that raises
+    Untraceable, since it would take too long, and only one block is compared. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
     counted from zero where the way changes. `lies`: how what was compiled differs, or None.
     """
@@ -95,7 +95,8 @@ class Compiled:
     def give_up(self, why):
         """Go on plainly."""
         self.lies = why if self.alone else None
-        self.alone, self.way = None, f"{Plain.way}, which is slower: {why}"
+        self.alone, self.why = None, str(why)
+        self.way = f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
 
     def confirm(self, count):
@@ -120,7 +121,7 @@ class Compiled:
         if not self.way:
             self.trace(q, v)
         if not self.alone and self.only:
-            raise Stop(self.way)
+            raise Untraceable(self.why)
         if not self.alone:
             state = self.plain(q, v)
             self.taken, self.seconds = self.plain.taken, self.plain.seconds

@@ -14,6 +14,7 @@ from traceback import extract_tb
 
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
+from curriculum.common.cli import shorten
 from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory, foreign
@@ -45,12 +46,27 @@ def called(function, *arguments):
     return function(*arguments[:many])
 
 
+def named(function):
+    """What a function is called and, of Python's, where it stands."""
+    name = getattr(function, "__name__", type(function).__name__)
+    code = getattr(function, "__code__", None)
+    return f"{name} ({Path(code.co_filename).name}, line {code.co_firstlineno})" if code else name
+
+
+def pair(end, step):
+    """The q, v that a step returned."""
+    if not isinstance(end, (tuple, list)) or len(end) != 2:
+        what = f"returned {shorten(repr(end))}, where a step returns q and v"
+        raise ValueError(f"{named(step)} {what}")
+    return end
+
+
 def followed(rule, after):
     """The step `rule`, which may work in place, and then after(q_start, q, v, dt) -> (q, v)."""
 
     def step(q, v, m, force, dt):
-        end = rule(q.copy(), v.copy(), m, force, dt)
-        return after(q, *end, dt) if after else end
+        end = pair(rule(q.copy(), v.copy(), m, force, dt), rule)
+        return pair(after(q, *end, dt), after) if after else end
 
     return step
 
@@ -160,9 +176,7 @@ class Traced:
         self.measure = measure or (lambda q, v: ())
 
         def step(q, v, dt):
-            end = step_fn(q, v, m, routine, dt)
-            if len(end) != 2:
-                raise Untraceable("a step must return q and v, and nothing else")
+            end = pair(step_fn(q, v, m, routine, dt), step_fn)
             return *end, *self.measure(*end)
 
         while True:  # suppose that zeros stay zero; trace; drop those that do not; again
