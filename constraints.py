@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 # To follow the force, know five. `solve` solves a linear system, and `repeat` is a while loop.
-# `states` and `ordered` make arrays that add from first to last. `called` drops v if need be.
+# `states` and `ordered` make arrays that add from first to last. `own_force` calls external_force.
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
@@ -31,7 +31,7 @@ from curriculum.common.gauss import make_gauss
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.programs import repeat
 from curriculum.common.runs import Log
-from curriculum.common.steps import Plain, called, followed
+from curriculum.common.steps import Plain, followed
 
 import numpy as np  # after curriculum, which answers Ctrl-C in words while numpy loads
 
@@ -78,25 +78,25 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """All forces but those of the rods, (N, 3) in N. This is the place to add drag or a motor."""
+    """All forces but the rods', (N, 3) in N: add drag or a motor. energy() counts GRAVITY alone."""
     return system["m"] * GRAVITY
 
 
 def applied_force(system, q, v):
     """What external_force returns, as (N, 3). Yours may take no v, and return lists, or one row."""
-    return ordered(called(external_force, system, q, v), q.shape)
+    return run_checks.own_force(external_force, system, q, v)
 
 
 # --- endregion ---
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i. Its constraint is
 #     g = (d . d - L^2) / 2 = 0
-# where . is the dot product. d', gdot and gddot are derivatives in time. With d' = v_i - v_j
-#     gdot  = d . d'               = J v
-#     gddot = d . d'' + d' . d'    = J a + Jdot v
+# where . is the dot product; gdot and gddot are its derivatives in time. With rate = v_i - v_j
+#     gdot  = d . rate                         = J v
+#     gddot = d . (a_i - a_j) + rate . rate    = J a + Jdot v
 # v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
-# -d in those of j. (Jdot has d' where J has d.) A rod pulls along d, equally and oppositely at its
-# ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
+# -d in those of j. (Jdot has rate where J has d.) A rod pulls along d, equally and oppositely at
+# its ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
 # number per rod, lambda, in N/m, below zero where the rod pulls. Newton, with M the masses, says
 #     M a = f + J^T lambda
 # A right rod stays right if gddot stays 0. So put that a into J a + Jdot v = 0:
@@ -112,7 +112,7 @@ def constraint_terms(system, q, v):
     for k, (i, j) in enumerate(system["pairs"]):
         if j < 0:
             d = q[i] - anchors[-1 - j]
-            rate = v[i]  # d': an anchor stands still
+            rate = v[i]  # an anchor stands still
         else:
             d = q[i] - q[j]
             rate = v[i] - v[j]
@@ -143,8 +143,8 @@ def multipliers(system, q, v, hold, f=None):
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness:  # MuJoCo's error is |d| - L, and its row of J is ours / |d|; gdot stays
-        size = np.sqrt(2.0 * g + system["lengths"] ** 2)  # |d|, for 2 g = |d|^2 - L^2
+    if hold.softness > 0.0:  # MuJoCo's error is |d| - L, and its row of J is ours / |d|; gdot stays
+        size = np.sqrt(2.0 * g + np.square(system["lengths"]))  # |d|, for 2 g = |d|^2 - L^2
         g = size * (size - system["lengths"])  # MuJoCo's error, times |d| as its row is
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # entry by entry: A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
@@ -227,7 +227,7 @@ class Force(NamedTuple):
 
     system: dict
     hold: Hold
-    after: Callable | None  # (q_start, q, v, dt) -> (q, v): it mends a finished step
+    after: Callable | None  # (q_start, q, v, dt) -> (q, v): mends a step, simulate's or yours
 
     def __call__(self, q, v):
         q, v = states(self.system, q, v)
@@ -327,9 +327,9 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 
 # --- endregion ---
 # --- region: report ---
-def tensions(system, q, v, hold="none"):
-    """Newtons (C,) with which the rods pull, -lambda |d|; below zero they push."""
-    _, lam, _, _ = multipliers(system, q, v, hold)
+def tensions(system, q, v, hold="none", f=None):
+    """Newtons (C,) with which rods pull, -lambda |d|; below zero they push. f: other forces."""
+    _, lam, _, _ = multipliers(system, q, v, hold, f)
     return -lam * (rod_errors(system, q) + system["lengths"])  # |d| is L and its error
 
 
@@ -361,7 +361,7 @@ def parse(argv):
     if args.scenes:
         print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
         parser.exit()
-    if args.tol and args.plain:
+    if args.tol is not None and args.plain:
         parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
     if args.links is not None and args.system != "chain":
         parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
@@ -375,6 +375,7 @@ def parse(argv):
         parser.attempt("--rerun", installed, "rerun")
     links = 10 if args.links is None else args.links
     system = parser.attempt("--system", build_system, args.system, args.seed, links)
+    parser.attempt("build_system", run_checks.check_system, {"anchors": PIVOT[None], **system})
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
     return parser, args, system
@@ -384,12 +385,12 @@ def report(found):
     """Print the table, a sentence for each mark in it, and the verdict."""
     args, dt = found.args, found.dt
     ways = "; ".join(dict.fromkeys(run.way for run in found.runs.values()))  # each way once
-    limit = STABILITY_LIMIT.get(args.integrator, np.inf)
-    tables.say(f"{args.system}: seed {args.seed}; {args.integrator}, steps of {dt:.4g} s, {ways}")
+    limit = STABILITY_LIMIT.get(found.rule, np.inf)
+    tables.say(f"{args.system}: seed {args.seed}; {found.rule}, steps of {dt:.4g} s, {ways}")
     tables.comparison(found)
     if "baumgarte" in found.rows and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    if args.system in SYSTEMS and args.baumgarte and found.steps >= SMOKE_STEPS:
+    if args.system in SYSTEMS and args.baumgarte > 0.0 and found.steps >= SMOKE_STEPS:
         tables.verdict(found.rows)
 
 
@@ -419,17 +420,16 @@ def main(argv=None):
     true_run = ruler.truly(partial(run, "project")) if sought else None
     tried = [partial(run, mode) for mode in modes]
     plan = parser.attempt("--tol", ruler.settle, true_run, tried, offered, args.dt, steps, args.tol)
-    args.integrator, dt, steps, truth = plan  # --tol may have chosen another rule and step
-    rule, holds = offered[args.integrator], hold_table(dt, *knobs)
-    shown = frames(steps, dt, len(system["q0"]), args.picture or args.rerun)
-    runs, pulls = {}, {}
+    rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them
+    shown = frames(plan.steps, plan.dt, len(system["q0"]), args.picture or args.rerun)
+    keep, runs, pulls = [plan.truth.step, *shown], {}, {}
     for mode in banner.work.each(modes):
         watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
-        runs[mode] = run(mode, rule, dt, steps, [truth.step, *shown], partial(usual, watch=watch))
+        runs[mode] = run(mode, rule, plan.dt, plan.steps, keep, partial(usual, watch=watch))
         pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))
-    scale = energy_scale(system, GRAVITY)  # m g L, in J
-    motion = ruler.true_motion(true_run, system, dt, shown)
-    found = Comparison(args, system, dt, steps, truth, runs, scale, pulls, shown, motion)
+    motion = ruler.true_motion(true_run, system, plan.dt, shown, plan.truth)
+    mgl = energy_scale(system, GRAVITY)  # J
+    found = Comparison(args, system, *plan, runs, mgl, pulls, shown, motion)
     report(found)
     print(publish.publish(found, sys.modules[__name__], rule))  # a page of these very lines, too
 

@@ -95,8 +95,11 @@ def test_a_force_may_be_written_in_other_ways_and_one_that_does_not_fit_is_told(
         assert np.array_equal(c.constraint_force(*state), expected)
         found = run(DOUBLE, steps=5)
         assert found.way.startswith("compiled") and np.array_equal(found.tip, tip)
-    wrongs = [(np.zeros((2, 2)), r"shape \(2, 2\), must be \(2, 3\)"), (None, "None wh")]
+    wrongs = [
+        (np.zeros((2, 2)), r"lambda> \(test_force.py, line \d+\): an array of shape \(2, 2\), m")
+    ]
     wrongs += [(DOUBLE["m"], r"shape \(2, 1\), must be"), (1j * DOUBLE["q0"], "complex numbers")]
+    wrongs += [(None, "None wh"), (-9.81, r"shape \(\), must be \(2, 3\)")]
     for wrong, said in wrongs:
         monkeypatch.setattr(c, "external_force", lambda *_, wrong=wrong: wrong)
         with pytest.raises(ValueError, match=said):
@@ -145,6 +148,8 @@ def test_a_function_of_one_state_is_mapped_over_many(monkeypatch):
         for k in range(4):
             alone = everything(q[k], v[k])
             assert all(np.array_equal(x[k], y) for x, y in zip(many, alone, strict=True))
+    off = mapped(partial(c.rod_errors, system))(q, v)  # it takes no v
+    assert np.array_equal(off, [c.rod_errors(system, x) for x in q])
 
 
 def hung(q, pairs, anchors, v=0.0, m=1.0):

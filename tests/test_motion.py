@@ -12,6 +12,7 @@ from curriculum.common import ruler, rules
 from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import true_position
 from curriculum.common.runs import distance
+from curriculum.common.tape import Untraceable
 
 import numpy as np
 import pytest
@@ -141,10 +142,12 @@ def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
     """It would not be found, and looking for it takes minutes without compiled steps."""
     calls = []
     feel(monkeypatch, lambda q, v: calls.append(1) or 1e-6 * len(calls) * c.GRAVITY)
-    assert true_position(true_run("double"), 0.1) == (None, math.inf)
-    assert len(calls) < 100
+    plan = ruler.settle(true_run("double"), [], {"rk4": c.rk4_step}, 0.01, 10, None)
+    assert plan.truth.q is None and len(calls) < 100
+    assert plan.truth.unsought.endswith("not compiled: it changes the list calls")
     feel(monkeypatch, lambda q, v: -v if q.dtype == float else 0.0 * q)  # not so when it is traced
-    assert true_position(true_run("double"), 0.1) == (None, math.inf)
+    with pytest.raises(Untraceable, match="something else when it is compiled"):
+        true_position(true_run("double"), 0.1)
 
 
 def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
@@ -160,9 +163,8 @@ def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     """As many steps; a truth after 2 s or at the end; for an error, a step twice as large fails."""
     true, run_of = true_run("double"), held("double", "none")
-    name, found, count, truth = ruler.settle(true, [], {"rk4": c.rk4_step}, dt, steps, None)
-    assert (name, found, count, truth.step) == ("rk4", dt, steps, at)
-    assert truth.known < 1e-9
+    plan = ruler.settle(true, [], {"rk4": c.rk4_step}, dt, steps, None)
+    assert plan[:3] == ("rk4", dt, steps) and plan.truth.step == at and plan.truth.known < 1e-9
     offered = rules.offered("gauss:6", c.INTEGRATORS, 1e-9)
     name, found, count, truth = ruler.settle(true, [run_of], offered, dt, steps, 1e-9)
     assert found > dt and 0.0 <= count * found - steps * dt < found
@@ -204,7 +206,7 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
         q[3, 0, 0] = 100.0 * dt  # the two runs have steps of different length
         return SimpleNamespace(q=q, kept=np.array(keep))
 
-    found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown)
+    found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown, ruler.Truth(0))
     assert len(found) == 3
 
 
@@ -233,5 +235,5 @@ def test_a_start_alone_is_no_true_motion():
         q = np.concatenate([np.zeros((1, 1, 3)), drawn.normal(size=(len(keep) - 1, 1, 3))])
         return SimpleNamespace(q=q, kept=np.asarray(keep))
 
-    system = c.build_system("pendulum")
-    assert not ruler.true_motion(run, system, 0.01, np.arange(0, 40, 10)).size
+    system, shown = c.build_system("pendulum"), np.arange(0, 40, 10)
+    assert not ruler.true_motion(run, system, 0.01, shown, ruler.Truth(0)).size

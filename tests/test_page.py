@@ -117,8 +117,7 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     compared(tmp_path, "pendulum", "semi_implicit", 9)  # one that takes no v is in it, too
 
 
-def test_long_functions_are_split_and_what_a_stop_says_is_not_renamed(monkeypatch, tmp_path):
-    monkeypatch.setattr(javascript, "LONG", 200)  # characters
+def test_what_a_stop_says_is_not_renamed(monkeypatch, tmp_path):
     words = "stage2 of t1 does not settle"
 
     def drag(q, v):  # by a loop that ends where its size falls no more

@@ -130,7 +130,7 @@ def test_the_true_motion_is_shown_as_long_as_it_is_known(recorded, monkeypatch):
     truth, _ = ruler.true_position(true_run("double"), default.shown[133] * 0.005)
     assert ruler.distance(default.motion[133], truth) < 1e-5
     chain, shown = true_run("chain"), frames(4000, 0.005, 10)
-    sought = c.build_system("chain"), 0.005, shown
+    sought = c.build_system("chain"), 0.005, shown, ruler.Truth(0)
     motion = ruler.true_motion(chain, *sought)
     assert 10.0 < 0.005 * shown[len(motion)] < 20.0  # s
     other = held("chain", "project")("gauss:12:1e-14", 0.0075, 1800, range(0, 1800, 2))
@@ -272,10 +272,10 @@ def compared(mode_names, system, q, shown, motion):
     done = SimpleNamespace(kept=shown, q=q, v=q, violations=zero, energies=zero, stopped=None)
     done.summary = lambda scale, truth: {}
     runs = dict.fromkeys(mode_names, done)
-    args = SimpleNamespace(system="\udcff", integrator="rk4")  # a file's name may be no text
+    args = SimpleNamespace(system="\udcff")  # a file's name may be no text
     pulls = dict.fromkeys(runs, lambda q, v: np.zeros((len(q), len(system["pairs"]))))
-    found = args, system, 0.01, len(q) - 1, ruler.Truth(0), runs, 1.0, pulls, shown, motion
-    return Comparison(*found)
+    plan = ruler.Plan("rk4", 0.01, len(q) - 1, ruler.Truth(0))
+    return Comparison(args, system, *plan, runs, 1.0, pulls, shown, motion)
 
 
 def test_no_scene_makes_a_large_recording_or_picture():

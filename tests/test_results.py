@@ -27,10 +27,10 @@ def test_the_pace_is_the_time_of_the_steps_over_their_number(monkeypatch):
     clock = count()
     for module in (steps, compiled):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=clock.__next__))
-    assert run(DOUBLE, steps=4).pace == 250000.0
+    assert run(DOUBLE, steps=4).pace == 500000.0  # a second for the first, and for the others
     assert run(DOUBLE, steps=4, way=steps.Plain).pace == 1e6
-    found = run(DOUBLE, hold=40.0, dt=0.05, steps=16)  # in one block: what blows up is not slow
-    assert found.stopped and found.pace == pytest.approx(1e6 / 16)
+    found = run(DOUBLE, hold=40.0, dt=0.05, steps=16)  # in two blocks: what blows up is not slow
+    assert found.stopped and found.pace == pytest.approx(2e6 / 16)
 
 
 # --- what the command writes and prints ---

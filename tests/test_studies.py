@@ -66,15 +66,17 @@ def test_neighbours_part_as_the_linear_equations_say_and_otherwise_in_proportion
     assert chaos.RENEW * rates.sum(axis=1).mean() == pytest.approx(math.log(160.0 / 20.0), abs=0.5)
 
 
-def test_the_command_prints_three_tables_and_but_for_times_the_same_twice(monkeypatch, capsys):
+def test_the_command_prints_three_tables_but_for_times_the_same_and_wants_fast(monkeypatch, capsys):
     for name, small in {"WORK": 4000, "REPEATS": 1, "SECONDS": 0.1}.items():
         monkeypatch.setattr(chaos, name, small)
     monkeypatch.setattr(chaos, "growth", lambda *_: np.ones((3, 20)))
     printed = []
-    for _ in range(2):
+    for native in (False, True):
+        monkeypatch.setattr(_runs, "NATIVE", native)
         chaos.main(["--seeds", "3"])
         timed, *rest = capsys.readouterr().out.partition("(b)")
         assert "(a)" in timed and "(c)" in rest[1]
+        assert ("pip install -e '.[fast]'" in timed) is not native
         printed.append(rest)
     assert printed[0] == printed[1]
 

@@ -6,9 +6,9 @@ from functools import partial
 from curriculum.common import llvm, programs, tape
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
-from curriculum.common.crowds import Crowd, mapped
+from curriculum.common.crowds import Crowd, OneByOne, mapped
 from curriculum.common.programs import Program, Routine, side_by_side
-from curriculum.common.python import Columns, OneByOne, source_of
+from curriculum.common.python import Columns, source_of
 from curriculum.common.steps import Single
 from curriculum.common.tape import Stop
 from curriculum.common.trace import Symbol
@@ -139,7 +139,7 @@ def in_every_code(function, members, count=1, measure=None):
     measured."""
     crowd = Crowd(step_of(function), None, None, 0.0, members, 0.0 * members, measure)
     traced = crowd.traced
-    codes = [crowd.code, OneByOne(traced.source)]
+    codes = [crowd.code, OneByOne(traced)]
     codes += [Bytecode(traced.program, 8)] if llvm.available() else []
     codes += [] if traced.program.loops() else [Columns(traced.source)]
     for code in codes:

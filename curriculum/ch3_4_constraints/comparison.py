@@ -22,6 +22,7 @@ class Comparison(NamedTuple):
 
     args: Namespace  # the flags
     system: dict
+    rule: str  # its name
     dt: float  # s
     steps: int  # that were to be taken
     truth: Truth
@@ -44,7 +45,7 @@ class Comparison(NamedTuple):
     @property
     def title(self):
         """What was run, in words."""
-        return f"{self.scene}, {self.args.integrator}, steps of {self.dt:.4g} s"
+        return f"{self.scene}, {self.rule}, steps of {self.dt:.4g} s"
 
     def outcome(self, mode):
         """What became of a mode, in a few words."""

@@ -19,7 +19,7 @@ from curriculum.common.tape import Untraceable
 
 METRICS, PICTURE, PAGE = "metrics.json", "motion.svg", "play.html"
 RECORDING = "constraints.rrd"
-DECIDE = "integrator", "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
+DECIDE = "seed", "baumgarte", "time_constant", "impedance", "tol"  # the results
 results_folder = partial(writable, names=(METRICS, PICTURE, PAGE, RECORDING))  # an argparse type
 
 
@@ -46,7 +46,8 @@ def publish(found, chapter, step_fn):
     args = found.args
     knobs = args.baumgarte, args.time_constant, args.impedance
     used = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    used |= {"dt": found.dt, "steps": found.steps, "rods": len(found.system["pairs"])}
+    used |= {"integrator": found.rule, "dt": found.dt, "steps": found.steps}
+    used["rods"] = len(found.system["pairs"])
     used["error_at"] = found.truth.step * found.dt
     used["known"] = None if found.truth.q is None else float(f"{found.truth.known:.2g}")  # m
     files = {METRICS: as_json(used | {"results": found.rows})}
@@ -59,12 +60,13 @@ def publish(found, chapter, step_fn):
         work.begin("the page")
         from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
 
-        rule = args.integrator
+        scene = found.scene, found.system, found.rule
         lies = [run.step.lies for run in found.runs.values() if run.step.lies]
+        lies += ["--plain compiles nothing"] if args.plain else []
         try:
             if lies:  # and so would the page
                 raise Untraceable(lies[0])
-            files[PAGE] = page(chapter, found.scene, found.system, rule, step_fn, found.dt, knobs)
+            files[PAGE] = page(chapter, *scene, step_fn, found.dt, knobs)
         except Untraceable as why:
             more = f"\n{PAGE} left out: {why}"
     if args.rerun:
@@ -95,7 +97,7 @@ def look(recording):
         nearby = os.path.relpath(program)
         if os.sep in nearby and len(nearby) < len(str(program)):
             program = nearby
-    words += ["--bind", "127.0.0.1"]  # nobody else's machine is to see it
+    words += ["--bind", "127.0.0.1"]  # no other machine is to see it
     if not window:
         words += ["--web-viewer", "--new", "--web-viewer-port", "0"]  # another may be open
     command, file = shlex.join([str(program), *words]), shlex.quote(str(recording))

@@ -1,12 +1,15 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
 from numbers import Integral, Real
+from types import MappingProxyType
 
 from curriculum.ch3_4_constraints.systems import check_system
 from curriculum.ch3_4_constraints.tables import UNHELD, say
+from curriculum.common.arrays import ordered
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
 from curriculum.common.ruler import RODS
+from curriculum.common.steps import called, named
 from curriculum.common.tape import Stop
 
 import numpy as np
@@ -29,6 +32,26 @@ def chosen(hold, table):
         end = meant(hold, named, f"; modes are {', '.join(named)}")
         raise ValueError(f"{shorten(hold)!r} is no mode{end}")
     return named[hold]
+
+
+def own_force(function, system, q, v):
+    """The forces (N, 3) in N that the reader's function(system, q, v) or function(system, q) makes.
+
+    While a step is traced the masses are of the kind of q, so that f = m * g takes what is made of
+    q, as f[0] -= v[0] does. Raises ValueError for another shape, and names the function's line.
+    """
+    if q.dtype == object:  # it cannot be written into: that would be lost
+        system = MappingProxyType(system | {"m": ordered(np.array(system["m"], object))})
+    try:
+        made = called(function, system, q, v)
+    except TypeError as why:
+        if "mappingproxy" in str(why):
+            raise TypeError("it changes its system").with_traceback(why.__traceback__) from None
+        raise
+    try:
+        return ordered(made, q.shape)
+    except ValueError as why:
+        raise ValueError(f"{named(function)}: {why}") from None
 
 
 def misfit(hold, rule):
@@ -93,7 +116,8 @@ def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
             raise ValueError(f"{name} is {shorten(repr(given))}; must be a function, as {such} is")
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
-        raise ValueError(f"this force is for steps of {hold.dt:g} s, not of {dt!r} s")
+        other = f"not of {dt!r} s; make it of hold_table({dt!r})[mode]"
+        raise ValueError(f"this force is for steps of {hold.dt:g} s, {other}")
     for name, rule in rules.items():
         if rule is step_fn and misfit(hold, name):
             raise ValueError(f"this force {misfit(hold, name)}")

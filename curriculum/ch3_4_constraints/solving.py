@@ -60,13 +60,13 @@ def applied(system, a, jac=None):
 
 
 def turned(system, v):
-    """h^2 Jdot M^-1 Jdot^T (C, C); Jdot has d' where J has d; h for each rod; v (N, 3) in m/s."""
+    """h^2 Jdot M^-1 Jdot^T (C, C); Jdot has rate where J has d; h for each rod; v (N, 3) in m/s."""
     v = ordered(v)
     jdot = np.zeros_like(v, shape=(len(system["pairs"]), *v.shape))
     for k, (i, j) in enumerate(system["pairs"]):
         rate = v[i] - v[j] if j >= 0 else v[i]
-        slow = INSTANT / (TURN * system["lengths"][k])  # s/m: 1 over the d' that turns by TURN
-        # h is INSTANT or, where a rod turns fast, TURN L / |d'|: smoothly the smaller one
+        slow = INSTANT / (TURN * system["lengths"][k])  # s/m: 1 over the rate that turns by TURN
+        # h is INSTANT or, where a rod turns fast, TURN L / |rate|: smoothly the smaller one
         rate = rate * (INSTANT / np.sqrt(1.0 + slow * slow * (rate @ rate)))
         jdot[k, i] = rate
         if j >= 0:

@@ -14,7 +14,7 @@ TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelli
 def near(lengths, q):
     """The |g| (C,) in m^2 that counts as zero: 1e-12 L^2, and the rounding of g, which grows with
     how far q (N, 3) is from the origin."""
-    far = np.sum(np.abs(q)) / len(q)
+    far, lengths = np.sum(np.abs(q)) / len(q), np.asarray(lengths)
     return 1e-12 * lengths * lengths + 1e-15 * far * lengths
 
 

@@ -58,11 +58,12 @@ def comparison(found):
         say(note)
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
-        unknown = f"not known to {length(KNOWN)}" if truth.sought else "not looked for"
-        why = f"the truth is {unknown} at" if truth.q is None else "stopped before"
-        say(f"- {', '.join(lost)}: {why} {at}")
-    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > (tol or math.inf)]
-    if tol and over:
+        why = f"the truth is {truth.unsought or f'not known to {length(KNOWN)}'}"
+        why = f"{why}, at {at}" if truth.q is None else f"stopped before {at}"
+        say(f"- {', '.join(lost)}: {why}")
+    aim = math.inf if tol is None else tol
+    over = [mode for mode in rows if mode in lost or rows[mode]["error"] > aim]
+    if tol is not None and over:
         say(f"--tol {tol:g} is the aim of the best mode; not met by {', '.join(over)}")
 
 

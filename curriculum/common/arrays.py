@@ -7,15 +7,20 @@ first to last; asked for what they do not know, they are numpy's own, and symbol
 zero for certain is left out, which changes no digit, and makes a large sparse product short.
 """
 
-from operator import ge, gt, le, lt
+from operator import and_, eq, ge, gt, le, lt, ne, or_
+
+from curriculum.common.tape import effort
 
 import numpy as np
 from numpy.lib.array_utils import normalize_axis_tuple
 
 SMALL = 1 << 18  # terms of a product that are made at once
 FEW = 8  # entries of an array in which zeros are not worth looking for
-FUNCTIONS = ["sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"]
-CALLS = [0]  # of numpy, and products, so far with arrays of symbols
+# what numpy calls a function of one number, or of two: its name in the C library and JavaScript
+ALIKE = "sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"
+FUNCTIONS = dict(zip(ALIKE, ALIKE, strict=True))
+FUNCTIONS |= {"arcsin": "asin", "arccos": "acos", "arctan": "atan"}
+BINARY = {"arctan2": "atan2"}
 SPARSE = {np.add, np.subtract, np.multiply, np.divide}
 NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 
@@ -33,7 +38,7 @@ def ordered(x, shape=None):
     if not isinstance(x, Ordered):
         x = x.view(Symbols) if x.dtype == object else x.astype(float, copy=False).view(Ordered)
     if shape is not None and x.shape != shape:
-        if x.shape != shape[len(shape) - x.ndim :]:
+        if not x.ndim or x.shape != shape[len(shape) - x.ndim :]:
             raise ValueError(f"an array of shape {x.shape}, must be {shape}")
         x = np.broadcast_to(x, shape, subok=True)
     return x
@@ -100,6 +105,8 @@ class Ordered(np.ndarray):
             except (TypeError, ValueError):  # it is asked for what only numpy has
                 if symbols:
                     raise
+        elif symbols and function.__module__ == "numpy.linalg":
+            raise TypeError(f"np.linalg.{function.__name__} cannot be compiled")
         made = super().__array_function__(function, types, given, how)
         return viewed(made) if type(made) is np.ndarray else made  # np.cross makes another kind
 
@@ -113,11 +120,13 @@ class Symbols(Ordered):
 
 def symbolic(ufunc, method, given, how):
     """What a function of numpy makes of arrays of symbols, or of a symbol."""
-    CALLS[0] += 1
+    effort.call()
     arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
     chosen = how.pop("where", True)  # what is not stays as `out` has it
     if ufunc.signature or ufunc is np.add and method in ("reduce", "reduceat"):  # as np.matmul has
         raise TypeError(f"np.{ufunc.__name__} adds in an order of its own; use @ or np.sum")
+    if ufunc in LOGICAL:  # np.any asks for a truth, which is what it gets
+        how.pop("dtype", None)
     if how.get("dtype") is not None:
         raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype")
     if method == "at" or method != "__call__" and chosen is not True:
@@ -131,13 +140,21 @@ def symbolic(ufunc, method, given, how):
         if method == "reduce" and how.get("axis", 0) is None:  # of all entries, as one row
             arrays, how = [arrays[0].ravel()], {}
         made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
+        if ufunc in COMPARED and all(isinstance(s, bool) for s in np.ravel(made)):
+            made = np.asarray(made, bool)  # of numbers alone: they can choose entries
     else:
-        made = getattr(ufunc, method)(*arrays, **how)
+        try:
+            made = getattr(ufunc, method)(*arrays, **how)
+        except (AttributeError, TypeError):  # of numbers alone numpy can do all
+            if any(hasattr(s, "tape") for x in arrays for s in x.flat):
+                raise TypeError(f"np.{ufunc.__name__} cannot be compiled") from None
+            arrays = [x.astype(float) for x in arrays]
+            made = np.asarray(getattr(ufunc, method)(*arrays, **how), object)
     if out is not None:
         np.asarray(out)[...] = made if chosen is True else where(chosen, made, out)
         return out
     if isinstance(made, np.ndarray):
-        return ordered(made) if made.ndim else made.item()
+        return viewed(made) if made.ndim else made.item()
     return made
 
 
@@ -198,11 +215,13 @@ def product(a, b):
 
 def few_terms(a, b):
     """The product of two short vectors, lists of numbers or of symbols."""
-    CALLS[0] += 1
     total = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
         total = total + x * y
-    return np.float64(total) if isinstance(total, (float, int)) else total
+    if isinstance(total, (float, int)):
+        return np.float64(total)
+    effort.call()
+    return total
 
 
 def sparse_product(a, b):
@@ -275,11 +294,32 @@ def entrywise(name, function, count):
     return np.frompyfunc(entry, count, 1)
 
 
+def two(name):
+    """The method of this name of a symbol, or its reflected one, or numpy's function of numbers."""
+
+    def entry(a, b):
+        if hasattr(a, name):
+            return getattr(a, name)(b)
+        return getattr(b, f"r{name}")(a) if hasattr(b, name) else getattr(np, name)(a, b)
+
+    return np.frompyfunc(entry, 2, 1)
+
+
+def opposite(s):
+    """What is true where s is not, which may be a truth of Python's, whose ~ is another."""
+    return not s if isinstance(s, bool) else ~s
+
+
 USUAL = {"dtype": None, "initial": np._NoValue, "keepdims": False}  # of np.max
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
 UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace, np.convolve, np.correlate}
 ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
+ENTRIES |= {getattr(np, name): two(name) for name in BINARY}
+ENTRIES[np.sign] = entrywise("sign", np.sign, 1)
 ENTRIES[np.maximum] = entrywise("larger", np.maximum, 2)
 ENTRIES[np.minimum] = entrywise("smaller", np.minimum, 2)
 COMPARED = {np.less: lt, np.less_equal: le, np.greater: gt, np.greater_equal: ge}
-ENTRIES |= {of_arrays: np.frompyfunc(of_two, 2, 1) for of_arrays, of_two in COMPARED.items()}
+COMPARED |= {np.equal: eq, np.not_equal: ne, np.logical_and: and_, np.logical_or: or_}
+ENTRIES |= {ufunc: np.frompyfunc(of_two, 2, 1) for ufunc, of_two in COMPARED.items()}
+ENTRIES |= dict.fromkeys([np.logical_not, np.invert], np.frompyfunc(opposite, 1, 1))
+LOGICAL = {np.logical_and, np.logical_or, np.logical_not}

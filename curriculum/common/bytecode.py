@@ -13,14 +13,14 @@ from functools import cache
 from itertools import chain, count
 
 from curriculum.common import llvm
-from curriculum.common.programs import Call, Lanes
+from curriculum.common.programs import Calls
 
 import numpy as np
 
 # How many operands there are. Besides the tape's operations: minus a; a itself; go on elsewhere if
 # a is zero in all lanes; go on where a says; the end of a step.
 OPERANDS = dict.fromkeys(["+", "-", "*", "/", "<", "<=", "max", "min"], 2) | {"where": 3}
-OPERANDS |= dict.fromkeys(["abs", "sqrt", *llvm.LIBRARY], 1) | {"**": 2}
+OPERANDS |= dict.fromkeys(["abs", "sqrt", *llvm.LIBRARY], 1) | dict.fromkeys(llvm.OF_TWO, 2)
 OPERANDS |= {"minus": 1, "copy": 1, "unless": 1, "go": 1, "end": 0}  # "end" is the last
 NUMBER = {sign: k for k, sign in enumerate(OPERANDS)}
 WIDTH = 5  # numbers in a row
@@ -40,7 +40,7 @@ class Assembler:
         self.known = defaultdict(count().__next__)  # {a name, or a known number: its register}
         self.register = self.known.__getitem__
         self.routines = []  # programs that are called
-        self.calls = []  # (a row that goes on at the first of a routine, which)
+        self.leaps = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
         most = [self.register(f"most {k}") for k in range(len(program.out) - len(state))]
         for name in [*program.knobs, "endless", "unsettled", "trouble"]:
@@ -52,7 +52,7 @@ class Assembler:
             first.append(len(self.rows))
             self.operations(routine.tape, routine.tape.needed(routine.made))
             self.row("go", 0, self.register(f"back {k}"))
-        for row, k in self.calls:
+        for row, k in self.leaps:
             self.rows[row][1] = first[k]
 
     def row(self, sign, result, *operands):
@@ -94,33 +94,27 @@ class Assembler:
             sign, *operands = tape.nodes[name]
             if sign == "part":
                 part = tape.parts[name]
-                write = {Call: self.call, Lanes: self.in_turn}.get(type(part), self.loop)
+                write = self.calls if isinstance(part, Calls) else self.loop
                 write(part)
             elif sign != "of":
                 unused = UNUSED[len(operands)]
                 rows.append([NUMBER[sign], register(name), *map(register, operands), *unused])
 
-    def call(self, call):
-        self.entered(call.program, call.arguments, call.names)
-
-    def in_turn(self, lanes):
-        """Rows side by side, one after the other."""
-        for row, names in zip(lanes.rows, lanes.names, strict=True):
-            self.entered(lanes.program, row, names)
-
-    def entered(self, program, arguments, names):
-        """What a program makes of its arguments, Symbols, by these names."""
-        given = [self.number(s) for s in arguments]
-        for name, register in zip(program.inputs, given, strict=True):
-            self.row("copy", self.register(name), register)
+    def calls(self, calls):
+        """Calls of a program, one after the other."""
+        program = calls.program
         if program not in self.routines:
             self.routines.append(program)
         k = self.routines.index(program)
-        back = float(len(self.rows) + 2)  # the row after these two
-        self.row("copy", self.register(f"back {k}"), self.register(back))
-        self.calls.append((self.row("unless", None, self.register(0.0)), k))
-        for name, s in zip(names, program.made, strict=True):
-            self.row("copy", self.register(name), self.number(s))
+        for arguments, names in zip(calls.rows, calls.names, strict=True):
+            given = [self.number(s) for s in arguments]
+            for name, register in zip(program.inputs, given, strict=True):
+                self.row("copy", self.register(name), register)
+            back = float(len(self.rows) + 2)  # the row after these two
+            self.row("copy", self.register(f"back {k}"), self.register(back))
+            self.leaps.append((self.row("unless", None, self.register(0.0)), k))
+            for name, s in zip(names, program.made, strict=True):
+                self.row("copy", self.register(name), self.number(s))
 
     def loop(self, loop):
         """A loop; lanes that are done keep their values, those that never are become NaN."""

@@ -1,6 +1,7 @@
 """A step that computes many ahead, compiled: the same numbers, hundreds of times sooner."""
 
 import contextlib
+import math
 import sys
 import time
 
@@ -9,12 +10,12 @@ from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.steps import Block, Plain, Single, Traced
-from curriculum.common.tape import Stop, Untraceable
+from curriculum.common.tape import Stop, Tape, Untraceable
 
 import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
-FIRST = 16  # steps of the first block, which tells what a step costs
+FIRST = 16  # steps of the first two blocks, which tell what a step costs
 # operations in the first block and in a later one, at most; a loop counts as one turn of it
 SHORT, LONG = 75_000, 3_000_000
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
@@ -33,8 +34,8 @@ class Compiled:
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
     with the plain step in the first block, whenever the steps are OFTEN times as many, and in the
-    end. Where they differ, or the step cannot be traced, steps are plain. With `only` there is a
-    Stop instead, since that would take too long, and only one block is compared. `steps`: how many
+    end. Where they differ, or the step cannot be traced, steps are plain. With `only` that raises
+    Untraceable, since it would take too long, and only one block is compared. `steps`: how many
     are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
     counted from zero where the way changes. `lies`: how what was compiled differs, or None.
     """
@@ -53,6 +54,7 @@ class Compiled:
         self.earlier += self.done
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
+        self.computed, self.most = 0, math.inf
         self.begins = lambda: None  # called before a block
         self.plain.halved = 0
 
@@ -93,15 +95,33 @@ class Compiled:
     def give_up(self, why):
         """Go on plainly."""
         self.lies = why if self.alone else None
-        self.alone, self.way = None, f"{Plain.way}, which is slower: {why}"
+        self.alone, self.why = None, str(why)
+        self.way = f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
+
+    def confirm(self, count):
+        """Go on plainly if what the step depends on was changed by the loop that takes the steps.
+
+        It is asked behind a block of which `count` states were used. The first is one state long,
+        so that a clock is noticed; what is changed later has come too late for the others of its
+        block: ValueError.
+        """
+        self.steps -= count
+        self.most = math.inf if count == self.computed else 2 * count  # the loop changes the state
+        with Tape.lock:  # while others trace, nothing is as it is
+            changed = self.alone.traced.memory.changed() if self.alone else None
+        if changed and count > 1:
+            ahead = "was changed while steps were computed ahead"
+            raise ValueError(f"{changed} {ahead}: run them plainly, by way=Plain or --plain")
+        if changed:
+            self.give_up(f"the loop changes {changed}")
 
     def compute(self, q, v):
         """The state after this one; and many more, ahead of time."""
         if not self.way:
             self.trace(q, v)
         if not self.alone and self.only:
-            raise Stop(self.way)
+            raise Untraceable(self.why)
         if not self.alone:
             state = self.plain(q, v)
             self.taken, self.seconds = self.plain.taken, self.plain.seconds
@@ -119,12 +139,11 @@ class Compiled:
         self.done += count
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
-            self.due, self.compared = OFTEN * self.done, True
+            self.due, self.compared = max(OFTEN * self.done, FIRST + 1), True
             if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
-        self.taken, self.seconds = self.taken + count, self.seconds + spent
-        self.steps -= count
+        self.taken, self.seconds, self.computed = self.taken + count, self.seconds + spent, count
         # the first steps of a long one are slow, and with a Stop the next block begins
         if self.done >= FIRST and not why:
             self.improve(spent / count)
@@ -136,7 +155,11 @@ class Compiled:
 
     def count(self, entries):
         """How many steps the next block has; never by the clock, so that runs are alike."""
-        most, work = (self.steps, LONG) if self.done else (min(FIRST, self.steps), SHORT)
+        if not self.done:  # see confirm
+            return 1
+        most, work = min(self.steps, self.most), LONG
+        if self.done < FIRST:
+            most, work = min(FIRST - 1, most), SHORT
         if self.alone.machine:
             work *= QUICKER
         return max(1, min(most, BLOCK // entries, work // self.alone.size))
@@ -177,7 +200,8 @@ class Compiled:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
         # where there were runs before, others will follow
-        left, begun = (self.steps + self.earlier) * pace, isinstance(self.alone.machine, Native)
+        left = (self.steps - self.computed + self.earlier) * pace
+        begun = isinstance(self.alone.machine, Native)
         if left > (BEST if begun else QUICK) * cost and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)

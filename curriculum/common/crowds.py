@@ -6,18 +6,17 @@ from functools import cache, partial
 from types import SimpleNamespace
 
 from curriculum.common import llvm
-from curriculum.common.arrays import CALLS, ordered
+from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.native import LANES, Native
-from curriculum.common.python import Columns, OneByOne
-from curriculum.common.steps import Traced
-from curriculum.common.tape import Stop, Untraceable
+from curriculum.common.python import Columns
+from curriculum.common.steps import Traced, called
+from curriculum.common.tape import PRICE, Stop, Tape, Untraceable, effort
 
 import numpy as np
 
 CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
-PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -46,7 +45,37 @@ def in_machine_code(kind, traced, lanes):
 
 def in_python(traced):
     """The same without machine code: members as columns of numpy or, with a loop, one by one."""
-    return OneByOne(traced.source) if traced.program.loops() else Columns(traced.source)
+    return OneByOne(traced) if traced.program.loops() else Columns(traced.source)
+
+
+class OneByOne:
+    """A Traced step of many members, in Python's floats; called as Columns are.
+
+    A member whose loop comes to no end is NaN in all that it made.
+    """
+
+    lanes = 1
+
+    def __init__(self, traced):
+        self.traced = traced
+
+    @np.errstate(all="ignore")
+    def __call__(self, state, count, out, dt):
+        entries = len(state)
+        for end, most in zip(state.T, out.T, strict=True):
+            rows = []
+            with contextlib.suppress(Stop):
+                try:
+                    self.traced.function(end.tolist(), count, rows.append, dt)
+                except (ArithmeticError, ValueError):  # where numpy's floats go on
+                    while len(rows) < count:
+                        last = rows[-1][:entries] if rows else end
+                        rows.append(self.traced.plain(np.array(last), dt))
+            if len(rows) < count:
+                rows = [[np.nan] * (entries + len(out))]
+            end[:] = rows[-1][:entries]
+            made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
+            most[:] = np.max(np.vstack([most, made]), axis=0)
 
 
 def run(code, program, state, count, *knobs):
@@ -85,21 +114,9 @@ class Crowd:
         made = in_machine_code(Native, self.traced, LANES)
         self.code = made or in_python(self.traced)
         self.put(q, v)
-        if self.differs():
+        first = self.columns[:, :1]
+        if differs(self.traced, first[:, 0], run(self.code, self.traced.program, first, 1, dt), dt):
             raise Untraceable("it does something else when it is compiled")
-
-    def differs(self):
-        """Whether the first step of the first member is not that of the lines as they stand."""
-        start = self.columns[:, :1]
-        ends, _ = run(self.code, self.traced.program, start, 1, self.dt)
-        try:
-            expected = self.traced.plain(start[:, 0], self.dt)
-        except Stop:
-            return False
-        except Untraceable:
-            return True
-        same = comparison(self.traced)
-        return bool(np.isfinite(expected).all()) and not same(ends[:, 0], expected)
 
     def put(self, q, v):
         """Go on from q, v (R, N, 3)."""
@@ -115,10 +132,17 @@ class Crowd:
         return most
 
 
-def comparison(traced):
-    """What says whether two arrays are what the same lines make: to the bit, where promised."""
+def differs(traced, start, made, dt):
+    """Whether what was `made` of the last of some members (entries,) by a step, ends and what was
+    measured, is not what the lines make as they stand: to the bit, where that is promised."""
+    try:
+        expected = traced.plain(start, dt)
+    except Stop:
+        return False
+    except Untraceable:
+        return True
     alike = np.array_equal if traced.exact else partial(np.allclose, rtol=1e-9, atol=1e-9)
-    return partial(alike, equal_nan=True)
+    return not alike(np.concatenate(made)[:, -1], expected, equal_nan=True)
 
 
 def stay(q, v, m, force, dt):
@@ -127,7 +151,7 @@ def stay(q, v, m, force, dt):
 
 
 class mapped:  # noqa: N801 - it is called as a function is
-    """function(q, v) of one state (N, 3), for many: q, v (K, N, 3).
+    """function(q, v) of one state (N, 3), or function(q), for many: q, v (K, N, 3).
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
     leading axis (K, ...). It is traced once, and the last state of each K compared; or done one by
@@ -140,34 +164,35 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def measure(self, q, v):
         """The function's results, as a tuple."""
-        made = self.function(q, v)
+        made = called(self.function, q, v)
         self.single = not isinstance(made, tuple)
         return (made,) if self.single else made
 
     def __call__(self, q, v):
         resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
-        key = q.shape[1:], resting.tobytes()
+        key, made = (q.shape[1:], resting.tobytes()), None
         if key not in self.known and len(q) > 1:
             self.known[key] = self.traced(q, v)
         entry = self.known.get(key)  # none for a single state: to trace it would take longer
         code = self.choose(entry, len(q)) if entry else None
-        if code is None:
-            made = self.one_by_one(q, v)
-        else:
+        if code is not None:
             made = self.by_code(entry.traced, code, q, v)
-            if self.differs(made, entry.traced, q, v):  # a symbol has answered it wrongly
+            if made is None:  # a symbol has answered it wrongly
                 self.known[key] = None
-                made = self.one_by_one(q, v)
+        if made is None:
+            rows = [self.measure(*state) for state in zip(ordered(q), ordered(v), strict=True)]
+            made = [np.array(x) for x in zip(*rows, strict=True)]
         return made[0] if self.single else tuple(made)
 
     def traced(self, q, v):
         """The function on symbols, of states that are zero in the same places; or None."""
-        turns, calls = max(self.turns, len(q)), CALLS[0]
         try:
-            traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
+            with Tape.lock:
+                turns = max(self.turns, len(q))
+                traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
+                return SimpleNamespace(traced=traced, code=None, asked=0, calls=effort.calls)
         except Untraceable:
             return None
-        return SimpleNamespace(traced=traced, code=None, asked=0, calls=CALLS[0] - calls)
 
     def choose(self, entry, many):
         """What runs it: None as long as that costs more than it saves; where there is a loop,
@@ -185,26 +210,15 @@ class mapped:  # noqa: N801 - it is called as a function is
         return entry.code
 
     def by_code(self, traced, code, q, v):
-        """All at once; a state that has trouble by itself."""
-        _, rows = run(code, traced.program, traced.columns(q, v), 1, 0.0)
+        """All at once, a state that has trouble by itself; None if that is something else than what
+        the lines make of the last."""
+        columns, made, first = traced.columns(q, v), [], 0
+        ends, rows = run(code, traced.program, columns, 1, 0.0)
         for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):
-            rows[:, k] = np.concatenate([np.ravel(x) for x in self.measure(*self.state(q, v, k))])
-        made, first = [], 0
+            rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
+        if differs(traced, columns[:, -1], (ends, rows), 0.0):
+            return None
         for x in traced.program.results[1:]:
             made.append(rows[first : first + x.size].T.reshape(len(q), *x.shape))
             first += x.size
         return made
-
-    def differs(self, made, traced, q, v):
-        """Whether what was made of the last state is not what the lines make as they stand."""
-        same = comparison(traced)
-        expected = self.measure(*self.state(q, v, -1))
-        pairs = zip(made, expected, strict=True)
-        return not all(same(rows[-1], x) for rows, x in pairs)
-
-    def one_by_one(self, q, v):
-        made = [self.measure(*self.state(q, v, k)) for k in range(len(q))]
-        return [np.array(x) for x in zip(*made, strict=True)]
-
-    def state(self, q, v, k):
-        return ordered(q[k]), ordered(v[k])

@@ -7,7 +7,7 @@ standard leaves their last digits open, and Program.inexact names those that a p
 import json
 import re
 
-from curriculum.common.arrays import FUNCTIONS
+from curriculum.common.arrays import BINARY, FUNCTIONS
 from curriculum.common.language import CHOICE, MINUS, Language
 
 # What a page has to define before the functions that are written here.
@@ -15,12 +15,10 @@ PRELUDE = """class Stop extends Error {}
 const max = (a, b) => (a >= b || a !== a ? a : b);
 const min = (a, b) => (a <= b || a !== a ? a : b);
 """
-LONG = 40_000  # characters of a function: browsers do not optimize those that are twice as long
-# Names of numbers on a tape, of all words, and of what a text declares.
+# Names of numbers on a tape, and of all words.
 MADE_UP = re.compile(r"(?<![A-Za-z0-9.])[a-z]+[0-9]+\b")
 WORD = re.compile(r"(?<![\w.])[A-Za-z]\w*")
 TEXT = re.compile(r'("(?:[^"\\]|\\.)*")')  # what a Stop says
-DECLARED = re.compile(r"\b(?:const|let) (\w+)")
 
 
 def words(texts):
@@ -42,8 +40,8 @@ class Writer(Language):
     """Functions of JavaScript, `made` {text: name}; those with the same text are one function."""
 
     assigned, minus, number = "const {} = {};", MINUS, staticmethod(json.dumps)
-    functions = {name: f"Math.{name}" for name in [*FUNCTIONS, "abs"]}
-    functions |= {"**": "Math.pow", "max": "max", "min": "min"}
+    functions = {name: f"Math.{called}" for name, called in (FUNCTIONS | BINARY).items()}
+    functions |= {"abs": "Math.abs", "**": "Math.pow", "max": "max", "min": "min"}
 
     def __init__(self):
         self.made = {}
@@ -76,27 +74,23 @@ class Writer(Language):
         ((lines, results),) = self.write(program.tape, program.out)
         used = words([*lines, *results])
         head = [self.assigned.format(x, given[x]) for x in given if x in used and x != given[x]]
-        return self.function(parameters, self.split(head + lines, results), results)
+        return self.function(parameters, head + lines, results)
 
-    def calls(self, program, rows, names, signed, taken=()):
-        """Calls of a program, one a row of arguments; it needs what is `taken` from around it."""
+    def calls(self, calls, signed):
+        """Calls of a function, one a row of arguments."""
+        program = calls.program
         if program not in self.inner:
             ((lines, results),) = self.write(program.tape, program.made)
             used = words([*lines, *results])
-            around = [*taken, *(x for x in self.given if x in used and x not in taken)]
+            knobs = (x for x in self.given if x in used and x not in calls.taken)
+            around = [*calls.taken, *knobs]
             inputs = [*program.inputs, *around]
-            name = self.function(inputs, self.split(lines, results), results)
+            name = self.function(inputs, lines, results)
             self.inner[program] = name, around
         name, around = self.inner[program]
-        given = (", ".join([*map(signed, row), *around]) for row in rows)
-        each = (unpacked(made, f"{name}({x})") for made, x in zip(names, given, strict=True))
+        given = (", ".join([*map(signed, row), *around]) for row in calls.rows)
+        each = (unpacked(made, f"{name}({x})") for made, x in zip(calls.names, given, strict=True))
         return ["\n".join(each)]
-
-    def call(self, call, signed):
-        return self.calls(call.program, [call.arguments], [call.names], signed)
-
-    def lanes(self, lanes, signed):
-        return self.calls(lanes.program, lanes.rows, lanes.names, signed, lanes.taken)
 
     def loop(self, loop, signed):
         """A loop, which throws a Stop if it comes to no end."""
@@ -110,11 +104,11 @@ class Writer(Language):
             f"let {last} = Infinity;",
             f"for (let {turn} = 0; ; {turn}++) {{",
             f"if ({turn} === {loop.most}) throw new Stop({json.dumps(loop.complaint)});",
-            *self.split(test, [now, *following, *rest]),
+            *test,
             f"const {size} = {now};",
             f"if ({ends}) break;",
             f"{last} = {size};",
-            *self.split(rest, changed.values()),
+            *rest,
             *(f"const next_{name} = {x};" for name, x in changed.items()),
             *(f"{name} = next_{name};" for name in changed),
             "}",
@@ -126,28 +120,3 @@ class Writer(Language):
             return super().operation(sign, operands, text)
         test, yes, no = (text(x, 1) for x in operands)
         return f"{test} != 0 ? {yes} : {no}", CHOICE  # NaN is not 0, as in numpy
-
-    def split(self, lines, later):
-        """Lines that do the same; where they are too long, by calling functions of them.
-
-        `later`: texts of what follows, which tell what is still wanted.
-        """
-        if sum(map(len, lines)) <= LONG:
-            return lines
-        pieces = [[]]
-        for line in lines:
-            if sum(map(len, pieces[-1])) > LONG // 2:
-                pieces.append([])
-            pieces[-1].append(line)
-        wanted, calls = words(later), []
-        for piece in reversed(pieces):
-            declared, used = DECLARED.findall("\n".join(piece)), words(piece)
-            makes = [x for x in declared if x in wanted]
-            if not makes:  # nothing of it is used
-                continue
-            numbers = (x for x in used if x in self.given or MADE_UP.fullmatch(x))
-            takes = [x for x in numbers if x not in declared]
-            name = self.function(takes, piece, makes)
-            calls.append(unpacked(makes, f"{name}({', '.join(takes)})"))
-            wanted |= used
-        return calls[::-1]

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from curriculum.common.programs import Call, Lanes
+from curriculum.common.programs import Calls
 
 WIDTH = 80  # characters of what is used once and has no line of its own, at most
 # How tightly an operator binds; a choice, a product, a sign; names, numbers and calls.
@@ -14,21 +14,18 @@ class Language:
     """A subclass has the words: `number`, how a float is written; `functions` {sign: name}.
 
     `assigned`: a line that gives a name to an expression. `minus`: how tightly what follows a sign
-    has to bind. `call`, `lanes` and `loop`, (part, signed) -> lines of a part, where signed(symbol)
-    is what a symbol is written as.
+    has to bind. `calls` and `loop`, (part, signed) -> lines of a part, where signed(symbol) is what
+    a symbol is written as.
     """
 
-    def write(self, tape, *groups, given=None):
-        """For each group of symbols, lines that compute what no group before has, and expressions.
-
-        `given` {name: expression}: what stands for some names.
-        """
+    def write(self, tape, *groups):
+        """For each group of symbols, lines of what no group before computes, and expressions."""
         everything = tape.needed(sum(groups, []))
         used = Counter(s.x for group in groups for s in group)
         used.update(x for name in everything for x in tape.nodes[name][1:])
         for name in tape.parts.keys() & set(everything):
             used.update(tape.nodes[name][1:])  # twice: what a part needs is to have a name
-        texts, done = {name: (x, MINUS) for name, x in (given or {}).items()}, set()
+        texts, done = {}, set()
 
         def text(x, binds=0):
             expression, bound = texts.get(x) or (x if isinstance(x, str) else self.number(x), ATOM)
@@ -46,7 +43,7 @@ class Language:
                 sign, *operands = tape.nodes[name]
                 if sign == "part":
                     part = tape.parts[name]
-                    written = {Call: self.call, Lanes: self.lanes}.get(type(part), self.loop)
+                    written = self.calls if isinstance(part, Calls) else self.loop
                     lines += written(part, signed)
                 elif sign != "of":
                     expression, bound = self.operation(sign, operands, text)

@@ -11,11 +11,12 @@ import struct
 from importlib.util import find_spec
 from itertools import count
 
-from curriculum.common.arrays import FUNCTIONS
+from curriculum.common.arrays import BINARY, FUNCTIONS
 from curriculum.common.cli import shorten
 
 ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
-LIBRARY = {name: name for name in FUNCTIONS if name != "sqrt"} | {"**": "pow"}
+OF_TWO = BINARY | {"**": "pow"}
+LIBRARY = {name: c for name, c in FUNCTIONS.items() if name != "sqrt"} | OF_TWO
 COMPARED = {"<": "olt", "<=": "ole", "max": "oge", "min": "ole", "where": "une"}
 FAILED = []  # why llvmlite cannot be used though it is installed, once that has been found out
 
@@ -139,7 +140,7 @@ def compiled(text, best=True):
         llvm.initialize_native_asmprinter()
         c = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
         for name in LIBRARY.values():  # by other names: else LLVM would put x * x for pow(x, 2)
-            kinds = "double, double" if name == "pow" else "double"
+            kinds = "double, double" if name in OF_TWO.values() else "double"
             text += f"\ndeclare double @c_{name}({kinds})"
             llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
         module = llvm.parse_assembly(text)

@@ -8,7 +8,7 @@ from collections import namedtuple
 from itertools import chain
 
 from curriculum.common.llvm import Function, compiled
-from curriculum.common.programs import INLINE, Call, Lanes
+from curriculum.common.programs import INLINE, Calls
 from curriculum.common.trace import Symbol
 
 import numpy as np
@@ -81,30 +81,32 @@ class Writer(Function):
             sign, *operands = tape.nodes[name]
             if sign == "part":
                 part = tape.parts[name]
-                write = {Call: self.call, Lanes: self.side_by_side}.get(type(part), self.loop)
+                write = self.calls if isinstance(part, Calls) else self.loop
                 write(part, env)
             elif sign != "of":
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 
-    def call(self, call, env):
-        """A routine, which finds its arguments in memory, and leaves its results there."""
-        tape, made = call.program.tape, call.program.made
-        name = f"@r{id(call.program)}_{self.lanes}"
+    def made(self, program, env):
+        """What a program makes, written out; `env` has its inputs."""
+        self.operations(program.tape, program.tape.needed(program.made), env)
+        return [self.value(env, s) for s in program.made]
+
+    def routine(self, program, given):
+        """The same by a call: it finds its arguments in memory, and leaves its results there."""
+        name, many = f"@r{id(program)}_{self.lanes}", len(program.made)
         if name not in self.routines:
             w = Writer(self.lanes, self.routines, self.alone)
-            inner = {x: w.load(w.entry("%in", k)) for k, x in enumerate(call.program.inputs)}
-            w.operations(tape, tape.needed(made), inner)
-            for k, s in enumerate(made):
-                w.store(w.value(inner, s), w.entry("%out", k))
-            inline = "alwaysinline" if len(tape.nodes) <= INLINE else "noinline"
+            inner = {x: w.load(w.entry("%in", k)) for k, x in enumerate(program.inputs)}
+            for k, value in enumerate(w.made(program, inner)):
+                w.store(value, w.entry("%out", k))
+            inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
             head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
             self.routines[name] = w.function(head, "void")
-        given = self.memory(self.type, len(call.arguments))
-        place = self.memory(self.type, len(made))
-        for k, s in enumerate(call.arguments):
-            self.store(self.value(env, s), self.entry(given, k))
-        self.lines.append(f"  call void {name}(ptr {given}, ptr {place})")
-        env |= {x: self.load(self.entry(place, k)) for k, x in enumerate(call.names)}
+        arguments, place = self.memory(self.type, len(given)), self.memory(self.type, many)
+        for k, value in enumerate(given):
+            self.store(value, self.entry(arguments, k))
+        self.lines.append(f"  call void {name}(ptr {arguments}, ptr {place})")
+        return [self.load(self.entry(place, k)) for k in range(many)]
 
     def pieces(self, many):
         """So many rows in pieces, one a vector, about equally long; of one if lanes are members."""
@@ -112,28 +114,28 @@ class Writer(Function):
         size = -(-many // vectors) if self.lanes == 1 else 1
         return [slice(k, k + size) for k in range(0, many, size)]
 
-    def side_by_side(self, lanes, env):
-        """Rows as lanes of vectors; or in turn, where the lanes are members."""
-        program = lanes.program
-        needed = program.tape.needed(program.made)
-        for piece in self.pieces(len(lanes.rows)):
-            wide = self.widened(len(lanes.rows[piece]))
-            inner = {x: self.gathered(wide, env, [Symbol(None, x)]) for x in lanes.taken}
-            columns = zip(*lanes.rows[piece], strict=True)
-            for name, column in zip(program.inputs, columns, strict=True):
-                inner[name] = self.gathered(wide, env, column)
-            wide.operations(program.tape, needed, inner)
-            for s, names in zip(program.made, zip(*lanes.names[piece], strict=True), strict=True):
-                numbers = wide.spread(wide.value(inner, s), len(names))
-                env |= zip(names, numbers, strict=True)
+    def calls(self, calls, env):
+        """One is of a routine; rows are lanes of vectors or, where lanes are members, in turn."""
+        program = calls.program
+        for piece in self.pieces(len(calls.rows)):
+            wide = self.widened(len(calls.rows[piece]))
+            columns = zip(*calls.rows[piece], strict=True)
+            given = [self.gathered(wide, env, column) for column in columns]
+            if len(calls.rows) == 1:
+                made = self.routine(program, given)
+            else:
+                inner = {x: self.gathered(wide, env, [Symbol(None, x)]) for x in calls.taken}
+                made = wide.made(program, inner | dict(zip(program.inputs, given, strict=True)))
+            for value, names in zip(made, zip(*calls.names[piece], strict=True), strict=True):
+                env |= zip(names, wide.spread(value, len(names)), strict=True)
 
     def groups(self, loop):
-        """The names that a loop changes; what Lanes make for all rows stays one vector."""
+        """The names that a loop changes; what Calls make for all rows stays one vector."""
         following = zip(loop.names, loop.following, strict=True)
         at = {s.x: name for name, s in following if not s.minus}
         groups = []
         for part in loop.tape.parts.values():
-            for piece in self.pieces(len(part.names)) if isinstance(part, Lanes) else ():
+            for piece in self.pieces(len(part.names)) if isinstance(part, Calls) else ():
                 columns = zip(*part.names[piece], strict=True)
                 groups += [[at[x] for x in column] for column in columns if at.keys() >= {*column}]
         grouped = {*chain(*groups)}

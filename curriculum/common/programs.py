@@ -1,7 +1,7 @@
 """A function of small arrays as a Program, traced once; and what in it is a routine or a loop.
 
-On a tape of operations (tape.py) stand parts, too, which are more than an operation: a Call of a
-routine, rows that are done side by side, a Loop. Each has a tape of its own. Writers turn a program
+On a tape of operations (tape.py) stand parts, too, which are more than an operation: Calls of a
+program, one or several side by side, and a Loop. Each has a tape of its own. Writers turn a program
 into Python (python.py), rows of numbers (bytecode.py), machine code (native.py) or JavaScript.
 """
 
@@ -130,90 +130,78 @@ class Routine:
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
         shapes = [np.shape(a) for a in arrays]
         key = current.tape.numbers, *zip(shapes, still, strict=True)
-        if key not in self.programs:
-            tape = Tape(numbers=current.tape.numbers)
+        if key in self.programs:
+            effort.calls += effort.factor * self.calls
+        else:
+            tape, before = Tape(numbers=current.tape.numbers), effort.calls
             tape.refused = current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
-            self.programs[key] = once
+            self.programs[key], self.calls = once, (effort.calls - before) // effort.factor
         program = self.programs[key]
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or current.tape.outer):
             return program.shaped(program.replay(arguments))[0]
-        return Call(program, arguments).results[0]
+        return Calls(program, [arguments]).results[0][0]
 
 
 def side_by_side(function, *arrays):
     """function(row, ...) for the rows of the arrays, stacked: one array, or a tuple of arrays.
 
-    On symbols it is traced once for all rows that are zero in the same places: see Lanes.
+    On symbols it is traced once for all rows that are zero in the same places.
     """
     rows = list(zip(*arrays, strict=True))
+    several = []  # whether the function returns a tuple, each time
+
+    def as_tuple(*row):
+        found = function(*row)
+        several.append(isinstance(found, tuple))
+        return found if several[-1] else (found,)
+
     if current.tape is None:
-        made = [function(*row) for row in rows]
+        made = [as_tuple(*row) for row in rows]
     else:
-        made = traced_rows(function, [list(map(lifted, row)) for row in rows])
-    if isinstance(made[0], tuple):
-        return tuple(ordered(np.stack(part)) for part in zip(*made, strict=True))
-    return ordered(np.stack(made))
+        made = traced_rows(as_tuple, [list(map(lifted, row)) for row in rows])
+    stacked = tuple(ordered(np.stack(part)) for part in zip(*made, strict=True))
+    return stacked if several[0] else stacked[0]
 
 
 def traced_rows(function, rows):
     """What function(*row) returns for each of the rows, lists of arrays of Symbols."""
-    alike, made = {}, [None] * len(rows)
+    outer, alike, made = current.tape, {}, [None] * len(rows)
     for k, row in enumerate(rows):
         zero = tuple(s.x == 0.0 for array in row for s in array.flat)
         alike.setdefault(zero, []).append(k)
     for zero, places in alike.items():
+        first = rows[places[0]]
         if all(zero) or len(places) == 1:
-            results = [function(*rows[places[0]])] * len(places)
+            results = [function(*first)] * len(places)
         else:
-            results = Lanes(function, [rows[k] for k in places]).results
+            masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in first]
+            with effort.repeated(len(places)):
+                program = Program(function, *masks, tape=Tape(outer))
+            given = [[s for x in rows[k] for s in x.flat if s.x != 0.0] for k in places]
+            results = Calls(program, given).results
         for k, result in zip(places, results, strict=True):
             made[k] = result
     return made
 
 
-class Lanes:
-    """A function that does the same to several rows: they can be lanes of one vector register.
+class Calls:
+    """A program called with each of `rows` of Symbols: they can be lanes of one vector register.
 
-    `program`: what it does to a row, on a tape of its own that may use names from around it, those
-    `taken`. `rows` of Symbols are its inputs; `names`: how what it makes is called here, row by
-    row. `results`: what the function returns for each row.
+    Its tape may use names from around it, those `taken`. `names`: how what it makes is called here,
+    row by row. `results`: the arrays that it returns, row by row.
     """
 
-    def __init__(self, function, rows):
-        outer = current.tape
-        masks = [np.array([s.x == 0.0 for s in x.flat], bool).reshape(x.shape) for x in rows[0]]
-
-        def as_tuple(*row):
-            found = function(*row)
-            self.several = isinstance(found, tuple)
-            return found if self.several else (found,)
-
-        with effort.repeated(len(rows)):
-            self.program = Program(as_tuple, *masks, tape=Tape(outer))
-        self.rows = [[s for x in row for s in x.flat if s.x != 0.0] for row in rows]
-        self.names = [outer.new_names(len(self.program.made)) for _ in rows]
-        self.taken = self.program.tape.taken(self.program.made, self.program.inputs)
-        operands = [s.x for row in self.rows for s in row]
-        outer.add_part(self, operands + self.taken, sum(self.names, []))
-        found = [tuple(self.program.renamed(names, outer)) for names in self.names]
-        self.results = found if self.several else [x for (x,) in found]
-
-
-class Call:
-    """A Routine's program called with `arguments`, Symbols; `results`: arrays that it returns.
-
-    `names`: how what it makes is called here.
-    """
-
-    def __init__(self, program, arguments):
-        self.program, self.arguments, tape = program, arguments, current.tape
-        self.names = tape.new_names(len(program.made))
-        tape.add_part(self, [s.x for s in arguments], self.names)
-        self.results = program.renamed(self.names, tape)
+    def __init__(self, program, rows):
+        self.program, self.rows, tape = program, rows, current.tape
+        self.names = [tape.new_names(len(program.made)) for _ in rows]
+        self.taken = program.tape.taken(program.made, program.inputs) if program.tape.outer else []
+        operands = [s.x for row in rows for s in row]
+        tape.add_part(self, operands + self.taken, sum(self.names, []))
+        self.results = [program.renamed(names, tape) for names in self.names]
 
 
 def repeat(body, x, most, complaint, nearly=1.0):

@@ -19,16 +19,16 @@ ASKED = {"time": "the time", "datetime": "the time", "random": "chance", "secret
 # where partials, methods, wrappers and generators keep what they lead to
 INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
 INSIDE += "__func__", "__self__", "__wrapped__", "function"
-# of Python's own modules, of installed ones, of numpy, which may be anywhere, and of those here
+# of Python's own modules, of installed ones, and of numpy, which may be anywhere
 PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
-PLACES |= {os.path.dirname(file) for file in (np.__file__, __file__)}
-PLACES = {Path(place).resolve() for place in PLACES}
+PLACES = {Path(place).resolve() for place in (*PLACES, os.path.dirname(np.__file__))}
+CURRICULUM = Path(__file__).resolve().parents[1]  # of which exercises are the reader's
 
 
 @lru_cache
 def of_reader(module):
     """Whether the reader may have written the module of this name: it is no part of Python, of an
-    installed package, or of this folder."""
+    installed package, or of the curriculum."""
     file, name = getattr(sys.modules.get(module), "__file__", None), module.partition(".")[0]
     if module == "__main__" or file is None:
         return name not in sys.stdlib_module_names
@@ -40,10 +40,11 @@ def of_reader(module):
 
 
 def foreign(file):
-    """Whether a file of code is Python's, an installed package's, or beside this; or is none."""
+    """Whether a file of code is Python's, an installed package's, or the curriculum's; or none."""
     path = Path(file).resolve()
     installed = {"site-packages", "dist-packages"} & {*path.parts}
-    return bool(installed or PLACES & {*path.parents}) or file.startswith("<")
+    ours = CURRICULUM in path.parents and "exercises" not in path.parts
+    return bool(installed or PLACES & {*path.parents}) or ours or file.startswith("<")
 
 
 @lru_cache
@@ -85,6 +86,7 @@ def put_names(names, x, old):
             del x[name]
 
 
+GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
 KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
     dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
     type: ("the global {}", lambda x: dict(vars(x)), reset),
@@ -96,7 +98,7 @@ KINDS = {  # what holds something: its name, what that is, as a dict, and how it
         lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
     CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
         lambda x, old: setattr(x, "cell_contents", old[0])),
-    (np.random.BitGenerator, np.random.RandomState, random.Random): ("the random generator {}",
+    GENERATORS: ("the random generator {}",
         lambda x: {0: pickle.dumps(x.__getstate__())},
         lambda x, old: x.__setstate__(pickle.loads(old[0]))),
 }  # fmt: skip
@@ -198,18 +200,35 @@ class Memory:
         elif not isinstance(x, WeakKeyDictionary):  # a Namespace, a UserDict
             yield from self.note(kept, name, words)
 
-    def restore(self):
-        """Put back, in place, what has changed; what was first, in words, or None."""
-        told, spaces = [], {}
+    def changes(self, besides=()):
+        """What is not as it was: [(what, in words; x; how it is put back; what it held)].
+
+        `besides`: types of what may have changed.
+        """
+        found, spaces = [], {}
         for (place, _), (_, names) in self.spaces.items():
             spaces[place] = spaces.get(place, set()) | names
         for place, (words, x, take, put, old) in self.parts.items():
+            if isinstance(x, besides):
+                continue
             now, names = take(x), spaces.get(place, {"globals"})
-            new = [k for k in old | now if not same(old.get(k, self), now.get(k, self))]
-            if "globals" not in names:  # other threads may use the other names
-                new = [k for k in new if k in names]
-                put = partial(put_names, new)
+            every = "globals" in names  # else other threads may use the other names
+            asked = old | now if every else names & (old.keys() | now.keys())
+            new = [k for k in asked if not same(old.get(k, self), now.get(k, self))]
             if new:
-                told.append(f"it changes {words.format(new[0])}")
-                put(x, old)
-        return told[0] if told else None
+                first = next(k for k in old | now if k in new)
+                put = put if every else partial(put_names, new)
+                found.append((words.format(first), x, put, old))
+        return found
+
+    def restore(self):
+        """Put back, in place, what has changed; what was first, in words, or None."""
+        found = self.changes()
+        for _, x, put, old in found:
+            put(x, old)
+        return f"it changes {found[0][0]}" if found else None
+
+    def changed(self):
+        """What has changed, in words, or None; generators of random numbers may be used."""
+        found = self.changes(GENERATORS)
+        return found[0][0] if found else None

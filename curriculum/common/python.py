@@ -1,25 +1,20 @@
 """A program as Python: a function of floats, a line an operation; what is used once, in place."""
 
-import ast
-import contextlib
 import math
-from functools import lru_cache
 from textwrap import indent
 
-from curriculum.common.arrays import FUNCTIONS
 from curriculum.common.language import PRODUCT, Language
-from curriculum.common.programs import INLINE, Call
 from curriculum.common.tape import Stop
+from curriculum.common.trace import CALLED
 
 import numpy as np
 
-NUMBERS = {name: getattr(math, name) for name in [*FUNCTIONS, "pow", "inf", "nan"]}
-NUMBERS |= {"abs": abs, "Stop": Stop}
+NUMBERS = CALLED | {"pow": math.pow, "inf": math.inf, "nan": math.nan, "abs": abs, "Stop": Stop}
 NUMBERS["largest"] = lambda a, b: a if a >= b or a != a else b  # NaN, if one of them is
 NUMBERS["smallest"] = lambda a, b: a if a <= b or a != a else b
 NUMBERS["where"] = lambda condition, a, b: a if condition else b
 # the same names for columns of numbers, so that the same source does as many states at once
-COLUMNS = {name: getattr(np, name) for name in [*FUNCTIONS, "inf", "nan", "abs", "where"]}
+COLUMNS = {name: getattr(np, name) for name in [*CALLED, "inf", "nan", "abs", "where"]}
 COLUMNS |= {"pow": np.power, "largest": np.maximum, "smallest": np.minimum}
 PIECE = 1 << 13  # members at a time: a dozen columns of them stay near the processor
 
@@ -46,29 +41,22 @@ class Python(Language):
             return f"1.0 * ({expression})", PRODUCT
         return expression, bound
 
-    def call(self, call, signed):
-        if call.program not in self.routines:
-            self.routines.append(call.program)
-        called = f"routine{self.routines.index(call.program)}"
-        yield f"{', '.join(call.names)}, = {called}({', '.join(map(signed, call.arguments))})"
-
-    def lanes(self, lanes, signed):
-        """Rows in turn: written out if they are short, or a loop adds what they make to a list."""
-        program, rows = lanes.program, [list(map(signed, row)) for row in lanes.rows]
-        short = len(rows) * len(program.tape.nodes) <= INLINE
-        if short and all(isinstance(part, Call) for part in program.tape.parts.values()):
-            for row, names in zip(rows, lanes.names, strict=True):
-                given = dict(zip(program.inputs, row, strict=True))
-                ((lines, made),) = self.write(program.tape, program.made, given=given)
-                yield from [*lines, f"{', '.join(names)}, = {', '.join(made)},"]
+    def calls(self, calls, signed):
+        """One calls a routine; of several, which are rows, a loop adds what they make to a list."""
+        program, rows = calls.program, [", ".join(map(signed, row)) for row in calls.rows]
+        names = ", ".join(sum(calls.names, []))
+        if len(rows) == 1:
+            if program not in self.routines:
+                self.routines.append(program)
+            yield f"{names}, = routine{self.routines.index(program)}({rows[0]})"
             return
         ((lines, made),) = self.write(program.tape, program.made)
-        everything = f"all_{lanes.names[0][0]}"
+        everything = f"all_{calls.names[0][0]}"
         yield f"{everything} = []"
-        tuples = ", ".join(f"({', '.join(row)},)" for row in rows)
         lines.append(f"{everything} += {', '.join(made)},")
+        tuples = ", ".join(f"({row},)" for row in rows)
         yield block(f"for {', '.join(program.inputs)}, in {tuples}", lines)
-        yield f"{', '.join(sum(lanes.names, []))}, = {everything}"
+        yield f"{names}, = {everything}"
 
     def loop(self, loop, signed):
         names, size = ", ".join(loop.names), f"size_{loop.names[0]}"
@@ -137,57 +125,3 @@ class Columns:
         self.function(tuple(ends.copy()), count, keep, *knobs)
         for end, value in zip(ends, last, strict=False):
             end[:] = value
-
-
-class OneByOne:
-    """A source for many members, in Python's floats; called as Columns are.
-
-    A member whose loop comes to no end is NaN in all that it made.
-    """
-
-    lanes = 1
-
-    def __init__(self, source):
-        self.source, self.function = source, compiled(source, NUMBERS)
-
-    def __call__(self, state, count, out, *knobs):
-        entries = len(state)
-        for end, most in zip(state.T, out.T, strict=True):
-            rows = []
-            try:
-                self.function(end.tolist(), count, rows.append, *knobs)
-            except Stop:
-                pass
-            except (ArithmeticError, ValueError):  # where numpy's floats go on
-                rows = []
-                with contextlib.suppress(Stop), np.errstate(all="ignore"):
-                    careful(self.source)(end.copy(), count, rows.append, *map(np.float64, knobs))
-            if len(rows) < count:
-                rows = [[np.nan] * (entries + len(out))]
-            end[:] = rows[-1][:entries]
-            made = np.reshape([row[entries:] for row in rows], (len(rows), len(out)))
-            most[:] = np.max(np.vstack([most, made]), axis=0)
-
-
-@lru_cache(8)
-def careful(source):
-    """The same f, all of whose numbers are numpy's: it makes inf or nan where Python's floats raise
-    an error."""
-
-    def function(name):
-        def of(*x):
-            try:
-                return np.float64(NUMBERS[name](*x))
-            except (ArithmeticError, ValueError):
-                return COLUMNS[name](*map(np.float64, x))
-
-        return of
-
-    class Numbers(ast.NodeTransformer):
-        def visit_Constant(self, node):
-            call = ast.Call(ast.Name("float64", ast.Load()), [node], [])
-            return call if isinstance(node.value, float) else node
-
-    space = NUMBERS | {name: function(name) for name in [*FUNCTIONS, "pow"]}
-    tree = ast.fix_missing_locations(Numbers().visit(ast.parse(source)))
-    return compiled(compile(tree, "<step>", "exec"), space | {"float64": np.float64})

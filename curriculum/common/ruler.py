@@ -11,6 +11,7 @@ from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.runs import distance
 from curriculum.common.steps import Plain
+from curriculum.common.tape import Untraceable
 
 import numpy as np
 
@@ -30,21 +31,29 @@ LOOKS = 3  # states at which the forces of a step are counted
 class Truth(NamedTuple):
     """Where the particles are at a step: q (N, 3), known to so many m; (None, inf) if not known.
 
-    `sought`: whether it was looked for.
+    `unsought`: "" or, in words, that it was not looked for, and why.
     """
 
     step: int
     q: np.ndarray | None = None
     known: float = math.inf
-    sought: bool = True
+    unsought: str = ""
+
+
+class Plan(NamedTuple):
+    """What is to be run: `steps` of `dt` s by the rule of this name, and the Truth beside it."""
+
+    rule: str
+    dt: float
+    steps: int
+    truth: Truth
 
 
 def once_for_all():
     """A way for simulate that traces and compiles a rule once, for steps of all lengths.
 
     The force is that of the first run: it must not depend on dt, as that of `project` does not. A
-    step that cannot be compiled is not run plainly, which would take too long: its runs stop at
-    once.
+    step that cannot be compiled is not run plainly, which would take too long: Untraceable.
     """
     made = []  # at the first run
 
@@ -72,7 +81,7 @@ def rungs(seconds):
 
 
 def nudged(system):
-    """The system, its start changed by a rounding, up and down by turns."""
+    """The system, its start changed by a rounding, one entry up and the next down."""
     turns = np.arange(system["q0"].size).reshape(system["q0"].shape) % 2
     off = 1.0 + ROUNDING * (1.0 - 2.0 * turns)
     return system | {"q0": system["q0"] * off, "v0": system["v0"] * off}
@@ -82,7 +91,7 @@ def true_position(true_run, seconds):
     """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
 
     That is how far two steps of gauss differ or, if that is more, WORSE times as far as two starts
-    that a rounding parts. `true_run` is made by `truly`.
+    that a rounding parts. `true_run` is made by `truly`. Raises Untraceable.
     """
 
     def end(steps, nudge=False):  # not a number where a run stops
@@ -97,13 +106,13 @@ def true_position(true_run, seconds):
     return None, math.inf
 
 
-def true_motion(true_run, system, dt, shown):
+def true_motion(true_run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    Two steps of gauss agree that long to CLOSE of the longest rod. `true_run` is made by `truly`;
-    with None in its place there is no such motion. `shown`: multiples of the first that is not 0.
+    Two steps of gauss agree that long to CLOSE of the longest rod. It is not sought where the Truth
+    is not. `shown`: multiples of the first that is not 0. `true_run` is made by `truly`.
     """
-    if len(shown) < 2 or true_run is None:
+    if len(shown) < 2 or truth.unsought:
         return np.array([])
     work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
@@ -197,19 +206,26 @@ def step_for(tol, seconds, q, runs, rules):
 
 
 def settle(true_run, runs, rules, dt, steps, tol):
-    """The name of a rule, a step in s, how many, and the Truth; None in place of `true_run`: none.
+    """The Plan of a run of `steps` of `dt` s; its Truth is not looked for without a `true_run`.
 
     The rule is the first of `rules`, {name: rule}; or, with a `tol` in m, rule and step are those
     that step_for finds among `runs`. ArgumentTypeError if `tol` is under what can be known.
     """
     work.begin("the truth")
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    q, known = true_position(true_run, at) if true_run else (None, math.inf)
-    if tol and not known < tol:
-        where = f"where the particles are after {at:.3g} s"
-        raise ArgumentTypeError(f"{where} is not known to {tol:g} m; name a step instead")
+    q, known, unsought = None, math.inf, "not looked for"
+    if true_run is not None:
+        try:
+            q, known = true_position(true_run, at)
+            unsought = ""
+        except Untraceable as why:
+            unsought = f"not looked for, since steps are not compiled: {why}"
+    if tol is not None and not known < tol:
+        where = f"{tol:g} m cannot be judged: where the particles are after {at:.3g} s"
+        missed = unsought or "not known so well"
+        raise ArgumentTypeError(f"{where} is {missed}; name a step instead")
     name = next(iter(rules))
-    if tol:
+    if tol is not None:
         name, dt = step_for(tol, at, q, runs, rules)
-    truth = Truth(round(at / dt), q, known, true_run is not None)
-    return name, dt, math.ceil(seconds / dt - 1e-9), truth
+    truth = Truth(round(at / dt), q, known, unsought)
+    return Plan(name, dt, math.ceil(seconds / dt - 1e-9), truth)

@@ -65,7 +65,7 @@ def offered(text, table, tol=None):
     With `tol` a bare name of a family is all numbers that are tried, each iterated as far as that
     needs. ArgumentTypeError for rules of low order, which take too long to a small error.
     """
-    if not tol:
+    if tol is None:
         return {text: named(text, table)}
     name, *numbers = text.split(":")
     if name not in FAMILIES:

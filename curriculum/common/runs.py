@@ -149,6 +149,8 @@ class Log:
         self.block, self.row, self.sane = None, 0, 0
         if not count:
             return
+        if first:  # the start was not computed
+            self.step.confirm(count)
         noted = slice(first, first + count)
         self.tip[noted] = block.q[:count, -1]
         self.violations[noted], self.energies[noted] = (x[:count] for x in block.measured)

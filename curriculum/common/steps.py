@@ -9,14 +9,17 @@ import time
 from functools import cached_property, lru_cache
 from inspect import signature
 from itertools import chain
+from pathlib import Path
+from traceback import extract_tb
 
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
+from curriculum.common.cli import shorten
 from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
-from curriculum.common.pure import Memory
-from curriculum.common.python import NUMBERS, careful, compiled, source_of
-from curriculum.common.tape import Stop, Tape, Untraceable, effort
+from curriculum.common.pure import Memory, foreign
+from curriculum.common.python import NUMBERS, compiled, source_of
+from curriculum.common.tape import Stop, Tape, TooLong, Untraceable, effort
 
 import numpy as np
 
@@ -43,12 +46,27 @@ def called(function, *arguments):
     return function(*arguments[:many])
 
 
+def named(function):
+    """What a function is called and, of Python's, where it stands."""
+    name = getattr(function, "__name__", type(function).__name__)
+    code = getattr(function, "__code__", None)
+    return f"{name} ({Path(code.co_filename).name}, line {code.co_firstlineno})" if code else name
+
+
+def pair(end, step):
+    """The q, v that a step returned."""
+    if not isinstance(end, (tuple, list)) or len(end) != 2:
+        what = f"returned {shorten(repr(end))}, where a step returns q and v"
+        raise ValueError(f"{named(step)} {what}")
+    return end
+
+
 def followed(rule, after):
     """The step `rule`, which may work in place, and then after(q_start, q, v, dt) -> (q, v)."""
 
     def step(q, v, m, force, dt):
-        end = rule(q.copy(), v.copy(), m, force, dt)
-        return after(q, *end, dt) if after else end
+        end = pair(rule(q.copy(), v.copy(), m, force, dt), rule)
+        return pair(after(q, *end, dt), after) if after else end
 
     return step
 
@@ -103,6 +121,9 @@ class Plain:
         self.taken = self.halved = 0
         self.seconds = 0.0
 
+    def confirm(self, count):
+        """Nothing was computed ahead."""
+
     def __call__(self, q, v):
         clock = time.perf_counter()
         try:
@@ -112,6 +133,15 @@ class Plain:
         self.taken += 1
         self.halved += halved
         return q, v, *self.measure(q, v)
+
+
+def told(reason):
+    """An error in words, and the line of the reader's that raised it, if one did."""
+    words = str(reason) or type(reason).__name__
+    frames = [x for x in extract_tb(reason.__traceback__) if not foreign(x.filename)]
+    if isinstance(reason, TooLong) or not frames:
+        return words
+    return f"{words} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
 
 
 class Traced:
@@ -125,13 +155,13 @@ class Traced:
     def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
         with Tape.lock:
             effort.turns = turns
-            memory = Memory(step_fn, force, measure)
+            memory = self.memory = Memory(step_fn, force, measure)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
                 try:
                     self.trace(step_fn, m, force, q, v, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
-                    why = str(reason) or type(reason).__name__
+                    why = told(reason)
                 why = memory.restore() or why
             effort.turns = math.inf
         if why:
@@ -143,12 +173,11 @@ class Traced:
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
         self.shape = q.shape[-2:]
         self.as_it_stands = lambda q, v, dt: arrays(step_fn(q, v, m, force, dt))
+        self.measure = measure or (lambda q, v: ())
 
         def step(q, v, dt):
-            end = step_fn(q, v, m, routine, dt)
-            if len(end) != 2:
-                raise Untraceable("a step must return q and v, and nothing else")
-            return (*end, *measure(*end)) if measure else end
+            end = pair(step_fn(q, v, m, routine, dt), step_fn)
+            return *end, *self.measure(*end)
 
         while True:  # suppose that zeros stay zero; trace; drop those that do not; again
             program = Program(step, *still, knobs=["dt"])
@@ -190,12 +219,13 @@ class Traced:
         return tuple(x.transpose(2, 0, 1) for x in whole)
 
     def plain(self, state, dt):
-        """The step as it stands, of columns (entries,)."""
+        """The step as it stands, of columns (entries,), and what is measured: a row."""
         q, v = (ordered(x[0]) for x in self.states(state[None]))
-        end = np.stack(self.as_it_stands(q, v, dt))
+        q, v = self.as_it_stands(q, v, dt)
+        end = np.stack([q, v])
         if np.any(end[~self.moving]):
             raise Untraceable("it moves what stays where it is when it is compiled")
-        return end[self.moving]
+        return np.concatenate([end[self.moving], *map(np.ravel, self.measure(q, v))])
 
 
 class Single:
@@ -256,8 +286,7 @@ class Single:
         return done, False
 
     def one(self, state, dt):
-        """A step by machine code, or on Python's floats; where they raise an error, on numpy's; or
-        the plain step."""
+        """A step by machine code, or on Python's floats; or the plain step."""
         found = []
         if self.machine:
             row = np.empty((1, len(state)))
@@ -270,8 +299,7 @@ class Single:
             self.traced.function(tuple(state.tolist()), 1, found.append, dt)
         except Stop:
             raise
-        except (ArithmeticError, ValueError):
-            with contextlib.suppress(Stop):
-                careful(self.traced.source)(state, 1, found.append, np.float64(dt))
+        except (ArithmeticError, ValueError):  # where numpy's floats go on
+            pass
         whole = found and np.isfinite(found).all()
         return np.array(found[0]) if whole else self.traced.plain(state, dt)

@@ -9,11 +9,15 @@ from itertools import count
 from threading import RLock, local
 
 LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
-WORTH = 10  # to compile an operation takes as long as to do it so many times in plain numpy
+PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 
 
 class Untraceable(Exception):
     """The function asks of a symbol what cannot be written down; the message says what."""
+
+
+class TooLong(Untraceable):
+    """To compile it would cost more than it saves."""
 
 
 class Stop(ArithmeticError):
@@ -30,11 +34,11 @@ current = Current()
 
 
 class Effort:
-    """How much a trace has noted, and how much work that is when it runs.
+    """How much a trace has noted, and how much work that is in plain numpy.
 
-    `noted`: operations written down. `done`: how often they are done in one step, where loops and
-    rows count as often as they turn. `turns`: how many steps are to come. `factor`: how often what
-    is traced now turns.
+    `noted`: operations written down. `calls`: of numpy in one step, where loops and rows count as
+    often as they turn. `turns`: how many steps are to come. `factor`: how often what is traced now
+    turns.
     """
 
     def __init__(self):
@@ -42,14 +46,17 @@ class Effort:
         self.begin()
 
     def begin(self):
-        self.noted, self.done, self.factor = 0, 0, 1
+        self.noted, self.calls, self.factor = 0, 0, 1
+
+    def call(self):
+        """One more call of numpy."""
+        self.calls += self.factor
 
     def note(self):
         """One more operation. Raises Untraceable where compiling would cost more than it saves."""
         self.noted += 1
-        self.done += self.factor
-        if self.noted > LONG and self.done * self.turns < WORTH * self.noted:
-            raise Untraceable("it is too long to be compiled for so few steps")
+        if self.noted > LONG and self.calls * self.turns < PRICE * self.noted:
+            raise TooLong("it is too long to be compiled for so few steps")
 
     @contextmanager
     def repeated(self, times):
@@ -67,7 +74,7 @@ effort = Effort()  # of the one thread that traces
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
-    Two signs are no arithmetic: a "part" is a Loop, a Call or Lanes, found in `parts`; and ("of",
+    Two signs are no arithmetic: a "part" is a Loop or Calls, found in `parts`; and ("of",
     part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
     `outer`: the tape on which a loop stands, whose names its body may use. `names`: what an
     operation is called that is there already. `numbers`, of new names, `refused`, why all this
@@ -103,7 +110,7 @@ class Tape:
         return tape is other
 
     def add_part(self, part, operands, names):
-        """Note a Loop, a Call or Lanes, which makes numbers of these names."""
+        """Note a Loop or Calls, which makes numbers of these names."""
         name = f"part{next(self.numbers)}"
         self.parts[name] = part
         self.nodes[name] = "part", *operands

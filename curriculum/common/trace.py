@@ -12,15 +12,17 @@ is about.
 import math
 import sys
 
-from curriculum.common.arrays import FUNCTIONS, OWN, ordered, symbolic
+from curriculum.common.arrays import BINARY, FUNCTIONS, OWN, ordered, symbolic
 from curriculum.common.tape import Untraceable, current, effort
 
 import numpy as np
 
 UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power}
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
-UFUNCS |= {"<": np.less, "<=": np.less_equal} | {name: getattr(np, name) for name in FUNCTIONS}
-EXACT = set(UFUNCS) - set(FUNCTIONS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
+UFUNCS |= {"<": np.less, "<=": np.less_equal}
+EXACT = set(UFUNCS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
+UFUNCS |= {name: getattr(np, name) for name in FUNCTIONS | BINARY}
+CALLED = {name: getattr(math, c) for name, c in (FUNCTIONS | BINARY).items()}
 
 
 def operators(rule, zero=None):
@@ -63,8 +65,8 @@ def lift(number):
 def constant(sign, numbers, minus=False):
     """The symbol of what an operation makes of numbers alone."""
     try:
-        made = getattr(math, sign)(*numbers)  # as where it is not known before
-    except (AttributeError, ArithmeticError, ValueError):
+        made = CALLED[sign](*numbers)  # as where it is not known before
+    except (KeyError, ArithmeticError, ValueError):
         with np.errstate(all="ignore"):
             made = UFUNCS[sign](*map(np.float64, numbers))
     return -lift(float(made)) if minus else lift(float(made))
@@ -167,9 +169,25 @@ class Symbol:
     def __array_function__(self, function, types, given, how):
         return OWN.get(function, function._implementation)(*given, **how)
 
-    def refuse(self, *_, why="it branches on a value, or wants one as a plain number"):
+    def __eq__(self, b):
+        return (self <= b) & (self >= b)
+
+    def __ne__(self, b):
+        return ~(self == b)
+
+    def sign(self):
+        """1, 0 or -1, as np.sign says."""
+        return (self > 0.0).number - (self < 0.0).number
+
+    def refuse(self, why):
         self.tape.refused.append(why)  # should the function catch this
         raise Untraceable(why)
+
+    def branch(self, *_):
+        self.refuse("it branches on a value; np.where, np.maximum and np.minimum do not")
+
+    def no_number(self):
+        self.refuse("it wants a plain number; np.zeros_like(q) makes an array that takes others")
 
     def truth(self):
         """This number, which a comparison made, as what is true or not."""
@@ -188,7 +206,9 @@ class Symbol:
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
     __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()).truth())
     __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()).truth())
-    __bool__ = __float__ = __int__ = __eq__ = __ne__ = refuse
+    arctan2, rarctan2 = operators(lambda a, b: a.plain().note("arctan2", b.plain()))
+    __bool__ = branch
+    __float__ = __int__ = no_number
     __hash__ = None
 
 
@@ -204,12 +224,23 @@ class Truth(Symbol):
 
     def __add__(self, other):
         if isinstance(other, (Truth, bool, np.bool)):
-            self.refuse(why="it adds what comparisons made; np.sum counts them")
+            self.refuse("it adds what comparisons made; np.sum counts them")
         return super().__add__(other)
 
     def __mul__(self, other):
         made = super().__mul__(other)
         return made.truth() if isinstance(other, Truth) else made
+
+    def __and__(self, other):
+        return self * other if isinstance(other, Truth) else self if other else False
+
+    def __or__(self, other):
+        return self.larger(other).truth() if isinstance(other, Truth) else True if other else self
+
+    def __invert__(self):
+        return (1.0 - self.number).truth()
+
+    __rand__, __ror__ = __and__, __or__
 
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
@@ -218,7 +249,7 @@ for name in FUNCTIONS:  # np.sin asks each entry of an object array for its meth
 METHODS = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
 METHODS |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "where": Symbol.choose}
 METHODS |= {"max": Symbol.larger, "min": Symbol.smaller, "<": Symbol.__lt__, "<=": Symbol.__le__}
-METHODS |= {name: getattr(Symbol, name) for name in FUNCTIONS}
+METHODS |= {name: getattr(Symbol, name) for name in FUNCTIONS | BINARY}
 
 
 def lifted(array):

@@ -66,10 +66,10 @@ def check_drift(exercise, shown):
 
 
 MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong answer, and that
-    "turning: zero: right at rest, wrong in motion. gddot = d . d'' + something": lambda *_: 0.0,
+    "turning: zero: right at rest, wrong in motion. gddot = d . a + something": lambda *_: 0.0,
     "turning: the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
     "turning: twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
-    "turning: d . d: what turns is d'": lambda d, rate: d @ d,
+    "turning: d . d: what turns d is rate": lambda d, rate: d @ d,
     "mobility: right where all masses are 1 kg: the mass is missing": lambda j, share: j @ j.T,
     "mobility: it multiplies by the mass: M^-1 divides by it": lambda j, share: (j / share) @ j.T,
     "wanted: nothing: right at w = 0 only. The spring is missing": lambda *_: 0.0,

@@ -14,7 +14,7 @@ WHY = "How do the rods know of a drag that no line of the solve mentions?"
 
 
 def turning(d, rate):
-    """Jdot v of a rod, one number in m^2/s^2; d (3,) in m is the rod, rate (3,) in m/s is d'."""
+    """Jdot v of a rod, one number in m^2/s^2; of d (3,) in m and its rate (3,) in m/s."""
     return blank("Jdot v of a rod: the part of gddot without acceleration")
 
 

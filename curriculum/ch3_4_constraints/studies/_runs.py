@@ -14,7 +14,7 @@ from curriculum.ch3_4_constraints.statics import differences
 from curriculum.ch3_4_constraints.tables import say
 from curriculum.common import llvm, rules
 from curriculum.common.banner import processor
-from curriculum.common.cli import Parser
+from curriculum.common.cli import Parser, missing
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import Crowd
 from curriculum.common.runs import distance
@@ -86,9 +86,11 @@ def drift(system, run):
 
 
 def host(**more):
-    """Print what ran on what."""
+    """Print what ran on what, and what would make it quicker."""
     what = {"processor": processor(), "python": sys.version.split()[0], "numpy": np.__version__}
     say(", ".join(f"{key} {value}" for key, value in (what | more).items()))
+    if not NATIVE:
+        say(f"{missing('llvmlite')}; steps are many times slower")
 
 
 class Preset(argparse.Action):

@@ -3,7 +3,8 @@
 (a) What is a step worth beside the same lines in plain numpy and in Python, and beside MuJoCo's C?
 (b) How does a step grow with the chain?  (c) How soon does a long chain begin?  Whole processes,
 400 steps without the viewer, in units of a default run.  (d) What does a long run cost, all of it
-measured at every step, beside MuJoCo's Euler on hinges, of which nothing is measured?
+measured at every step, beside MuJoCo's Euler on hinges, of which nothing is measured?  (e) What
+do lanes make of a step of gauss, beside the same code with its stages one by one?
 What is compared is timed in turns, A B A B, so that a busy machine slows both: only ratios and
 exponents carry over to another. Steps in (a) are those of one call, of which nothing is measured;
 MuJoCo's rule there is of the same order, in joint angles.
@@ -16,17 +17,20 @@ import timeit
 from functools import partial
 from importlib.util import find_spec
 from itertools import product
+from unittest.mock import patch
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, Task, host, run, study_parser
 from curriculum.ch3_4_constraints.tables import in_turns, say, show, spread
+from curriculum.common.native import Writer
 from curriculum.common.steps import Plain
 
 import numpy as np
 
 DT, REPEATS = 0.005, 9  # s
 STEPS, PLAIN = 4000, 40  # steps in plain numpy are slow
+FIRST = 100  # steps under gauss: later `windows` takes some in halves
 BEGIN = {300: 2.0, 1000: 6.0}  # links: default runs until the 400th step, at most
 LONG, FEW = 4_000_000, 3  # steps of a long run; timings of what takes seconds
 LINKS = (10, 30, 100, 300, 1000)
@@ -133,6 +137,20 @@ def long_run():
     return "(d) impulse, measured at every step", [row], bars
 
 
+def stages(repeats):
+    """(e) Rows of a step under gauss, its stages in lanes, over the same one after the other."""
+    rows = []
+    for name in ("double", "windows", "jansen_leg"):
+        task = Task(c.build_system(name), 1, DT * FIRST, None)
+        jobs = {"us": partial(pace, peers.ours(task, "gauss", "project"), FIRST)}
+        with patch.object(Writer, "pieces", lambda _, many: [slice(k, k + 1) for k in range(many)]):
+            jobs["one"] = partial(pace, peers.ours(task, "gauss", "project"), FIRST)
+        found = in_turns(jobs, repeats)
+        row = {"system": name, "us": np.median(found["us"])}
+        rows.append(row | {"over one by one": share(found, "us", "one")})
+    return "(e) a step of gauss project, us", rows
+
+
 def main(argv=None):
     """Measure and print."""
     quick = {"repeats": 1, "cases": list(CASES)[:2], "links": LINKS[:3], "whole": False}
@@ -146,3 +164,5 @@ def main(argv=None):
     if args.whole:
         show(*beginnings())
         show(*long_run())
+    if NATIVE:
+        show(*stages(args.repeats))

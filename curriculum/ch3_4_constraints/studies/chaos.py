@@ -30,6 +30,7 @@ LEAST = {"alone": 120.0, "measured": 50.0}  # million steps a second: the bars
 BLOCK = 256  # steps a call, which costs as much as some of them
 CLOSE, RENEW = 1e-7, 0.5  # m, s: see `growth`
 LONG, ERRORS = 5.0, (1e-3, 1e-6, 1e-9, 1e-12)  # of (d): s, m
+PATIENCE = 1e-6  # m: to a smaller error a run of MuJoCo takes 20 s or more
 PAIRS, SKIP, SPAN, FINE = 500, 20.0, 200.0, 0.0025  # neighbours, s, s, and rk4's step in s
 
 # What a run came to, an entry a member: its worst rod error in m; the energy it has gained, as a
@@ -131,14 +132,16 @@ def beside():
     system = ensemble("double", range(CROWD))
     true = _runs.crowd(system, "gauss:12", "none", LONG / 160)
     true.advance(160)
-    error_of, racers = partial(distance, true.states()[0][..., :2]), {}
-    task = _runs.Task(system, 1, LONG, error_of)
-    if find_spec("heyoka"):
-        racers[real_thing.TAYLOR] = [real_thing.taylor_ladder(peers.heyoka_crowd, task)]
-    if find_spec("mujoco"):  # as many steps as one has the patience for
-        racers[real_thing.HINGES] = [real_thing.steps_ladder(peers.hinges, task, 120, 200)]
-    limits = [(real_thing.OURS, engine, real_thing.STEPS, 1.0) for engine in racers]
+    task = _runs.Task(system, 1, LONG, partial(distance, true.states()[0][..., :2]))
     for error in ERRORS:
+        racers = {}
+        if find_spec("heyoka"):
+            racers[real_thing.FAST] = [real_thing.taylor_ladder(peers.heyoka_crowd, task)]
+        if find_spec("mujoco") and error >= PATIENCE:
+            low = 140 * (ERRORS[0] / error) ** 0.25  # steps: its rule is of order 4
+            ladder = real_thing.steps_ladder(peers.hinges, task, low, 1.4 * low)
+            racers[real_thing.HINGES] = [ladder]
+        limits = [(real_thing.OURS, engine, real_thing.STEPS, 1.0) for engine in racers]
         names = real_thing.offered(error)
         climbs = [real_thing.steps_ladder(peers.our_crowd, task, 8, 400, name) for name in names]
         racers[real_thing.OURS if _runs.NATIVE else real_thing.PYTHON] = climbs

@@ -26,12 +26,17 @@ import numpy as np
 
 DT, REPEATS = 0.005, 9  # s, of (a); timings
 OURS, SOON, PYTHON = "ours", "ours, soon built", "ours, Python"
-HINGES, TAYLOR, QUICK = "MuJoCo hinges", "heyoka", "heyoka, soon built"
+HINGES, TAYLOR, FAST = "MuJoCo hinges", "heyoka", "heyoka, fast_math"
+QUICK = "heyoka, soon built"
 STEPS, ALL = "us", "in all, ms"  # of a table's columns those by which an engine is judged
 SOONEST = SOON, PYTHON, QUICK  # they are judged in all, and others by their steps
 # of (b), {error in m: (engine, peer, of what, the share of the peer's least time that is allowed)}
 TARGETS = {
-    error: ((OURS, HINGES, STEPS, share), (OURS, TAYLOR, STEPS, 0.8), (PYTHON, QUICK, ALL, 1.0))
+    error: (
+        (OURS, HINGES, STEPS, share),
+        *((OURS, heyoka, STEPS, 0.8) for heyoka in (TAYLOR, FAST)),
+        (PYTHON, QUICK, ALL, 1.0),
+    )
     for error, share in ((1e-3, 0.06), (1e-6, 0.02), (1e-9, 0.01), (1e-12, 0.004))
 }
 HIGH = 1e-3  # what A01 calls high precision
@@ -77,10 +82,10 @@ def steps_ladder(engine, task, low, high, *words, **how):
     return {" ".join([*words, f"dt {task.every / per:.3g}"]): (build, per) for per in pers}
 
 
-def taylor_ladder(engine, task, *words, **how):
+def taylor_ladder(engine, task, **how):
     """The same of heyoka, four tolerances a power of ten: engine(task, tol, **how)."""
     builds = {tol: partial(engine, task, tol, **how) for tol in 10.0 ** -np.arange(1.0, 15.0, 0.25)}
-    return {" ".join([f"tol {tol:.1e}", *words]): (build, 1) for tol, build in builds.items()}
+    return {f"tol {tol:.1e}": (build, 1) for tol, build in builds.items()}
 
 
 def offered(error):
@@ -145,9 +150,9 @@ def ladders(task, error):
     """{engine: ladders, from coarse to fine}: each at its best, for the end state."""
     found = {HINGES: [steps_ladder(peers.hinges, task, 60, 30_000)]}
     if find_spec(TAYLOR):
-        fast = taylor_ladder(peers.heyoka, task, "fast_math", fast_math=True)
-        found[TAYLOR] = [fast, taylor_ladder(peers.heyoka, task)]
-        found[QUICK] = [taylor_ladder(peers.heyoka, task, opt_level=0)]
+        kinds = {TAYLOR: {}, FAST: {"fast_math": True}, QUICK: {"opt_level": 0}}
+        for engine, how in kinds.items():
+            found[engine] = [taylor_ladder(peers.heyoka, task, **how)]
     kinds = {PYTHON: {"machine": False}}
     if _runs.NATIVE:
         kinds |= {SOON: {"best": False}, OURS: {}}

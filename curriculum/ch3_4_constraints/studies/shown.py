@@ -173,9 +173,11 @@ def work():
         yield mode, found.energies[-1] - found.energies[0], done
 
 
-@table("rule = {} | g found, m^2 = {:+.6e} | dt d'.d' / w, m^2 = {:.6e} | rod error, mm = {:+.4f}")
+@table(
+    "rule = {} | g found, m^2 = {:+.6e} | dt rate.rate / w, m^2 = {:.6e} | rod error, mm = {:+.4f}"
+)
 def turning():
-    """a dumbbell falls and spins: d' 4 m/s, baumgarte, w 20, dt 0.001, after 3 s"""
+    """a dumbbell falls and spins: rate 4 m/s, baumgarte, w 20, dt 0.001, after 3 s"""
     q0, v0 = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]]
     dumbbell, dt, w = make_system(q0, v0, [1.0, 1.0], [(1, 0)]), 0.001, 20.0
     for rule in ("semi_implicit", "euler", "rk4"):
