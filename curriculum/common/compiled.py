@@ -71,8 +71,8 @@ class Compiled:
     def __call__(self, q, v):
         state = self.state
         if q is state[0] and v is state[1]:  # else the reader has changed it
-            state = self.state = next(self.ahead, NONE)
-            if state is not NONE:
+            for state in self.ahead:  # the next, if there is one
+                self.state = state
                 return state
         self.begins()
         self.state = self.compute(q, v)
