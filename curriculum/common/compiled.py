@@ -139,7 +139,7 @@ class Compiled:
         self.done += count
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
-            self.due, self.compared = max(OFTEN * self.done, FIRST + 1), True
+            self.due, self.compared = OFTEN * max(self.done, FIRST), True
             if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
