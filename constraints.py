@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# To follow the force, know five. `solve` solves a linear system, and `repeat` is a while loop.
-# `states` and `ordered` make arrays that add from first to last. `own_force` calls external_force.
+# To follow the force, know two: `solve` solves a linear system, and `states` makes arrays of q and
+# v whose sums and products with @ add from first to last. (`ordered` makes one such array.)
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered

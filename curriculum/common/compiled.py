@@ -71,8 +71,8 @@ class Compiled:
     def __call__(self, q, v):
         state = self.state
         if q is state[0] and v is state[1]:  # else the reader has changed it
-            state = self.state = next(self.ahead, NONE)
-            if state is not NONE:
+            for state in self.ahead:  # the next, if there is one
+                self.state = state
                 return state
         self.begins()
         self.state = self.compute(q, v)
@@ -139,7 +139,7 @@ class Compiled:
         self.done += count
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
-            self.due, self.compared = max(OFTEN * self.done, FIRST + 1), True
+            self.due, self.compared = OFTEN * max(self.done, FIRST), True
             if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
