@@ -227,7 +227,7 @@ class Force(NamedTuple):
 
     system: dict
     hold: Hold
-    after: Callable | None  # (q_start, q, v, dt) -> (q, v): mends a step, simulate's or yours
+    after: Callable | None  # (q_start, q, v, dt) -> (q, v): mends a step, in your own loop, too
 
     def __call__(self, q, v):
         q, v = states(self.system, q, v)
@@ -374,8 +374,8 @@ def parse(argv):
     if args.rerun:
         parser.attempt("--rerun", installed, "rerun")
     links = 10 if args.links is None else args.links
-    system = parser.attempt("--system", build_system, args.system, args.seed, links)
-    parser.attempt("build_system", run_checks.check_system, {"anchors": PIVOT[None], **system})
+    own = parser.attempt("--system", build_system, args.system, args.seed, links)
+    system = parser.attempt("build_system", run_checks.check_system, {"anchors": PIVOT[None]} | own)
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
     return parser, args, system
@@ -388,7 +388,7 @@ def report(found):
     limit = STABILITY_LIMIT.get(found.rule, np.inf)
     tables.say(f"{args.system}: seed {args.seed}; {found.rule}, steps of {dt:.4g} s, {ways}")
     tables.comparison(found)
-    if "baumgarte" in found.rows and dt * args.baumgarte > limit:
+    if "baumgarte" in found.runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
     if args.system in SYSTEMS and args.baumgarte > 0.0 and found.steps >= SMOKE_STEPS:
         tables.verdict(found.rows)

@@ -185,7 +185,7 @@ def forces():
         "changes the global CALLS": count,
         "changes the global gain": lambda q, v: setattr(Slot, "gain", -Slot.gain) or Slot.gain * v,
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
-        "changes the attribute gain of controller": lambda q, v: controller(q, v),
+        "changes the attribute gain of hold": lambda q, v: controller(q, v),
         "changes the attribute gain of options": tired,
         "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
         "the random generator of numpy": noise,

@@ -63,8 +63,8 @@ class Comparison(NamedTuple):
 def frames(steps, dt, particles, wanted=True):
     """The steps (F,) of a run that are shown, multiples of the first that is not 0; if `wanted`.
 
-    They are FRAME_RATE a simulated second, or every one. If that is too many, the first third and
-    the last keep that rate, and those in between are few.
+    They are FRAME_RATE a simulated second, or more so that there are FEW, or every one. If that is
+    too many, the first third and the last keep that rate, and those in between are few.
     """
     every = max(1, min(round(1.0 / (FRAME_RATE * dt)), steps // FEW))
     numbers = np.arange(steps // every + 1 if wanted else 0)

@@ -61,11 +61,11 @@ def publish(found, chapter, step_fn):
         from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
 
         scene = found.scene, found.system, found.rule
-        lies = [run.step.lies for run in found.runs.values() if run.step.lies]
-        lies += ["--plain compiles nothing"] if args.plain else []
+        refusals = [run.step.lies for run in found.runs.values() if run.step.lies]
+        refusals += ["--plain compiles nothing"] if args.plain else []
         try:
-            if lies:  # and so would the page
-                raise Untraceable(lies[0])
+            if refusals:
+                raise Untraceable(refusals[0])
             files[PAGE] = page(chapter, *scene, step_fn, found.dt, knobs)
         except Untraceable as why:
             more = f"\n{PAGE} left out: {why}"

@@ -9,7 +9,7 @@ from curriculum.common.arrays import ordered
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
 from curriculum.common.ruler import RODS
-from curriculum.common.steps import called, named
+from curriculum.common.steps import called, place_of
 from curriculum.common.tape import Stop
 
 import numpy as np
@@ -27,11 +27,11 @@ def chosen(hold, table):
     if not isinstance(hold, str):
         must = "must be a Hold, a mode's name, or a finite w >= 0 in rad/s"
         raise ValueError(f"hold is {shorten(repr(hold))}; {must}")
-    named = table()
-    if hold not in named:
-        end = meant(hold, named, f"; modes are {', '.join(named)}")
+    modes = table()
+    if hold not in modes:
+        end = meant(hold, modes, f"; modes are {', '.join(modes)}")
         raise ValueError(f"{shorten(hold)!r} is no mode{end}")
-    return named[hold]
+    return modes[hold]
 
 
 def own_force(function, system, q, v):
@@ -45,13 +45,13 @@ def own_force(function, system, q, v):
     try:
         made = called(function, system, q, v)
     except TypeError as why:
-        if "mappingproxy" in str(why):
+        if "'mappingproxy' object does not support" in str(why):
             raise TypeError("it changes its system").with_traceback(why.__traceback__) from None
         raise
     try:
         return ordered(made, q.shape)
     except ValueError as why:
-        raise ValueError(f"{named(function)}: {why}") from None
+        raise ValueError(f"{place_of(function)}: {why}") from None
 
 
 def misfit(hold, rule):

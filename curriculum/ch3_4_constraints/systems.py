@@ -72,10 +72,10 @@ def states(system, *arrays):
     be lists, and cannot be written into. Raises ValueError for another shape, which would be
     repeated silently."""
     made = [ordered(x).view() for x in arrays]
+    if np.shape(system["m"])[1:] != (1,):
+        raise ValueError(f"m has the shape {np.shape(system['m'])}, must have (N, 1)")
     for x in made:
         x.flags.writeable = False  # a force is to change no state
-        if np.shape(system["m"])[1:] != (1,):
-            raise ValueError(f"m has the shape {np.shape(system['m'])}, must have (N, 1)")
         if x.shape != (len(system["m"]), 3):
             must = f"must be {(len(system['m']), 3)}, a row for each particle"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")

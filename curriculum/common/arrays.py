@@ -28,7 +28,8 @@ NOTHING = 0  # what np.zeros fills an array of objects with: this very object
 def ordered(x, shape=None):
     """x as an array whose products and sums go in order; it must have the `shape`, if one is given.
 
-    What lacks the first axes is repeated. Raises ValueError, for None and complex numbers, too.
+    What lacks the first axes is repeated, but no single number. Raises ValueError, for None and
+    complex numbers, too.
     """
     if x is None:
         raise ValueError("None where an array must be: does a function lack its return?")
@@ -73,6 +74,7 @@ class Ordered(np.ndarray):
                 raise TypeError("np.sum of symbols takes an axis and keepdims, and nothing else")
             return made.sum(axis, dtype, out, keepdims, **how)
         if made.dtype == object:  # truths are counted
+            effort.call()
             made = np.asarray(np.frompyfunc(counted, 1, 1)(made))
         if axis is None and not keepdims and made.size:
             return made.ravel().cumsum()[-1]
@@ -206,6 +208,8 @@ def product(a, b):
         if symbols:
             raise TypeError("a product of symbols is one of vectors or matrices that fit")
         return np.matmul(a, b)  # which says what is wrong
+    if symbols:
+        effort.call()
     if symbols or len(rows) * columns.size > SMALL:
         made = sparse_product(rows, columns)
     else:

@@ -9,21 +9,20 @@ from curriculum.common import llvm
 from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
-from curriculum.common.steps import Block, Plain, Single, Traced
+from curriculum.common.steps import NONE, Block, Plain, Single, Traced
 from curriculum.common.tape import Stop, Tape, Untraceable
 
 import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first two blocks, which tell what a step costs
-# operations in the first block and in a later one, at most; a loop counts as one turn of it
+# operations in a block up to step FIRST, and in a later one, at most; a loop counts as one turn
 SHORT, LONG = 75_000, 3_000_000
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps that are left take so many times as long as that: the quick,
 # and then the best
 QUICK, BEST = 1.5, 6.0
-NONE = None, None, None  # no state that there is
 OFTEN = 4  # times as many steps: then what is compiled is compared again
 SHORTER = 1e-3  # times as long: a step that is only compared
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
@@ -33,11 +32,12 @@ class Compiled:
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step in the first block, whenever the steps are OFTEN times as many, and in the
-    end. Where they differ, or the step cannot be traced, steps are plain. With `only` that raises
-    Untraceable, since it would take too long, and only one block is compared. `steps`: how many
-    are to come. `way` says how steps are done; `source` is the code; `taken` steps took `seconds`,
-    counted from zero where the way changes. `lies`: how what was compiled differs, or None.
+    with the plain step at first, after OFTEN * FIRST steps, whenever they are OFTEN times as many,
+    and in the end. Where they differ, or the step cannot be traced, steps are plain. With `only`
+    that raises Untraceable, since it would take too long, and only one block is compared. `steps`:
+    how many are to come. `way` says how steps are done; `source` is the code; `taken` steps took
+    `seconds`, counted from zero where the way changes. `lies`: why what was compiled was given up,
+    or None.
     """
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
@@ -71,7 +71,7 @@ class Compiled:
     def __call__(self, q, v):
         state = self.state
         if q is state[0] and v is state[1]:  # else the reader has changed it
-            for state in self.ahead:  # the next, if there is one
+            for state in self.ahead:  # the next, if there is one: this is quicker than next()
                 self.state = state
                 return state
         self.begins()
@@ -99,18 +99,20 @@ class Compiled:
         self.way = f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
 
-    def confirm(self, count):
+    def confirm(self):
         """Go on plainly if what the step depends on was changed by the loop that takes the steps.
 
-        It is asked behind a block of which `count` states were used. The first is one state long,
-        so that a clock is noticed; what is changed later has come too late for the others of its
-        block: ValueError.
+        It is asked behind each block. The first is one state long, so that a clock is noticed; what
+        is changed later has come too late for the others of its block: ValueError.
         """
-        self.steps -= count
-        self.most = math.inf if count == self.computed else 2 * count  # the loop changes the state
+        if self.block is None:
+            return
+        handed, whole, self.block = self.block.handed(), len(self.block.last), None
+        self.steps -= handed
+        self.most = math.inf if handed == whole else 2 * handed  # the loop changes the state
         with Tape.lock:  # while others trace, nothing is as it is
-            changed = self.alone.traced.memory.changed() if self.alone else None
-        if changed and count > 1:
+            changed = self.alone.traced.memory.changed()
+        if changed and handed > 1:
             ahead = "was changed while steps were computed ahead"
             raise ValueError(f"{changed} {ahead}: run them plainly, by way=Plain or --plain")
         if changed:
@@ -118,6 +120,7 @@ class Compiled:
 
     def compute(self, q, v):
         """The state after this one; and many more, ahead of time."""
+        self.confirm()
         if not self.way:
             self.trace(q, v)
         if not self.alone and self.only:

@@ -67,6 +67,8 @@ class OneByOne:
             with contextlib.suppress(Stop):
                 try:
                     self.traced.function(end.tolist(), count, rows.append, dt)
+                except Stop:
+                    raise
                 except (ArithmeticError, ValueError):  # where numpy's floats go on
                     while len(rows) < count:
                         last = rows[-1][:entries] if rows else end
@@ -133,8 +135,8 @@ class Crowd:
 
 
 def differs(traced, start, made, dt):
-    """Whether what was `made` of the last of some members (entries,) by a step, ends and what was
-    measured, is not what the lines make as they stand: to the bit, where that is promised."""
+    """Whether a step that `made` ends and what is measured (entries, members) has another last
+    member than the lines as they stand, which begin at its `start` (entries,)."""
     try:
         expected = traced.plain(start, dt)
     except Stop:

@@ -197,13 +197,13 @@ class Writer(Function):
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, members, knobs, unsettled): see Native.
+    """i64 run(state, count, out, apart, knobs, unsettled): see Native.
 
-    `members`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0.
+    `apart`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0.
     """
     w, many, whole = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
     found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(whole - many)]
-    ends = [w.entry(x, w.new(f"mul i64 %members, {k}"), "double") for x, k in found]
+    ends = [w.entry(x, w.new(f"mul i64 %apart, {k}"), "double") for x, k in found]
     places = [w.variable(w.load(end)) for end in ends]
     done = w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
@@ -222,19 +222,16 @@ def assembly(program, lanes):
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
     if lanes == 1 and whole == many:
-        silent = w.new("icmp eq ptr %out, null")
-        w.begin("write", f"i1 {silent}, label %next, label %write")
         row = w.new(f"mul i64 {before}, {many}")
         for k, value in enumerate(out):
             w.store(value, w.entry("%out", w.new(f"add i64 {row}, {k}"), "double"))
-        w.begin("next")
     more = w.new(f"icmp slt i64 {after}, %count")
     more = w.new(f"and i1 {more}, {good}")
     w.begin("end", f"i1 {more}, label %step, label %end")
     for place, end in zip(places, ends, strict=True):
         w.store(w.load(place), end)
     w.store(w.new(f"zext i1 {w.load(UNSETTLED, 'i1')} to i64"), "%unsettled", "i64")
-    head = "i64 @run(ptr noalias %state, i64 %count, ptr noalias %out, i64 %members, "
+    head = "i64 @run(ptr noalias %state, i64 %count, ptr noalias %out, i64 %apart, "
     head += "ptr noalias %knobs, ptr noalias %unsettled)"
     lines = w.function(head, f"i64 {w.load(done, 'i64')}")
     lines += [f"{flag} = internal global i1 false, align 8" for flag in (ENDED, UNSETTLED)]
@@ -260,7 +257,7 @@ class Native:
 
         out (numbers, members), part of an array like it, becomes the largest that the program has
         made besides, or stays what it was if that is larger. If it makes none, and of a single
-        member, out is (count, entries), all states, or None. A single member ends with a step whose
+        member, out is (count, entries), all states. A single member ends with a step whose
         end is not finite, which is not counted; `unsettled`: since a loop came to no end.
         """
         begin, rows, apart = state.ctypes.data, out.ctypes.data, state.strides[0] // 8

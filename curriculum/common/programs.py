@@ -31,7 +31,7 @@ class Program:
         self.tape.knobs = self.knobs or self.tape.knobs
         masks = list(enumerate(still))
         self.live = [(k, tuple(at)) for k, mask in masks for at in np.argwhere(~mask).tolist()]
-        if tape:  # of a routine, whose names must not be anybody else's
+        if tape:  # of a routine or of rows: no other names may be the same
             self.inputs = [f"a{next(tape.numbers)}" for _ in self.live]
         else:
             names = function.__code__.co_varnames
@@ -121,7 +121,7 @@ class Routine:
     """
 
     def __init__(self, function, often=False):
-        self.function, self.often, self.programs = function, often, {}
+        self.function, self.often, self.programs, self.calls = function, often, {}, {}
 
     def __call__(self, *arrays):
         if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
@@ -131,13 +131,14 @@ class Routine:
         shapes = [np.shape(a) for a in arrays]
         key = current.tape.numbers, *zip(shapes, still, strict=True)
         if key in self.programs:
-            effort.calls += effort.factor * self.calls
+            effort.calls += effort.factor * self.calls[key]
         else:
             tape, before = Tape(numbers=current.tape.numbers), effort.calls
             tape.refused = current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
-            self.programs[key], self.calls = once, (effort.calls - before) // effort.factor
+            self.programs[key] = once
+            self.calls[key] = (effort.calls - before) // effort.factor
         program = self.programs[key]
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
@@ -151,20 +152,20 @@ def side_by_side(function, *arrays):
 
     On symbols it is traced once for all rows that are zero in the same places.
     """
-    rows = list(zip(*arrays, strict=True))
-    several = []  # whether the function returns a tuple, each time
+    rows, several = list(zip(*arrays, strict=True)), False
 
     def as_tuple(*row):
+        nonlocal several
         found = function(*row)
-        several.append(isinstance(found, tuple))
-        return found if several[-1] else (found,)
+        several = isinstance(found, tuple)
+        return found if several else (found,)
 
     if current.tape is None:
         made = [as_tuple(*row) for row in rows]
     else:
         made = traced_rows(as_tuple, [list(map(lifted, row)) for row in rows])
     stacked = tuple(ordered(np.stack(part)) for part in zip(*made, strict=True))
-    return stacked if several[0] else stacked[0]
+    return stacked if several else stacked[0]
 
 
 def traced_rows(function, rows):

@@ -28,7 +28,7 @@ CURRICULUM = Path(__file__).resolve().parents[1]  # of which exercises are the r
 @lru_cache
 def of_reader(module):
     """Whether the reader may have written the module of this name: it is no part of Python, of an
-    installed package, or of the curriculum."""
+    installed package, or of the curriculum but its exercises."""
     file, name = getattr(sys.modules.get(module), "__file__", None), module.partition(".")[0]
     if module == "__main__" or file is None:
         return name not in sys.stdlib_module_names
@@ -40,10 +40,11 @@ def of_reader(module):
 
 
 def foreign(file):
-    """Whether a file of code is Python's, an installed package's, or the curriculum's; or none."""
+    """Whether a file of code is Python's, an installed package's, or the curriculum's without its
+    exercises; or is none."""
     path = Path(file).resolve()
     installed = {"site-packages", "dist-packages"} & {*path.parts}
-    ours = CURRICULUM in path.parents and "exercises" not in path.parts
+    ours = CURRICULUM in path.parents and "exercises" not in path.relative_to(CURRICULUM).parts
     return bool(installed or PLACES & {*path.parents}) or ours or file.startswith("<")
 
 
@@ -104,9 +105,13 @@ KINDS = {  # what holds something: its name, what that is, as a dict, and how it
 }  # fmt: skip
 
 
+EVERY = {"globals", "vars", "getattr", "setattr", "__dict__"}  # by which all can be reached
+
+
 def same(x, y):
     """Whether this is one object, or one plain value: a symbol must not be asked for ==."""
-    return x is y or type(x) is type(y) and type(x) in PLAIN and x == y
+    plain = type(x) in PLAIN or isinstance(x, np.generic)
+    return x is y or type(x) is type(y) and plain and x == y
 
 
 class Memory:
@@ -128,7 +133,7 @@ class Memory:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
             for space, names in self.spaces.values():  # only what is named
-                found += [(space[name], name) for name in names & space.keys()]
+                found += [(space[name], name) for name in sorted(names & space.keys())]
             todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
 
     def note(self, x, name, words=None):
@@ -177,20 +182,27 @@ class Memory:
             return
         globals_named, attributes = named(x.__code__)
         names |= globals_named
-        self.attributes |= attributes
-        imported = ASKED.keys() & globals_named - space.keys()  # in its own lines
-        self.asks += [f"it asks for {ASKED[module]}" for module in imported]
+        self.attributes |= attributes | (globals_named & EVERY)
+        imported = globals_named - space.keys()  # in its own lines, or Python's own
+        self.asks += [f"it asks for {ASKED[module]}" for module in ASKED.keys() & imported]
+        yield from ((sys.modules[n], n) for n in sorted(imported & sys.modules.keys()))
         arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
         yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
         yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
-        yield from self.note(x.__dict__, name, f"the attribute {{}} of {name}")
+        self.attributes_of(x.__dict__, name)
+
+    def attributes_of(self, kept, name):
+        """Note what an object keeps in a dict; of that, what is named as an attribute matters."""
+        self.note(kept, name, f"the attribute {{}} of {name}")
+        self.spaces[id(kept), True] = kept, self.attributes
 
     def inside(self, x, name):
         """What an object keeps: the reader's in its attributes, others' where INSIDE says."""
-        kept, words = getattr(x, "__dict__", None), f"the attribute {{}} of {name}"
+        kept = getattr(x, "__dict__", None)
         if of_reader(type(x).__module__):
             yield type(x), name
-            yield from self.note(kept, name, words)
+            if kept is not None:
+                self.attributes_of(kept, name)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
                 self.asks.append(f"it uses {name}, which cannot be put back")
         elif hasattr(type(x), "__next__"):  # an iterator, not a class of them
@@ -198,7 +210,7 @@ class Memory:
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
         elif not isinstance(x, WeakKeyDictionary):  # a Namespace, a UserDict
-            yield from self.note(kept, name, words)
+            yield from self.note(kept, name, f"the attribute {{}} of {name}")
 
     def changes(self, besides=()):
         """What is not as it was: [(what, in words; x; how it is put back; what it held)].
@@ -212,7 +224,7 @@ class Memory:
             if isinstance(x, besides):
                 continue
             now, names = take(x), spaces.get(place, {"globals"})
-            every = "globals" in names  # else other threads may use the other names
+            every = names & EVERY  # else other threads may use the other names
             asked = old | now if every else names & (old.keys() | now.keys())
             new = [k for k in asked if not same(old.get(k, self), now.get(k, self))]
             if new:

@@ -31,7 +31,7 @@ LOOKS = 3  # states at which the forces of a step are counted
 class Truth(NamedTuple):
     """Where the particles are at a step: q (N, 3), known to so many m; (None, inf) if not known.
 
-    `unsought`: "" or, in words, that it was not looked for, and why.
+    `unsought`: "" or, in words, that it was not looked for, and why it could not be.
     """
 
     step: int
@@ -75,7 +75,7 @@ def truly(run):
 
 
 def rungs(seconds):
-    """Ever larger numbers of steps; odd ones, so that halves of two are never the same steps."""
+    """Ever larger numbers of steps; odd ones, so that halves are never another's steps."""
     counts = [math.ceil(seconds / longest) | 1 for longest in LADDER]
     return list(accumulate(counts, lambda before, count: max(before + 2, count)))
 
@@ -152,12 +152,15 @@ def cost(run, rule, dt, states):
 
 def finer(seconds):
     """Numbers of steps that `seconds` are parted in: by half as many again, and then twice."""
-    steps = math.ceil(seconds / LONGEST)
-    yield steps
-    while seconds / steps >= LEAST:
-        yield (3 * steps + 1) // 2
-        yield 2 * steps
-        steps *= 2
+
+    def more(steps):
+        while True:
+            yield from ((3 * steps + 1) // 2, 2 * steps)
+            steps *= 2
+
+    first = math.ceil(seconds / LONGEST)
+    yield first
+    yield from takewhile(lambda steps: seconds / steps >= LEAST, more(first))
 
 
 def climb(tol, seconds, q, runs, rule):

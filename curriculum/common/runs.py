@@ -101,7 +101,7 @@ class Log:
         self.tip = np.empty((steps + 1, 3))
         self.violations, self.energies = np.empty((2, steps + 1))
         self.kept, self.last, self.watched, self.halved = [], None, 0.0, 0
-        self.block, self.row, self.sane = None, 0, 0
+        self.block, self.row, self.sane = None, 0, [None]  # of a block: energies of sane states
         self.tick = progress("simulating", steps)
         step.begins = self.close  # before each block, which a change of the state begins, too
 
@@ -113,8 +113,11 @@ class Log:
     def __exit__(self, kind, why, trace):
         if isinstance(why, ValueError) and "read-only" in str(why):
             why.add_note("States are computed ahead, so none is changed in place: v = 0.9 * v.")
-        self.close()
-        self.quiet.__exit__(kind, why, trace)
+        try:
+            self.close()
+            self.step.confirm()
+        finally:
+            self.quiet.__exit__(kind, why, trace)
         if isinstance(why, Stop):
             self.stopped = self.stopped or f"stopped at step {self.done + 1}: {why}"
         self.tick(self.steps if self.stopped else self.done)
@@ -122,21 +125,24 @@ class Log:
 
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
-        state = self.step.state
-        ahead = q is state[0] and v is state[1] and violation is state[2]
-        if ahead and self.row < self.sane:  # as nearly always: a row more of the block
-            self.row += 1
+        state, row = self.step.state, self.row
+        handed = q is state[0] and v is state[1] and violation is state[2] and energy is state[3]
+        if handed and energy is self.sane[row]:  # as nearly always: the next row of the block
+            self.row = row + 1
             return
-        block = self.step.block if ahead else None
+        block = self.step.block if handed else None
+        if block is not None:  # a loop may leave out some states
+            following = row if block is self.block else 0
+            block = block if energy in block.last[following : following + 1] else None
         if block is None:
             block = Block(q[None], v[None], np.array([[violation], [energy]]))
         if block is not self.block:
             self.close()
             violations, energies = block.measured
             wild = ~((violations < self.far) & np.isfinite(energies))
-            self.block = block
-            self.sane = int(np.argmax(wild)) if wild.any() else len(wild)
-        if self.row == self.sane:
+            many = int(np.argmax(wild)) if wild.any() else len(wild)
+            self.block, self.sane = block, [*block.last[:many], None]
+        if self.sane[self.row] is None:
             if self.done < 0:
                 raise ValueError("this is no start: a rod is far off, or a number is not finite")
             self.stopped = f"diverged at step {self.done + self.row + 1}"
@@ -146,11 +152,9 @@ class Log:
     def close(self):
         """Take from the block what was noted of it."""
         block, count, first = self.block, self.row, self.done + 1
-        self.block, self.row, self.sane = None, 0, 0
+        self.block, self.row, self.sane = None, 0, [None]
         if not count:
             return
-        if first:  # the start was not computed
-            self.step.confirm(count)
         noted = slice(first, first + count)
         self.tip[noted] = block.q[:count, -1]
         self.violations[noted], self.energies[noted] = (x[:count] for x in block.measured)

@@ -9,6 +9,7 @@ import time
 from functools import cached_property, lru_cache
 from inspect import signature
 from itertools import chain
+from operator import length_hint
 from pathlib import Path
 from traceback import extract_tb
 
@@ -24,6 +25,7 @@ from curriculum.common.tape import Stop, Tape, TooLong, Untraceable, effort
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
+NONE = None, None, None, None  # no state that there is, nor what is measured of it
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
@@ -38,7 +40,7 @@ def wanted(function, given):
 
 
 def called(function, *arguments):
-    """function(*arguments), or of the first of them if it takes no more."""
+    """function(*arguments), or of the first of them, as many as are `wanted`."""
     try:
         many = wanted(function, len(arguments))
     except (TypeError, ValueError):  # it has no signature, or no hash
@@ -46,7 +48,7 @@ def called(function, *arguments):
     return function(*arguments[:many])
 
 
-def named(function):
+def place_of(function):
     """What a function is called and, of Python's, where it stands."""
     name = getattr(function, "__name__", type(function).__name__)
     code = getattr(function, "__code__", None)
@@ -57,7 +59,7 @@ def pair(end, step):
     """The q, v that a step returned."""
     if not isinstance(end, (tuple, list)) or len(end) != 2:
         what = f"returned {shorten(repr(end))}, where a step returns q and v"
-        raise ValueError(f"{named(step)} {what}")
+        raise ValueError(f"{place_of(step)} {what}")
     return end
 
 
@@ -92,16 +94,23 @@ def arrays(end):
 class Block:
     """States, mostly computed ahead: q, v (count, N, 3), and of each what was measured (count,).
 
+    `last`: what was measured last, as a list of numbers, by which a state is known.
     `halved`: which of them, by number, were reached in halves.
     """
 
     def __init__(self, q, v, measured, halved=()):
         self.q, self.v, self.measured, self.halved = q, v, measured, np.array(halved)
+        *self.others, self.last = (x.tolist() for x in measured)
+        self.left = iter(self.last)
         for x in (q, v):
             x.flags.writeable = False  # what follows is known already: v *= 0.9 would be lost
 
     def __iter__(self):
-        return zip(self.q, self.v, *(x.tolist() for x in self.measured), strict=True)
+        return zip(self.q, self.v, *self.others, self.left, strict=True)
+
+    def handed(self):
+        """How many of its states were handed out."""
+        return len(self.last) - length_hint(self.left)
 
 
 class Plain:
@@ -111,7 +120,7 @@ class Plain:
     """
 
     way = source = "in plain numpy: the lines as they stand"
-    block, state = None, (None, None, None)  # there is none: only Compiled computes ahead
+    block, state = None, NONE  # there is none: only Compiled computes ahead
     lies = None
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
@@ -121,7 +130,7 @@ class Plain:
         self.taken = self.halved = 0
         self.seconds = 0.0
 
-    def confirm(self, count):
+    def confirm(self):
         """Nothing was computed ahead."""
 
     def __call__(self, q, v):

@@ -76,7 +76,7 @@ class Tape:
 
     Two signs are no arithmetic: a "part" is a Loop or Calls, found in `parts`; and ("of",
     part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
-    `outer`: the tape on which a loop stands, whose names its body may use. `names`: what an
+    `outer`: the tape on which a loop or rows stand, whose names its body may use. `names`: what an
     operation is called that is there already. `numbers`, of new names, `refused`, why all this
     cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
     `open`: whether it is still written.

@@ -5,8 +5,8 @@ written for arrays of floats run on them as they stand, and every operator notes
 instead of doing it. What is multiplied by zero vanishes, what stands there twice is done once, what
 no result needs is left out. Exact: what is left has the operands and the order that the function
 gave it, so it computes what the same lines compute of ordered arrays of floats (arrays.py), to the
-last bit (but for the sign of a zero, 0 * inf and inf - inf). Nothing here knows what the function
-is about.
+last bit (but for the sign of a zero, 0 * inf and inf - inf). Powers, sines and what else is not in
+EXACT may differ in the last digits. Nothing here knows what the function is about.
 """
 
 import math
@@ -20,7 +20,7 @@ import numpy as np
 UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power}
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
 UFUNCS |= {"<": np.less, "<=": np.less_equal}
-EXACT = set(UFUNCS) - {"**"} | {"sqrt", "part", "of"}  # rounded alike everywhere
+EXACT = set(UFUNCS) - {"**"} | {"sqrt", "part", "of"}  # so far all are rounded alike everywhere
 UFUNCS |= {name: getattr(np, name) for name in FUNCTIONS | BINARY}
 CALLED = {name: getattr(math, c) for name, c in (FUNCTIONS | BINARY).items()}
 
@@ -176,8 +176,8 @@ class Symbol:
         return ~(self == b)
 
     def sign(self):
-        """1, 0 or -1, as np.sign says."""
-        return (self > 0.0).number - (self < 0.0).number
+        """1, 0, -1 or NaN, as np.sign says."""
+        return (self > 0.0).choose(1.0, (self < 0.0).choose(-1.0, self))
 
     def refuse(self, why):
         self.tape.refused.append(why)  # should the function catch this
