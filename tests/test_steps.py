@@ -19,6 +19,7 @@ from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
 from curriculum.common import compiled, llvm, tape
 from curriculum.common.compiled import Compiled
+from curriculum.common.crowds import mapped
 from curriculum.common.gauss import make_gauss
 from curriculum.common.programs import repeat
 from curriculum.common.pure import Memory
@@ -238,6 +239,13 @@ def forces():
         "compiled: sign": lambda q, v: -0.1 * np.sign(v) - np.sign(q[0, 0] + 0.05),
         "compiled: an angle": lambda q, v: -v * np.arctan2(q[:, 1], q[:, 0])[:, None],
         "compiled: of a sine": lambda q, v: np.arcsin(0.1 * q) + np.arccos(0.1 * q) - np.arctan(v),
+        "compiled: not a number": lambda q, v: -v * (np.nan_to_num(np.sqrt(-0.03 - q[1, 1])) + 0.1),
+        "compiled: masks": lambda q, v: -v * np.maximum(q < -0.06, True * (v < -0.1)) * abs(q < 1),
+        "adds what comparisons made: bools": lambda q, v: -v * (True + (q < -0.06)),
+        "adds what comparisons made: a choice": lambda q, v: (
+            -v * (np.where(q < -0.06, v < 0.0, q < 0.0) + (v < -0.1))
+        ),
+        "decided by its sign": lambda q, v: -v * np.arctan2(q[0, 2], q[0, 0]),
         "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
         "compiled: in place": lambda q, v: halving(q)[0],
         # nothing that changes
@@ -282,7 +290,7 @@ def filing(system, q, v):
 
 
 @pytest.mark.parametrize(
-    ("force", "way"), [(filling, "compiled"), (filing, "it changes its system (t")]
+    ("force", "way"), [(filling, "compiled"), (filing, "it changes the dict system")]
 )
 def test_what_a_force_fills_may_come_of_the_masses_and_its_system_cannot_be_filled(
     force, way, monkeypatch
@@ -449,14 +457,19 @@ def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
 WIND = 0.0  # N
 
 
-def taken(way, change, steps=60):
-    """The Log of a loop that is typed by hand, and calls change(k) after each step."""
+def stepper(way, steps):
+    """What takes the steps of a double pendulum, and what measures it."""
     force = c.make_force(DOUBLE, "none")
 
     def measure(q, v):
         return c.constraint_violation(DOUBLE, q), c.energy(DOUBLE, q, v)
 
-    step = way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps)
+    return way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps), measure
+
+
+def taken(way, change, steps=60):
+    """The Run of a loop that is typed by hand, and calls change(k) after each step."""
+    step, measure = stepper(way, steps)
     log, q, v = Log(step, steps, (), 100.0), DOUBLE["q0"], DOUBLE["v0"]
     log.note(q, v, *measure(q, v))
     with log:
@@ -465,6 +478,31 @@ def taken(way, change, steps=60):
             log.note(q, v, *measured)
             change(k)
     return log.run()
+
+
+TURNS = {  # of a loop: after which steps it notes the state, and how often
+    "each": lambda k: 1,
+    "every other": lambda k: k % 2,
+    "one in ten": lambda k: k % 10 == 9,
+    "twice": lambda k: 2,
+}
+
+
+@pytest.mark.parametrize("often", TURNS.values(), ids=TURNS)
+def test_a_loop_may_note_what_it_likes(often):
+    found = []
+    for way in (Compiled, Plain):
+        step, measure = stepper(way, 60)
+        log, q, v = Log(step, 60, (), 100.0), DOUBLE["q0"], DOUBLE["v0"]
+        log.note(q, v, *measure(q, v))
+        with log:
+            for k in range(60):
+                q, v, *measured = step(q, v)
+                for _ in range(often(k)):
+                    if log.done + log.row < 60:
+                        log.note(q, v, *measured)
+        found.append(log.run())
+    assert all(map(np.array_equal, *found)) and found[0].way.startswith("compiled")
 
 
 def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
@@ -487,6 +525,26 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
         with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
             taken(Compiled, partial(ticking, begin))
     assert taken(Plain, partial(ticking, 3)).way == Plain.way
+
+
+def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
+    """Also where the last state, which is compared, feels nothing of it."""
+    monkeypatch.setattr(f"{__name__}.WIND", 0.0)
+
+    def blowing(system, q):
+        return system["m"] * c.GRAVITY + [WIND * (q[0, 0] > 0.5), 0.0, 0.0]
+
+    monkeypatch.setattr(c, "external_force", blowing)
+    q, pulls = np.stack([DOUBLE["q0"]] * 200), mapped(partial(c.tensions, DOUBLE))
+    q[-1] *= [-1.0, 1.0, 1.0]
+    many = _runs.crowd(DOUBLE | {"q0": q, "v0": 0.0 * q}, "semi_implicit", "none", 0.005)
+    before = pulls(q, 0.0 * q)
+    monkeypatch.setattr(f"{__name__}.WIND", 50.0)
+    after = pulls(q, 0.0 * q)
+    assert np.array_equal(after, [c.tensions(DOUBLE, x, 0.0 * x) for x in q])
+    assert np.array_equal(after[-1], before[-1]) and not np.array_equal(after, before)
+    with pytest.raises(ValueError, match="the global WIND was changed: make another Crowd"):
+        many.advance(1)
 
 
 def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):

@@ -10,7 +10,7 @@ from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
 from curriculum.common.ruler import RODS
 from curriculum.common.steps import called, place_of
-from curriculum.common.tape import Stop
+from curriculum.common.tape import NoNumber, Stop, current
 
 import numpy as np
 
@@ -37,17 +37,16 @@ def chosen(hold, table):
 def own_force(function, system, q, v):
     """The forces (N, 3) in N that the reader's function(system, q, v) or function(system, q) makes.
 
-    While a step is traced the masses are of the kind of q, so that f = m * g takes what is made of
-    q, as f[0] -= v[0] does. Raises ValueError for another shape, and names the function's line.
+    While a step is traced, and it writes what is made of q into an array of numbers, it is called
+    again with masses of the kind of q: then f = m * g takes that, as f[0] -= v[0] does. Raises
+    ValueError for another shape, and names the function's line.
     """
-    if q.dtype == object:  # it cannot be written into: that would be lost
-        system = MappingProxyType(system | {"m": ordered(np.array(system["m"], object))})
     try:
         made = called(function, system, q, v)
-    except TypeError as why:
-        if "'mappingproxy' object does not support" in str(why):
-            raise TypeError("it changes its system").with_traceback(why.__traceback__) from None
-        raise
+    except NoNumber:
+        current.tape.refused.pop()
+        masses = np.array([[x] for x in np.ravel(system["m"])], object)
+        made = called(function, MappingProxyType(system | {"m": ordered(masses)}), q, v)
     try:
         return ordered(made, q.shape)
     except ValueError as why:

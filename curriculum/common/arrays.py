@@ -142,7 +142,7 @@ def symbolic(ufunc, method, given, how):
         if method == "reduce" and how.get("axis", 0) is None:  # of all entries, as one row
             arrays, how = [arrays[0].ravel()], {}
         made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
-        if ufunc in COMPARED and all(isinstance(s, bool) for s in np.ravel(made)):
+        if ufunc in COMPARED and all(isinstance(s, bool | np.bool) for s in np.ravel(made)):
             made = np.asarray(made, bool)  # of numbers alone: they can choose entries
     else:
         try:
@@ -156,8 +156,8 @@ def symbolic(ufunc, method, given, how):
         np.asarray(out)[...] = made if chosen is True else where(chosen, made, out)
         return out
     if isinstance(made, np.ndarray):
-        return viewed(made) if made.ndim else made.item()
-    return made
+        return viewed(made) if made.ndim else made[()]
+    return np.bool(made) if isinstance(made, bool) else made
 
 
 def counted(s):
@@ -271,6 +271,13 @@ def clip(x, a_min=None, a_max=None):
     return x if a_max is None else np.minimum(x, a_max)
 
 
+def nan_to_num(x, copy=True, nan=0.0, posinf=None, neginf=None):
+    """np.nan_to_num, always a copy."""
+    most = np.finfo(float).max
+    high, low = most if posinf is None else posinf, -most if neginf is None else neginf
+    return where(x == x, where(x > most, high, where(x < -most, low, x)), nan)
+
+
 def where(condition, *choices):
     """np.where, whose condition may be of symbols; of a condition alone the places, as numpy's."""
 
@@ -310,12 +317,13 @@ def two(name):
 
 
 def opposite(s):
-    """What is true where s is not, which may be a truth of Python's, whose ~ is another."""
-    return not s if isinstance(s, bool) else ~s
+    """What is true where s is not, which may be a truth or zero of Python's, whose ~ is another."""
+    return not s if isinstance(s, int) else ~s
 
 
 USUAL = {"dtype": None, "initial": np._NoValue, "keepdims": False}  # of np.max
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
+OWN[np.nan_to_num] = nan_to_num
 UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace, np.convolve, np.correlate}
 ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
 ENTRIES |= {getattr(np, name): two(name) for name in BINARY}

@@ -130,6 +130,9 @@ class Crowd:
 
     def advance(self, count):
         """Take `count` steps; (numbers, R): the largest that was measured at any of them."""
+        changed = self.traced.memory.changed()
+        if changed:
+            raise ValueError(f"{changed} was changed: make another Crowd, which knows of it")
         self.columns, most = run(self.code, self.traced.program, self.columns, count, self.dt)
         return most
 
@@ -173,6 +176,9 @@ class mapped:  # noqa: N801 - it is called as a function is
     def __call__(self, q, v):
         resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
         key, made = (q.shape[1:], resting.tobytes()), None
+        entry = self.known.get(key)
+        if entry and entry.traced.memory.changed():
+            del self.known[key]
         if key not in self.known and len(q) > 1:
             self.known[key] = self.traced(q, v)
         entry = self.known.get(key)  # none for a single state: to trace it would take longer

@@ -147,7 +147,9 @@ class Memory:
         except Exception:  # a generator without a state
             self.asks.append(f"it uses {name}, which cannot be put back")
             return []
-        return [(y, name) for y in self.parts[id(x)][-1].values()]
+        held = self.parts[id(x)][-1]
+        names = x._fields if hasattr(x, "_fields") and isinstance(x, tuple) else [name] * len(held)
+        return list(zip(held.values(), names, strict=True))
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""

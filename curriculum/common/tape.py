@@ -16,6 +16,10 @@ class Untraceable(Exception):
     """The function asks of a symbol what cannot be written down; the message says what."""
 
 
+class NoNumber(Untraceable):
+    """A symbol was to be a plain number, say in an array of numbers."""
+
+
 class TooLong(Untraceable):
     """To compile it would cost more than it saves."""
 

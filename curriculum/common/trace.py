@@ -13,7 +13,7 @@ import math
 import sys
 
 from curriculum.common.arrays import BINARY, FUNCTIONS, OWN, ordered, symbolic
-from curriculum.common.tape import Untraceable, current, effort
+from curriculum.common.tape import NoNumber, Untraceable, current, effort
 
 import numpy as np
 
@@ -160,8 +160,9 @@ class Symbol:
         return self.plain().note("min", lift(b).plain())
 
     def choose(self, a, b):
-        """a where this is not zero, and else b."""
-        return self.plain().note("where", lift(a).plain(), lift(b).plain())
+        """a where this is not zero, and else b; a truth, if both are."""
+        made = self.plain().note("where", lift(a).plain(), lift(b).plain())
+        return made.truth() if isinstance(a, TRUTHS) and isinstance(b, TRUTHS) else made
 
     def __array_ufunc__(self, ufunc, method, *given, **how):
         return symbolic(ufunc, method, given, how=how)
@@ -179,15 +180,22 @@ class Symbol:
         """1, 0, -1 or NaN, as np.sign says."""
         return (self > 0.0).choose(1.0, (self < 0.0).choose(-1.0, self))
 
-    def refuse(self, why):
+    def angle(self, b):
+        """The angle of a point at height a and b across."""
+        if self.x == 0.0:
+            self.refuse("np.arctan2 of a zero is decided by its sign, which is not kept")
+        return self.plain().note("arctan2", b.plain())
+
+    def refuse(self, why, kind=Untraceable):
         self.tape.refused.append(why)  # should the function catch this
-        raise Untraceable(why)
+        raise kind(why)
 
     def branch(self, *_):
         self.refuse("it branches on a value; np.where, np.maximum and np.minimum do not")
 
     def no_number(self):
-        self.refuse("it wants a plain number; np.zeros_like(q) makes an array that takes others")
+        why = "it wants a plain number; np.zeros_like(q) makes an array that takes others"
+        self.refuse(why, NoNumber)
 
     def truth(self):
         """This number, which a comparison made, as what is true or not."""
@@ -206,7 +214,7 @@ class Symbol:
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
     __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()).truth())
     __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()).truth())
-    arctan2, rarctan2 = operators(lambda a, b: a.plain().note("arctan2", b.plain()))
+    arctan2, rarctan2 = operators(angle)
     __bool__ = branch
     __float__ = __int__ = no_number
     __hash__ = None
@@ -222,26 +230,43 @@ class Truth(Symbol):
     def number(self):
         return Symbol(self.tape, self.x, self.minus)
 
-    def __add__(self, other):
-        if isinstance(other, (Truth, bool, np.bool)):
+    def of_truths(self, method, *others):
+        """What a Symbol's method makes: of truths a truth."""
+        made = method(self, *others)
+        return made.truth() if all(isinstance(x, TRUTHS) for x in others) else made
+
+    def counts(self, other, method):
+        """What a Symbol's method makes of it and a number; of truths it would be none."""
+        if isinstance(other, TRUTHS):
             self.refuse("it adds what comparisons made; np.sum counts them")
-        return super().__add__(other)
+        return method(self, other)
+
+    def __add__(self, other):
+        return self.counts(other, Symbol.__add__)
+
+    def __sub__(self, other):
+        return self.counts(other, Symbol.__sub__)
 
     def __mul__(self, other):
-        made = super().__mul__(other)
-        return made.truth() if isinstance(other, Truth) else made
+        return self.of_truths(Symbol.__mul__, other)
 
-    def __and__(self, other):
-        return self * other if isinstance(other, Truth) else self if other else False
+    def larger(self, other):
+        return self.of_truths(Symbol.larger, other)
 
-    def __or__(self, other):
-        return self.larger(other).truth() if isinstance(other, Truth) else True if other else self
+    def smaller(self, other):
+        return self.of_truths(Symbol.smaller, other)
 
     def __invert__(self):
         return (1.0 - self.number).truth()
 
+    def __abs__(self):
+        return self
+
+    __radd__, __rmul__, __and__, __or__ = __add__, __mul__, __mul__, larger
     __rand__, __ror__ = __and__, __or__
 
+
+TRUTHS = Truth, bool, np.bool
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
     setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
