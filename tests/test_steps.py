@@ -300,6 +300,13 @@ def test_what_a_force_fills_may_come_of_the_masses_and_its_system_cannot_be_fill
     assert way in found.way and np.array_equal(found.tip, plain.tip)
 
 
+def test_what_blows_up_in_a_plane_is_no_motion_out_of_it(monkeypatch):
+    feel(monkeypatch, lambda q, v: q * np.exp(800.0 + np.sum(q)))  # where q is zero, 0 * inf
+    found = [run(DOUBLE, "rk4", "none", 0.005, 9, way=way) for way in WAYS]
+    assert {x.stopped for x in found} == {"diverged at step 1"}
+    assert not any("slower" in x.way for x in found)
+
+
 def making(q, v):
     global MADE
     MADE = v

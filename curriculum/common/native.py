@@ -199,7 +199,8 @@ class Writer(Function):
 def assembly(program, lanes):
     """i64 run(state, count, out, apart, knobs, unsettled): see Native.
 
-    `apart`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0.
+    `apart`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0. Where
+    out is all states it may be null.
     """
     w, many, whole = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
     found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(whole - many)]
@@ -222,9 +223,12 @@ def assembly(program, lanes):
     after = w.new(f"add i64 {before}, {w.new(f'zext i1 {good} to i64')}")
     w.store(after, done, "i64")
     if lanes == 1 and whole == many:
+        silent = w.new("icmp eq ptr %out, null")  # only the end is wanted
+        w.begin("write", f"i1 {silent}, label %next, label %write")
         row = w.new(f"mul i64 {before}, {many}")
         for k, value in enumerate(out):
             w.store(value, w.entry("%out", w.new(f"add i64 {row}, {k}"), "double"))
+        w.begin("next")
     more = w.new(f"icmp slt i64 {after}, %count")
     more = w.new(f"and i1 {more}, {good}")
     w.begin("end", f"i1 {more}, label %step, label %end")

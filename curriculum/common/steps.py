@@ -232,9 +232,10 @@ class Traced:
         q, v = (ordered(x[0]) for x in self.states(state[None]))
         q, v = self.as_it_stands(q, v, dt)
         end = np.stack([q, v])
-        if np.any(end[~self.moving]):
+        moved = end[self.moving]
+        if np.isfinite(moved).all() and np.any(end[~self.moving]):  # 0 * inf is no motion
             raise Untraceable("it moves what stays where it is when it is compiled")
-        return np.concatenate([end[self.moving], *map(np.ravel, self.measure(q, v))])
+        return np.concatenate([moved, *map(np.ravel, self.measure(q, v))])
 
 
 class Single:
