@@ -20,6 +20,17 @@ from conftest import feel
 from test_steps import branching, motor
 
 
+def test_a_race_runs_to_where_a_run_ends_bit_for_bit():
+    """Whether all states are kept or only the end."""
+    system = c.build_system("double")
+    found = run(system, "rk4", "none", 0.01, 200, range(0, 201, 50))
+    for samples in (1, 4):
+        task = Task(system, samples, 2.0 / samples, None)
+        for machine in {False, peers.NATIVE}:
+            _, ends = peers.ours(task, "rk4", machine=machine)(200 // samples)
+            assert np.array_equal(ends, found.q[4 // samples :: 4 // samples, :, :2])
+
+
 @pytest.mark.parametrize("steps", [1000, 10])
 def test_a_member_ends_where_it_ends_alone_bit_for_bit(steps, monkeypatch):
     """In machine code, or in numpy calls; starts are those that build_system draws."""
