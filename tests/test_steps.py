@@ -440,9 +440,10 @@ def test_where_machine_code_tells_of_a_loop_without_an_end_nothing_slower_is_ask
         assert found.halved == expected.halved > 0 and np.array_equal(found.tip, expected.tip)
 
 
-def test_what_is_compiled_is_compared_again_on_the_way(monkeypatch):
+@pytest.mark.parametrize("block", [48, compiled.BLOCK])
+def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
     """Where floats feel a drag that symbols do not, though neither at the start nor in the end."""
-    monkeypatch.setattr(compiled, "BLOCK", 48)  # 12 steps
+    monkeypatch.setattr(compiled, "BLOCK", block)  # of 12 steps, or all of them
 
     def drag(q, v):
         return -0.1 * v if isinstance(q[0, 1], float) and -0.8 < q[0, 1] < -0.05 else 0.0 * v

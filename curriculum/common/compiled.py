@@ -25,6 +25,7 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 QUICK, BEST = 1.5, 6.0
 OFTEN = 4  # times as many steps: then what is compiled is compared again
 SHORTER = 1e-3  # times as long: a step that is only compared
+LOOKS, LOOKED = 6, 20_000  # steps that are compared of a block, and operations in all, at most
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -168,26 +169,32 @@ class Compiled:
         return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
     def differs(self, start, rows):
-        """Whether a step of a block (count, entries) is another than the plain one.
-
-        It is the last, or the first if the last is not finite. Sums and products are the same to
-        the last bit; a sine need not be.
+        """Whether a step of a block (count, entries) is another than the plain one: the last or, if
+        the last is not finite, the first, and some in between. With `only` it is a shorter one.
         """
-        dt = self.dt
-        try:
-            if self.only:  # such rules iterate, and a short step needs fewer rounds
-                dt = SHORTER * dt
-                rows, why, _ = self.alone(start, 1, dt)
-                if why:
-                    return False
-            before, end = [start, *rows[-2:]][-2:]
-            if not np.isfinite(end).all():
-                before, end = start, rows[0]
-            expected = self.alone.traced.plain(before, dt)
-        except Stop:
-            return False  # the step is taken in halves
-        except Untraceable:
-            return True
+        dt, last = self.dt, len(rows) - 1
+        if self.only:  # such rules iterate, and a short step needs fewer rounds
+            dt, last = SHORTER * dt, 0
+            rows, why, _ = self.alone(start, 1, dt)
+            if why:
+                return False
+        if not np.isfinite(rows[last]).all():
+            last = 0
+        looks = max(1, min(LOOKS, LOOKED // self.alone.size))
+        for k in np.unique(np.linspace(last, 0, looks, endpoint=False, dtype=int)):
+            before = rows[k - 1] if k else start
+            try:
+                if self.another(before, rows[k], self.alone.traced.plain(before, dt)):
+                    return True
+            except Stop:  # the step is taken in halves
+                continue
+            except Untraceable:
+                return True
+        return False
+
+    def another(self, before, end, expected):
+        """Whether a step ends elsewhere than expected, all (entries,). Sums and products are the
+        same to the last bit; a sine need not be."""
         if self.alone.traced.exact:
             return not np.array_equal(end, expected, equal_nan=True)
         known = np.isfinite(expected)
