@@ -237,4 +237,4 @@ def test_a_motion_that_tensions_do_not_make_is_no_truth(tmp_path, capsys):
     metrics, _ = found(tmp_path, level, "--steps", "400", "--stabilization", "none")
     (row,) = metrics["results"].values()
     assert row["unheld"] > UNHELD and row["error"] is None
-    assert "the truth is not looked for" in capsys.readouterr().out
+    assert "is not looked for: at the start no" in capsys.readouterr().out

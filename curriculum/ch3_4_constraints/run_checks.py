@@ -63,6 +63,11 @@ def misfit(hold, rule):
 
 def fitting(modes, holds, rule):
     """Those of the modes that fit the integrator of this name; of each other one it prints why."""
+    for mode in modes:
+        if not hasattr(holds[mode], "softness"):
+            raise ValueError(
+                f"{mode} is {shorten(repr(holds[mode]))} in hold_table; must be a Hold"
+            )
     reasons = {mode: misfit(holds[mode], rule) for mode in modes}
     for mode, why in reasons.items():
         if why:
@@ -93,17 +98,20 @@ def felt(system, tensions):
     return or_else(tensions, 0.0 * system["lengths"])
 
 
-def answerable(system, unheld):
-    """Whether a truth can be looked for: of no more rods than ruler's, whose tensions answer at the
-    start what is asked of them. Else all rules would agree on a motion that is not the true one.
+def unsought(system, unheld, plain):
+    """Why no truth is looked for, in words, or None. Where tensions do not answer at the start what
+    is asked of them, all rules would agree on a motion that is not the true one.
     """
+    if plain:
+        return "it wants compiled steps"
     if len(system["pairs"]) > RODS:
-        return False
+        return f"of more than {RODS} rods it takes too long"
     watch = watched(system, unheld)
     try:
-        return watch is None or watch(system["q0"], system["v0"]) <= UNHELD
+        answered = watch is None or watch(system["q0"], system["v0"]) <= UNHELD
     except Exception:  # a mistake of the reader's shows in the run itself
-        return True
+        return None
+    return None if answered else "at the start no tensions make what is asked for"
 
 
 def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):

@@ -58,8 +58,8 @@ def comparison(found):
         say(note)
     lost = [mode for mode, row in rows.items() if row["error"] is None]
     if lost:
-        why = f"the truth is {truth.unsought or f'not known to {length(KNOWN)}'}"
-        why = f"{why}, at {at}" if truth.q is None else f"stopped before {at}"
+        why = f"the truth at {at} is {truth.unsought or f'not known to {length(KNOWN)}'}"
+        why = why if truth.q is None else f"stopped before {at}"
         say(f"- {', '.join(lost)}: {why}")
     aim = math.inf if tol is None else tol
     over = [mode for mode in rows if mode in lost or rows[mode]["error"] > aim]

@@ -125,7 +125,7 @@ class Compiled:
         if not self.way:
             self.trace(q, v)
         if not self.alone and self.only:
-            raise Untraceable(self.why)
+            raise Untraceable(f"steps are not compiled: {self.why}")
         if not self.alone:
             state = self.plain(q, v)
             self.taken, self.seconds = self.plain.taken, self.plain.seconds

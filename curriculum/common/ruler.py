@@ -66,11 +66,18 @@ def once_for_all():
     return way
 
 
-def truly(run):
+def truly(run, unsought=None):
     """(dt, steps, keep=(), nudge=False) -> Run, by gauss, compiled once for steps of all lengths.
 
-    run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`.
+    run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`. `unsought`: why
+    it is not to be run, in words; then it raises Untraceable.
     """
+
+    def refuse(*_, **__):
+        raise Untraceable(unsought)
+
+    if unsought is not None:
+        return refuse
     return partial(run, make_gauss(6), way=once_for_all())
 
 
@@ -209,20 +216,18 @@ def step_for(tol, seconds, q, runs, rules):
 
 
 def settle(true_run, runs, rules, dt, steps, tol):
-    """The Plan of a run of `steps` of `dt` s; its Truth is not looked for without a `true_run`.
+    """The Plan of a run of `steps` of `dt` s. Its Truth is found by `true_run`, made by `truly`.
 
     The rule is the first of `rules`, {name: rule}; or, with a `tol` in m, rule and step are those
     that step_for finds among `runs`. ArgumentTypeError if `tol` is under what can be known.
     """
     work.begin("the truth")
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
-    q, known, unsought = None, math.inf, "not looked for"
-    if true_run is not None:
-        try:
-            q, known = true_position(true_run, at)
-            unsought = ""
-        except Untraceable as why:
-            unsought = f"not looked for, since steps are not compiled: {why}"
+    q, known, unsought = None, math.inf, ""
+    try:
+        q, known = true_position(true_run, at)
+    except Untraceable as why:
+        unsought = f"not looked for: {why}"
     if tol is not None and not known < tol:
         where = f"{tol:g} m cannot be judged: where the particles are after {at:.3g} s"
         missed = unsought or "not known so well"

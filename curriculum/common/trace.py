@@ -90,6 +90,9 @@ class Symbol:
             print("(a tracing run: numbers have no values yet; --plain has)", file=sys.stderr)
         return "-" * self.minus + str(self.x)
 
+    def __format__(self, spec):
+        return repr(self)
+
     def note(self, sign, *others, minus=False):
         """The symbol of an operation on x and others'; asked for again, the same one."""
         if len(others) == 1:  # as nearly always
@@ -194,7 +197,8 @@ class Symbol:
         self.refuse("it branches on a value; np.where, np.maximum and np.minimum do not")
 
     def no_number(self):
-        why = "it wants a plain number; np.zeros_like(q) makes an array that takes others"
+        why = "it wants a plain number, as math.sin does and np.sin does not"
+        why += "; np.zeros_like(q) makes an array that takes others"
         self.refuse(why, NoNumber)
 
     def truth(self):
