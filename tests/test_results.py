@@ -270,3 +270,10 @@ def test_smoke_twice_is_the_same_files_and_the_same_recording(tmp_path):
         assert told.returncode == 0, told.stderr
     layout = [line for line in told.stdout.splitlines() if "BlueprintActivation" in line]
     assert any("make_active: true, make_default: true" in line for line in layout)
+
+
+def test_a_row_of_the_table_that_is_no_hold_is_named(monkeypatch):
+    table = c.hold_table
+    monkeypatch.setattr(c, "hold_table", lambda *given: table(*given) | {"mine": (1.0, 2.0)})
+    with pytest.raises(ValueError, match=r"^mine is \(1.0, 2.0\) in hold_table; must be a Hold"):
+        results("", 5)

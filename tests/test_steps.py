@@ -240,6 +240,7 @@ def forces():
         "compiled: an angle": lambda q, v: -v * np.arctan2(q[:, 1], q[:, 0])[:, None],
         "compiled: of a sine": lambda q, v: np.arcsin(0.1 * q) + np.arccos(0.1 * q) - np.arctan(v),
         "compiled: not a number": lambda q, v: -v * (np.nan_to_num(np.sqrt(-0.03 - q[1, 1])) + 0.1),
+        "compiled: formatted": lambda q, v: -v if f"{q[0, 0]:.3f}" else v,
         "compiled: masks": lambda q, v: -v * np.maximum(q < -0.06, True * (v < -0.1)) * abs(q < 1),
         "adds what comparisons made: bools": lambda q, v: -v * (True + (q < -0.06)),
         "adds what comparisons made: a choice": lambda q, v: (
