@@ -10,7 +10,7 @@ from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.steps import NONE, Block, Plain, Single, Traced
-from curriculum.common.tape import Stop, Tape, Untraceable
+from curriculum.common.tape import Stop, Untraceable
 
 import numpy as np
 
@@ -111,8 +111,7 @@ class Compiled:
         handed, whole, self.block = self.block.handed(), len(self.block.last), None
         self.steps -= handed
         self.most = math.inf if handed == whole else 2 * handed  # the loop changes the state
-        with Tape.lock:  # while others trace, nothing is as it is
-            changed = self.alone.traced.memory.changed()
+        changed = self.alone.traced.changed()
         if changed and handed > 1:
             ahead = "was changed while steps were computed ahead"
             raise ValueError(f"{changed} {ahead}: run them plainly, by way=Plain or --plain")

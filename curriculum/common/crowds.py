@@ -130,7 +130,7 @@ class Crowd:
 
     def advance(self, count):
         """Take `count` steps; (numbers, R): the largest that was measured at any of them."""
-        changed = self.traced.memory.changed()
+        changed = self.traced.changed()
         if changed:
             raise ValueError(f"{changed} was changed: make another Crowd, which knows of it")
         self.columns, most = run(self.code, self.traced.program, self.columns, count, self.dt)
@@ -177,7 +177,7 @@ class mapped:  # noqa: N801 - it is called as a function is
         resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
         key, made = (q.shape[1:], resting.tobytes()), None
         entry = self.known.get(key)
-        if entry and entry.traced.memory.changed():
+        if entry and entry.traced.changed():
             del self.known[key]
         if key not in self.known and len(q) > 1:
             self.known[key] = self.traced(q, v)

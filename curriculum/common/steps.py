@@ -216,6 +216,11 @@ class Traced:
         """Whether the same bits are promised of it as of the lines as they stand."""
         return not self.program.inexact()
 
+    def changed(self):
+        """What has changed since, of what the step depends on, in words; or None."""
+        with Tape.lock:  # while others trace, nothing is as it is
+            return self.memory.changed()
+
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
         both = zip((q, v), self.moving.reshape(2, -1), strict=True)
