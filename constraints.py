@@ -83,7 +83,7 @@ def external_force(system, q, v=None):
 
 
 def applied_force(system, q, v):
-    """What external_force returns, as (N, 3). Yours may take no v, and return lists, or one row."""
+    """What external_force returns, (N, 3). Yours may take no v, return lists, or one [x, y, z]."""
     return run_checks.own_force(external_force, system, q, v)
 
 
@@ -183,7 +183,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # Fails when dt w passes STABILITY_LIMIT.
         "baumgarte": Hold(1.0, 2.0 * w, w * w, 0.0),
         # Ask that q + dt v_next be right: J v_next = -g/dt, to first order. With v_next = v + dt a
-        # that is J a = -gdot/dt - g/dt^2, no Jdot v (E. Catto, GDC 2005). Fails under another rule.
+        # that is J a = -gdot/dt - g/dt^2, no Jdot v (E. Catto, GDC 2005). Fails under euler.
         "impulse": Hold(0.0, 1.0 / dt, 1.0 / (dt * dt), 0.0, dt, "semi_implicit"),
         # A rod that gives, as MuJoCo's tendon. For a single rod, with g = |d| (|d| - L), it makes
         # gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2.
@@ -236,7 +236,7 @@ class Force(NamedTuple):
 
 
 def make_force(system, hold):
-    """A Force; `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s."""
+    """A Force; `hold`: a Hold, a mode's name (for steps of 0.005 s), or Baumgarte's w in rad/s."""
     hold = run_checks.chosen(hold, hold_table)
     after = partial(hold.after, system) if hold.after else None
     return Force(system, hold, after)
@@ -257,7 +257,7 @@ def semi_implicit_step(q, v, m, force, dt):
 
 
 def rk4_step(q, v, m, force, dt):
-    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4; energy wanders."""
+    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4; energy drifts."""
 
     def slope(q, v):
         return v, force(q, v) / m
@@ -303,7 +303,7 @@ def constraint_violation(system, q):
 def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     """A Run of `steps` steps of `dt` s by step_fn(q, v, m, force, dt), every one of them measured.
 
-    It unpacks into tip (steps + 1, 3) in m, violations in m and energies in J, (steps + 1,) each.
+    It unpacks into tip (steps + 1, 3), the last particle's place, violations in m, energies in J.
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
     system = {"anchors": PIVOT[None], **system}  # PIVOT, unless the system names anchors
@@ -340,7 +340,7 @@ def unheld(system, q, v, hold="none"):
 
 
 def parse(argv):
-    """The parser, the command line, and the system that it names."""
+    """Parser, command line, and the system it names; scene() and method() add flags to --help."""
     parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
     modes = ["all", *hold_table()]
     orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
@@ -412,12 +412,12 @@ def main(argv=None):
         name, rule = next(iter(offered.items()))
         print(f"# {modes[0]}, {name}\n{run(modes[0], rule, args.dt, 1).source}")
         return
-    default = vars(parser.parse_args([])) == vars(args) | {"out": OUT}  # wherever it writes
+    default = vars(parser.parse_args([])) == vars(args) | {"out": OUT}  # all as usual but --out?
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     unsought = run_checks.unsought(system, partial(unheld, system), args.plain)  # in words, or None
-    true_run = ruler.truly(partial(run, "project"), unsought)
+    true_run = ruler.truly(partial(run, "project"), unsought, args.dt * steps)
     tried = [partial(run, mode) for mode in modes]
     plan = parser.attempt("--tol", ruler.settle, true_run, tried, offered, args.dt, steps, args.tol)
     rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them

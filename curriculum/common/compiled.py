@@ -36,23 +36,23 @@ class Compiled:
     with the plain step at first, after OFTEN * FIRST steps, whenever they are OFTEN times as many,
     and in the end. Where they differ, or the step cannot be traced, steps are plain. With `only`
     that raises Untraceable, since it would take too long, and only one block is compared. `steps`:
-    how many are to come. `way` says how steps are done; `source` is the code; `taken` steps took
-    `seconds`, counted from zero where the way changes. `lies`: why what was compiled was given up,
-    or None.
+    how many are to come, and `later` in other runs. `way` says how steps are done; `source` is the
+    code; `taken` steps took `seconds`, counted from zero where the way changes. `lies`: why what
+    was compiled was given up, or None.
     """
 
-    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
+    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False, later=0):
         self.given, self.only, self.lies = (step_fn, m, force), only, None
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
         self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
         self.watch = mapped(watch, turns=steps) if watch else None
-        self.earlier = self.done = 0
+        self.later, self.done = later, 0
         self.start(dt, steps)
 
     def start(self, dt, steps):
         """Begin a run of so many steps of so many seconds, of the same system."""
         self.dt = self.plain.dt = dt
-        self.earlier += self.done
+        self.later += self.done  # where there were runs before, others will follow
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
         self.computed, self.most = 0, math.inf
@@ -180,7 +180,7 @@ class Compiled:
         if not np.isfinite(rows[last]).all():
             last = 0
         looks = max(1, min(LOOKS, LOOKED // self.alone.size))
-        for k in np.unique(np.linspace(last, 0, looks, endpoint=False, dtype=int)):
+        for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start
             try:
                 if self.another(before, rows[k], self.alone.traced.plain(before, dt)):
@@ -208,8 +208,7 @@ class Compiled:
         if self.best:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        # where there were runs before, others will follow
-        left = (self.steps - self.computed + self.earlier) * pace
+        left = (self.steps - self.computed + self.later) * pace
         begun = isinstance(self.alone.machine, Native)
         if left > (BEST if begun else QUICK) * cost and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is

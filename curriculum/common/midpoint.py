@@ -8,7 +8,7 @@ import numpy as np
 
 
 def make_midpoint(order):
-    """The rule of an even `order`; it takes (order / 2)^2 + 1 forces a step. Energy wanders.
+    """The rule of an even `order`; it takes (order / 2)^2 + 1 forces a step. Energy drifts.
 
     The midpoint rule goes the way in 2, 4, ... `order` parts. Its error is a series in the square
     of a part (W. Gragg, SIAM J. Numer. Anal. 2 (1965) 384); each round of Aitken's and Neville's

@@ -49,28 +49,29 @@ class Plan(NamedTuple):
     truth: Truth
 
 
-def once_for_all():
+def once_for_all(later=0):
     """A way for simulate that traces and compiles a rule once, for steps of all lengths.
 
     The force is that of the first run: it must not depend on dt, as that of `project` does not. A
     step that cannot be compiled is not run plainly, which would take too long: Untraceable.
+    `later`: how many steps are to come behind the first run.
     """
     made = []  # at the first run
 
     def way(step_fn, m, force, dt, measure, steps):
         if not made:
-            made.append(Compiled(step_fn, m, force, dt, measure, only=True))
+            made.append(Compiled(step_fn, m, force, dt, measure, only=True, later=later))
         made[0].start(dt, steps)
         return made[0]
 
     return way
 
 
-def truly(run, unsought=None):
+def truly(run, unsought=None, seconds=0.0):
     """(dt, steps, keep=(), nudge=False) -> Run, by gauss, compiled once for steps of all lengths.
 
     run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`. `unsought`: why
-    it is not to be run, in words; then it raises Untraceable.
+    it is not to be run, in words; then it raises Untraceable. `seconds` of it are to be shown.
     """
 
     def refuse(*_, **__):
@@ -78,7 +79,8 @@ def truly(run, unsought=None):
 
     if unsought is not None:
         return refuse
-    return partial(run, make_gauss(6), way=once_for_all())
+    later = round(2.0 * min(seconds, HORIZON) / FINE)  # the true motion is found twice
+    return partial(run, make_gauss(6), way=once_for_all(later))
 
 
 def rungs(seconds):

@@ -161,7 +161,7 @@ def knob():
 
 @table("mode = {} | energy gained, J = {:+.1f} | work of the rods, J = {:+.1f}")
 def work():
-    """the double pendulum, 20 s, semi_implicit; work: lambda times each change of g"""
+    """the double pendulum, 20 s, semi_implicit; work: mean lambda times each change of g"""
     for mode in ("none", "baumgarte"):
         hold = c.hold_table(DT)[mode]
         found = run(DOUBLE, hold=hold, keep=range(4001))
