@@ -85,11 +85,12 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     assert not any(tmp_path.rglob(publish.RECORDING))
-    with monkeypatch.context() as broken:  # it is there, and does not load
-        broken.delattr("curriculum.ch3_4_constraints.recording", raising=False)
-        broken.setitem(sys.modules, "curriculum.ch3_4_constraints.recording", None)
-        c.main(["--steps", "2", "--rerun", "--out", str(tmp_path)])
-    assert f"\n{publish.RECORDING} left out: " in capsys.readouterr().out
+    (tmp_path / "rerun.py").write_text("raise OSError('no driver')")
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import constraints as c; c.command()"
+    )
+    done = python("-c", code, "--steps", "2", "--rerun", "--out", tmp_path)  # it does not load
+    assert f"\n{publish.RECORDING} left out: no driver" in done.stdout and done.returncode == 0
     assert (tmp_path / publish.METRICS).exists()
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     assert not c.parse(["--out", str(tmp_path)])[1].rerun
@@ -138,6 +139,19 @@ def test_numpy_may_lie_anywhere_and_is_no_code_of_the_readers(tmp_path):
     paths = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{c.HERE}"}
     done = python("-S", c.__file__, *NUMBERS, "--out", tmp_path / "out", variables=paths)
     assert (done.returncode, done.stderr) == (0, "") and "compiled to Python\n\n" in done.stdout
+
+
+def test_where_the_project_is_installed_a_force_is_still_the_readers(tmp_path):
+    place = tmp_path / "site-packages"
+    shutil.copytree(c.HERE / "curriculum", place / "curriculum")
+    shutil.copy(c.__file__, place)
+    code = "import constraints as c\nfrom curriculum.ch3_4_constraints.studies._runs import run"
+    code += (
+        "\nT = 0\ndef force(system, q):\n    global T\n    T += 1\n    return 0.01 * T + 0.0 * q"
+    )
+    code += "\nc.external_force = force\nprint(run(c.build_system('double'), steps=20).way)"
+    done = python("-c", code, cwd=tmp_path, variables={"PYTHONPATH": str(place)})
+    assert (done.returncode, done.stderr) == (0, "") and "it changes the global T" in done.stdout
 
 
 def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):

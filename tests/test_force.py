@@ -81,6 +81,8 @@ WRITTEN = [  # as the course has it: without v, as a list, or as one row for all
     Weight().of,
     partial(Weight.times, 1.0),
     lambda system, q, k=1.0: k * system["m"] * c.GRAVITY,
+    lambda system, q, k=1.0, v=None: k * system["m"] * c.GRAVITY + 0.0 * v,
+    lambda system, q, *, v=None: system["m"] * c.GRAVITY + 0.0 * v,
     lambda system, q: system["m"] * c.GRAVITY,
     lambda system, q, v: [0.0, -9.81, 0.0],
     lambda *state: c.GRAVITY.tolist(),

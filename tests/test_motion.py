@@ -227,6 +227,17 @@ def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
     error, dt, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [run], None)
     assert reached and dt**1.2 == error <= 1e-4
 
+    def rough(*given):  # it is lost at first
+        end = run(*given)
+        end.q[-1] += 3.0 * (given[1] > 0.05)
+        return end
+
+    def biased(*given):  # and this one soon as near as it gets
+        return SimpleNamespace(**vars(run(*given)) | {"q": np.full((2, 1, 3), 0.1)})
+
+    error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [biased, rough], None)
+    assert error <= 1e-4 and reached[0] is rough
+
 
 def test_a_start_alone_is_no_true_motion():
     drawn = np.random.default_rng(0)

@@ -117,6 +117,17 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     compared(tmp_path, "pendulum", "semi_implicit", 9)  # one that takes no v is in it, too
 
 
+def test_a_page_is_made_and_the_chapter_stays_as_it_is(monkeypatch):
+    """Other threads may run it meanwhile."""
+    usual = page("double")
+
+    def own(system, q, v=None):
+        return system["m"] * c.GRAVITY * (1.0 if c.external_force is own else 2.0)
+
+    monkeypatch.setattr(c, "external_force", own)
+    assert page("double") == usual
+
+
 def test_what_a_stop_says_is_not_renamed(monkeypatch, tmp_path):
     words = "stage2 of t1 does not settle"
 

@@ -125,6 +125,26 @@ class Controller(SimpleNamespace):
         return -gain * v
 
 
+class Parent:
+    count = 0
+
+    def __call__(self):
+        self.count += 1
+        return self.count
+
+
+class Heir(Parent):
+    pass
+
+
+class Turns:
+    turn = 0
+
+    def __next__(self):
+        self.turn += 1
+        return self.turn
+
+
 CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
 
 
@@ -140,6 +160,7 @@ def forces():
     controller = Controller(hold=SimpleNamespace(gain=1.0))
     options = Namespace(gain=0.1)
     drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
+    heir, turns, normal = Heir(), Turns(), np.random.default_rng(3).normal
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
 
@@ -188,6 +209,9 @@ def forces():
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
         "changes the attribute gain of hold": lambda q, v: controller(q, v),
         "changes the attribute gain of options": tired,
+        "changes the attribute count of heir": lambda q, v: -0.01 * heir() * v,
+        "changes the attribute turn of turns": lambda q, v: -0.01 * next(turns) * v,
+        "the random generator normal": lambda q, v: normal() * q,
         "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
         "the random generator of numpy": noise,
         "asks for the time": lambda q, v: -v if datetime.now() else v,
@@ -498,7 +522,10 @@ TURNS = {  # of a loop: after which steps it notes the state, and how often
 
 
 @pytest.mark.parametrize("often", TURNS.values(), ids=TURNS)
-def test_a_loop_may_note_what_it_likes(often):
+@pytest.mark.parametrize("energy", [c.energy, lambda *_: 1])
+def test_a_loop_may_note_what_it_likes(energy, often, monkeypatch):
+    """Also where all energies are equal."""
+    monkeypatch.setattr(c, "energy", energy)
     found = []
     for way in (Compiled, Plain):
         step, measure = stepper(way, 60)
@@ -534,6 +561,9 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
         with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
             taken(Compiled, partial(ticking, begin))
     assert taken(Plain, partial(ticking, 3)).way == Plain.way
+    monkeypatch.setitem(DOUBLE, "m", DOUBLE["m"].copy())
+    with pytest.raises(ValueError, match="the array m was changed"):
+        taken(Compiled, lambda k: DOUBLE["m"].__imul__(1.0 - 0.1 * (k == 30)))
 
 
 def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
@@ -554,6 +584,36 @@ def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
     assert np.array_equal(after[-1], before[-1]) and not np.array_equal(after, before)
     with pytest.raises(ValueError, match="the global WIND was changed: make another Crowd"):
         many.advance(1)
+    with pytest.raises(ValueError, match="not zero where the first ones were: make another"):
+        many.put(q, 0.0 * q + 1.0)
+
+
+def splitting(q, v, m, force, dt):
+    """The wind alone blows for the first half of a step."""
+    global WIND
+    for WIND in (10.0, 0.0):  # noqa: B007
+        q, v = c.semi_implicit_step(q, v, m, force, 0.5 * dt)
+    return q, v
+
+
+def test_a_switch_that_a_step_throws_is_felt(monkeypatch):
+    monkeypatch.setattr(f"{__name__}.WIND", 0.0)
+    feel(monkeypatch, lambda q, v: [WIND, 0.0, 0.0] + 0.0 * q)
+    found, plain = (run(DOUBLE, splitting, steps=40, way=way) for way in (Compiled, Plain))
+    assert "it changes the global WIND" in found.way and np.array_equal(found.tip, plain.tip)
+
+
+def test_an_interrupt_leaves_no_symbols_behind(monkeypatch):
+    seen = []
+
+    def interrupted(q, v):
+        seen.append(q)
+        raise KeyboardInterrupt
+
+    feel(monkeypatch, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(DOUBLE, steps=40)
+    assert not seen
 
 
 def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
@@ -627,9 +687,11 @@ def changed(way, change):
 
 def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
     """What follows goes on from there, and what was changed is what is measured."""
-    quick, plain = (changed(way, lambda v: 0.5 * v) for way in (Compiled, Plain))
-    assert alike(quick, plain)
-    assert quick.energies[41] < quick.energies[40] - 0.1
+    out_of_its_plane = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    for change in (lambda v: 0.5 * v, lambda v: v + out_of_its_plane):
+        quick, plain = (changed(way, change) for way in (Compiled, Plain))
+        assert alike(quick, plain) and quick.way.startswith("compiled")
+        assert abs(quick.energies[41] - quick.energies[40]) > 0.1
     with pytest.raises(ValueError, match="read-only") as found:
         changed(Compiled, lambda v: v.__imul__(0.9))
     assert found.value.__notes__[0].endswith("v = 0.9 * v.")
@@ -729,3 +791,11 @@ def test_a_step_that_does_not_return_q_and_v_is_told_of_by_its_line(way, returne
     force = force._replace(after=mine)
     with pytest.raises(ValueError, match=rf"mine \(test_steps.py, line {line}\) returned"):
         c.simulate(c.rk4_step, DOUBLE, force, 0.1, 9, (), way)
+
+
+@pytest.mark.parametrize("name", ["energy", "constraint_violation"])
+def test_a_measure_that_is_no_number_is_told(name, monkeypatch):
+    for wrong in (None, np.ones(1)):
+        monkeypatch.setattr(c, name, lambda *_, wrong=wrong: wrong)
+        with pytest.raises(ValueError, match=rf"{name} returned .*, where one number must be"):
+            run(DOUBLE, steps=9)

@@ -18,7 +18,7 @@ from curriculum.ch3_4_constraints.systems import check_system, energy_scale
 from curriculum.common.javascript import PRELUDE, Writer
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
-from curriculum.common.steps import HALVINGS, called, followed
+from curriculum.common.steps import HALVINGS, followed
 from curriculum.common.tape import Untraceable, current
 from curriculum.common.trace import Symbol, lift
 
@@ -82,21 +82,20 @@ class Tracer:
         With parameters external_force has the hand's beside it: springs that pull particles to a
         point, one of stiffness 0 to each that is not pulled.
         """
-        own = self.chapter.external_force
 
-        def both(system, q, v=None):
+        def hand(q, v):
             f = np.zeros(q.shape, object)
             for i, stiffness in enumerate(self.inputs(self.pulls)):  # N/m
                 for axis, x in enumerate(self.inputs(self.point)):  # m
                     f[i, axis] = stiffness * (x - q[i, axis] - DAMPING * v[i, axis])
-            return called(own, system, q, v) + f
+            return f
 
         knobs = KNOBS | self.point | self.pulls if parameters else {}
-        self.chapter.external_force = both if parameters else own
+        current.hand = hand if parameters else None
         try:
             program = Program(function, self.still, self.still, knobs=knobs)
         finally:
-            self.chapter.external_force = own
+            current.hand = None
         self.inexact |= program.inexact()
         self.live = program.live
         given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | knobs

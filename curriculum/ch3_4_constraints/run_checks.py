@@ -48,9 +48,10 @@ def own_force(function, system, q, v):
         masses = np.array([[x] for x in np.ravel(system["m"])], object)
         made = called(function, MappingProxyType(system | {"m": ordered(masses)}), q, v)
     try:
-        return ordered(made, q.shape)
+        made = ordered(made, q.shape)
     except ValueError as why:
         raise ValueError(f"{place_of(function)}: {why}") from None
+    return made + current.hand(q, v) if current.hand else made
 
 
 def misfit(hold, rule):

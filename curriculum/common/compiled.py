@@ -129,6 +129,10 @@ class Compiled:
             state = self.plain(q, v)
             self.taken, self.seconds = self.plain.taken, self.plain.seconds
             return state
+        if not self.alone.traced.fits(q, v):  # the loop has moved what stood still
+            self.best = False
+            self.trace(q, v)
+            return self.compute(q, v)
         clock = time.perf_counter()
         start = self.alone.traced.columns(q, v)[:, 0]
         try:

@@ -122,6 +122,8 @@ class Crowd:
 
     def put(self, q, v):
         """Go on from q, v (R, N, 3)."""
+        if not self.traced.fits(q, v):
+            raise ValueError("q or v is not zero where the first ones were: make another Crowd")
         self.columns = self.traced.columns(q, v)
 
     def states(self):

@@ -23,12 +23,15 @@ INSIDE += "__func__", "__self__", "__wrapped__", "function"
 PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
 PLACES = {Path(place).resolve() for place in (*PLACES, os.path.dirname(np.__file__))}
 CURRICULUM = Path(__file__).resolve().parents[1]  # of which exercises are the reader's
+FILE = CURRICULUM.with_name("constraints.py")  # which leads to forces of theirs, installed or not
 
 
 @lru_cache
 def of_reader(module):
     """Whether the reader may have written the module of this name: it is no part of Python, of an
     installed package, or of the curriculum but its exercises."""
+    if not isinstance(module, str):  # as of what Cython makes
+        return False
     file, name = getattr(sys.modules.get(module), "__file__", None), module.partition(".")[0]
     if module == "__main__" or file is None:
         return name not in sys.stdlib_module_names
@@ -43,6 +46,8 @@ def foreign(file):
     """Whether a file of code is Python's, an installed package's, or the curriculum's without its
     exercises; or is none."""
     path = Path(file).resolve()
+    if path == FILE:
+        return False
     installed = {"site-packages", "dist-packages"} & {*path.parts}
     ours = CURRICULUM in path.parents and "exercises" not in path.relative_to(CURRICULUM).parts
     return bool(installed or PLACES & {*path.parents}) or ours or file.startswith("<")
@@ -122,13 +127,14 @@ class Memory:
     `asks`: why a trace cannot stand for them in any case, in words.
     """
 
-    def __init__(self, *functions):
+    def __init__(self, *functions, **others):
         self.parts, self.asks, self.spaces, seen = {}, [], {}, {}
         self.attributes = {"__call__", "__getitem__"}  # that are named, or used without
         todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
         for x in functions:
             name = getattr(x, "__qualname__", type(x).__name__)
             todo.append((x, name.split("<locals>.")[-1]))
+        todo += [(x, name) for name, x in others.items()]
         while todo:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
@@ -159,6 +165,9 @@ class Memory:
             self.space(vars(x), vars(x), x.__name__, self.attributes)
         elif isinstance(x, type):
             self.space(x, vars(x), x.__module__, self.attributes)
+            if of_reader(x.__module__):  # operators and the like, which no code names
+                self.attributes |= {n for n, y in vars(x).items() if isinstance(y, FunctionType)}
+            yield from ((kind, name) for kind in x.__mro__[1:])
             yield from self.inside(x, name)
         else:
             yield from self.note(x, name)

@@ -25,6 +25,8 @@ FINE = 0.04  # s: the longest step of the true motion that is shown
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
 LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
+NEAR = 1e-2  # m: farther off than that, it is chance which is the nearest
+IDLE = 4  # finer steps, of which the last is a quarter of the step before them
 LOOKS = 3  # states at which the forces of a step are counted
 
 
@@ -179,7 +181,7 @@ def climb(tol, seconds, q, runs, rule):
     enough, what came nearest, and None; its error is infinite if no run got to the end. Steps that
     are taken in halves are no steps to choose.
     """
-    tried = 2 * [(math.inf, seconds, None)]
+    tried = []
     for steps in finer(seconds):
         dt, off = seconds / steps, []
         for run in runs:
@@ -189,11 +191,13 @@ def climb(tol, seconds, q, runs, rule):
                 return off[-1], dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
         error = min(off)
         tried.append((error, dt, None))
-        if 0.5 * tried[-3][0] < error < math.inf:
-            break  # the step was halved since then, and it gained nothing
-        # each run costs a compiled step, so only the nearest goes on, and those not there yet
-        runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
-    return min(tried, key=lambda row: row[0])
+        errors = [error for error, *_ in tried]
+        if 0.5 * min(errors[:-IDLE], default=math.inf) < min(errors[-IDLE:]) < math.inf:
+            break  # so many finer steps have gained nothing
+        if error < NEAR:
+            # each run costs a compiled step, so only the nearest goes on, and those not there yet
+            runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
+    return min([(math.inf, seconds, None), *tried], key=lambda row: row[0])
 
 
 def step_for(tol, seconds, q, runs, rules):

@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 
 from curriculum.common.banner import progress
+from curriculum.common.cli import shorten
 from curriculum.common.steps import Block
 from curriculum.common.tape import Stop
 
@@ -86,6 +87,13 @@ def distance(a, b):
     return float(np.sqrt(np.max(np.sum(np.square(a - b), axis=-1))))
 
 
+def number(name, x):
+    """x, which the function of this name returned, as a float. Raises ValueError if it is none."""
+    if x is None or np.shape(x):
+        raise ValueError(f"{name} returned {shorten(repr(x))}, where one number must be")
+    return float(x)
+
+
 class Log:
     """What a run is measured to be: `note` every state, and `run` is all of it.
 
@@ -133,9 +141,10 @@ class Log:
         block = self.step.block if handed else None
         if block is not None:  # a loop may leave out some states
             following = row if block is self.block else 0
-            block = block if energy in block.last[following : following + 1] else None
+            block = block if block.handed() == following + 1 else None
         if block is None:
-            block = Block(q[None], v[None], np.array([[violation], [energy]]))
+            measured = number("constraint_violation", violation), number("energy", energy)
+            block = Block(q[None], v[None], np.array(measured)[:, None])
         if block is not self.block:
             self.close()
             violations, energies = block.measured

@@ -31,25 +31,29 @@ PIECE = 256  # steps of Python's floats at a time: what they take stays near the
 
 @lru_cache(256)
 def wanted(function, given):
-    """How many of so many arguments a function is to have: those without a default, and v."""
+    """How many of so many arguments a function must have, and whether it takes v by its name."""
     parameters = signature(function).parameters.values()
     if any(x.kind == x.VAR_POSITIONAL for x in parameters):
-        return given
-    asked = [x for x in parameters if x.default is x.empty or x.name == "v"]
-    return sum(x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD) for x in asked)
+        return given, False
+    placed = [x for x in parameters if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
+    many = sum(x.default is x.empty for x in placed)
+    named = [x.name for x in parameters if x.kind != x.POSITIONAL_ONLY and x not in placed[:many]]
+    return many, "v" in named
 
 
 def called(function, *arguments):
-    """function(*arguments), or of the first of them, as many as are `wanted`."""
+    """function(*arguments), or of as many as are `wanted`. The last is v."""
     try:
-        many = wanted(function, len(arguments))
+        many, by_name = wanted(function, len(arguments))
     except (TypeError, ValueError):  # it has no signature, or no hash
-        many = len(arguments)
-    return function(*arguments[:many])
+        many, by_name = len(arguments), False
+    named = {"v": arguments[-1]} if by_name else {}
+    return function(*arguments[:many], **named)
 
 
 def place_of(function):
     """What a function is called and, of Python's, where it stands."""
+    function = getattr(function, "func", function)  # of a partial
     name = getattr(function, "__name__", type(function).__name__)
     code = getattr(function, "__code__", None)
     return f"{name} ({Path(code.co_filename).name}, line {code.co_firstlineno})" if code else name
@@ -67,7 +71,7 @@ def followed(rule, after):
     """The step `rule`, which may work in place, and then after(q_start, q, v, dt) -> (q, v)."""
 
     def step(q, v, m, force, dt):
-        end = pair(rule(q.copy(), v.copy(), m, force, dt), rule)
+        end = arrays(pair(rule(q.copy(), v.copy(), m, force, dt), rule))
         return pair(after(q, *end, dt), after) if after else end
 
     return step
@@ -100,7 +104,7 @@ class Block:
 
     def __init__(self, q, v, measured, halved=()):
         self.q, self.v, self.measured, self.halved = q, v, measured, np.array(halved)
-        *self.others, self.last = (x.tolist() for x in measured)
+        *self.others, self.last = (x.astype(float).tolist() for x in measured)
         self.left = iter(self.last)
         for x in (q, v):
             x.flags.writeable = False  # what follows is known already: v *= 0.9 would be lost
@@ -164,14 +168,15 @@ class Traced:
     def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
         with Tape.lock:
             effort.turns = turns
-            memory = self.memory = Memory(step_fn, force, measure)
+            memory = self.memory = Memory(step_fn, force, measure, m=m)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
                 try:
                     self.trace(step_fn, m, force, q, v, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
                     why = told(reason)
-                why = memory.restore() or why
+                finally:
+                    why = memory.restore() or why
             effort.turns = math.inf
         if why:
             raise Untraceable(why)
@@ -184,8 +189,14 @@ class Traced:
         self.as_it_stands = lambda q, v, dt: arrays(step_fn(q, v, m, force, dt))
         self.measure = measure or (lambda q, v: ())
 
+        def asked(q, v):  # the same force each time, so no switch may have been thrown
+            changed = self.memory.changed()
+            if changed:
+                raise Untraceable(f"it changes {changed}")
+            return routine(q, v)
+
         def step(q, v, dt):
-            end = pair(step_fn(q, v, m, routine, dt), step_fn)
+            end = pair(step_fn(q, v, m, asked, dt), step_fn)
             return *end, *self.measure(*end)
 
         while True:  # suppose that zeros stay zero; trace; drop those that do not; again
@@ -225,6 +236,12 @@ class Traced:
         """What does not stay zero of (..., N, 3): (entries, members)."""
         both = zip((q, v), self.moving.reshape(2, -1), strict=True)
         return np.concatenate([x.reshape(-1, moving.size).T[moving] for x, moving in both])
+
+    def fits(self, q, v):
+        """Whether q, v (..., N, 3) are zero in all that is taken to stay zero."""
+        return not any(
+            np.any(x[..., ~moving]) for x, moving in zip((q, v), self.moving, strict=True)
+        )
 
     def states(self, rows):
         """q, v (count, N, 3) of rows (count, entries), stored components first."""

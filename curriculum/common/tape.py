@@ -29,9 +29,10 @@ class Stop(ArithmeticError):
 
 
 class Current(local):
-    """The tape on which this thread writes; another thread has its own."""
+    """The tape on which this thread writes, and a force (q, v) -> (N, 3) that it adds to the
+    reader's, or None; another thread has its own."""
 
-    tape = None
+    tape = hand = None
 
 
 current = Current()
