@@ -22,15 +22,12 @@ START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise.
-
-    Those of a file go in one, so that what they share is found once.
-    """
+    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise."""
     all_of_them = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     here = hasattr(config, "workerinput") or config.option.usepdb
     if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
         config.option.numprocesses = 2
-        config.option.dist = "loadfile"
+        config.option.dist = "worksteal"
 
 
 def complaint(capsys, *words, main=constraints.main):

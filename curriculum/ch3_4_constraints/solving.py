@@ -25,7 +25,7 @@ def solve(system, a, b, v=None, jac=None, rough=False):
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))
     for part, loop in elimination.parts(system["pairs"]):
-        inner, wanted = a[np.ix_(part, part)], b[part]
+        inner, wanted = (a, b) if len(part) == len(b) else (a[np.ix_(part, part)], b[part])
         order = elimination.elimination_order([system["pairs"][k] for k in part])
         if not loop:
             lam[part] = elimination.eliminated(inner, order)(wanted)

@@ -71,14 +71,17 @@ def states(system, *arrays):
     """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
     be lists, and cannot be written into. Raises ValueError for another shape, which would be
     repeated silently."""
-    made = [ordered(x).view() for x in arrays]
-    if np.shape(system["m"])[1:] != (1,):
-        raise ValueError(f"m has the shape {np.shape(system['m'])}, must have (N, 1)")
-    for x in made:
-        x.flags.writeable = False  # a force is to change no state
-        if x.shape != (len(system["m"]), 3):
-            must = f"must be {(len(system['m']), 3)}, a row for each particle"
+    made, shape = [], np.shape(system["m"])
+    if shape[1:] != (1,):
+        raise ValueError(f"m has the shape {shape}, must have (N, 1)")
+    for x in map(ordered, arrays):
+        if x.shape != (shape[0], 3):
+            must = f"must be {(shape[0], 3)}, a row for each particle"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")
+        if x.flags.writeable:
+            x = x.view()
+            x.flags.writeable = False  # a force is to change no state
+        made.append(x)
     return made
 
 
