@@ -33,10 +33,11 @@ def ordered(x, shape=None):
     """
     if x is None:
         raise ValueError("None where an array must be: does a function lack its return?")
+    if not isinstance(x, np.ndarray):
+        x = np.asarray(x)
+    if x.dtype.kind == "c":
+        raise ValueError("complex numbers, where real ones must be")
     if not isinstance(x, Ordered):
-        x = np.asanyarray(x)
-        if x.dtype.kind == "c":
-            raise ValueError("complex numbers, where real ones must be")
         x = x.view(Symbols) if x.dtype == object else x.astype(float, copy=False).view(Ordered)
     if shape is not None and x.shape != shape:
         if not x.ndim or x.shape != shape[len(shape) - x.ndim :]:
@@ -196,7 +197,7 @@ def sparse(ufunc, a, b):
 
 def product(a, b):
     """a @ b of vectors and matrices, its terms added in order, without those that are zero."""
-    if not type(a) is type(b) is Ordered:
+    if type(a) is not Ordered or type(b) is not Ordered:
         a, b = np.asarray(a), np.asarray(b)
     if a.ndim == 1 and a.shape == b.shape and 0 < len(a) <= FEW:
         return few_terms(a.tolist(), b.tolist())

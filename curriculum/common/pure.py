@@ -99,7 +99,6 @@ KINDS = {  # what holds something: its name, what that is, as a dict, and how it
     set: ("the set {}", lambda x: {y: y for y in x}, lambda x, old: (x.clear(), x.update(old))),
     (list, deque): ("the list {}", lambda x: dict(enumerate(x)),
         lambda x, old: (x.clear(), x.extend(old.values()))),
-    (tuple, frozenset): ("the tuple {}", lambda x: dict(enumerate(x)), lambda x, old: None),
     np.ndarray: ("the array {}",
         lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
     CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
@@ -144,6 +143,8 @@ class Memory:
 
     def note(self, x, name, words=None):
         """(y, name) of all that x holds; noted, if x is of one of KINDS. `words` as there."""
+        if isinstance(x, (tuple, frozenset)):  # what it holds may change, but not it
+            return list(zip(x, getattr(x, "_fields", [name] * len(x)), strict=True))
         kind = next((KINDS[known] for known in KINDS if isinstance(x, known)), None)
         if kind is None:
             return []
@@ -153,9 +154,7 @@ class Memory:
         except Exception:  # a generator without a state
             self.asks.append(f"it uses {name}, which cannot be put back")
             return []
-        held = self.parts[id(x)][-1]
-        names = x._fields if hasattr(x, "_fields") and isinstance(x, tuple) else [name] * len(held)
-        return list(zip(held.values(), names, strict=True))
+        return [(y, name) for y in self.parts[id(x)][-1].values()]
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""
