@@ -130,7 +130,8 @@ class Compiled:
             self.taken, self.seconds = self.plain.taken, self.plain.seconds
             return state
         if not self.alone.traced.fits(q, v):  # the loop has moved what stood still
-            self.best = False
+            self.best = self.compared = False
+            self.due = 0
             self.trace(q, v)
             return self.compute(q, v)
         clock = time.perf_counter()
