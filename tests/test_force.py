@@ -1,6 +1,6 @@
 """The constraint force, of few rods and many: what it must bring about, and what no force can."""
 
-from functools import partial
+from functools import partial, wraps
 from itertools import product
 
 import constraints as c
@@ -83,6 +83,8 @@ WRITTEN = [  # as the course has it: without v, as a list, or as one row for all
     lambda system, q, k=1.0: k * system["m"] * c.GRAVITY,
     lambda system, q, k=1.0, v=None: k * system["m"] * c.GRAVITY + 0.0 * v,
     lambda system, q, *, v=None: system["m"] * c.GRAVITY + 0.0 * v,
+    lambda system, q, v=None, /: system["m"] * c.GRAVITY + 0.0 * v,
+    wraps(c.external_force)(lambda *state: state[0]["m"] * c.GRAVITY + 0.0 * state[2]),
     lambda system, q: system["m"] * c.GRAVITY,
     lambda system, q, v: [0.0, -9.81, 0.0],
     lambda *state: c.GRAVITY.tolist(),

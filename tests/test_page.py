@@ -143,12 +143,30 @@ def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_pa
     (tmp_path / publish.PAGE).write_text("old")
     forces = {"branches on a value": lambda q, v: q if q[0, 0] > 0.0 else -q}
     forces["asks for the time"] = lambda q, v: time.time() * v  # which is not to be frozen in
+    table, called = c.hold_table, []
+
+    def mending(*state):  # every other step
+        called.append(1)
+        return c.project(*state) if len(called) % 2 else state[2:4]
+
+    def own(*given):
+        return table(*given) | {"mine": c.Hold(1.0, 0.0, 0.0, 0.0, after=mending)}
+
     forces["does something else"] = lambda q, v: -v if q.dtype == float else q
     for why, force in forces.items():
         feel(monkeypatch, force)
         c.main(["--steps", "2", "--no-rerun", "--no-picture", "--out", str(tmp_path)])
         assert f"\n{publish.PAGE} left out: it {why}" in capsys.readouterr().out
         assert not (tmp_path / publish.PAGE).exists()
+    feel(monkeypatch, lambda q, v: 0.0 * q)
+    for name, value, why in (
+        ("hold_table", own, "changes"),
+        ("applied_force", c.external_force, "has"),
+    ):
+        with monkeypatch.context() as edited:
+            edited.setattr(c, name, value)
+            with pytest.raises(Untraceable, match=f"it {why}"):
+                page("double")
     with pytest.raises(Untraceable, match="120 rods"):
         play.page(c, "x", c.build_system("chain", links=121), "rk4", c.rk4_step, *USUAL)
 

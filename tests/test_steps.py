@@ -137,6 +137,19 @@ class Heir(Parent):
     pass
 
 
+class Shown(Parent):
+    """It counts what is asked of it besides, which is no matter of its force."""
+
+    def __init__(self):
+        self.frames = 0
+
+    def on_frame(self):
+        self.frames += 1
+
+    def __call__(self, system, q, v):
+        return system["m"] * c.GRAVITY - 0.1 * v
+
+
 class Turns:
     turn = 0
 
@@ -148,11 +161,23 @@ class Turns:
 CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
 
 
+class Slow:
+    gain = 0.0
+
+
+SLOW = Slow()
+
+
+def slower(drag):
+    drag.gain += 0.01
+    return drag.gain
+
+
 def forces():
     """Forces, made anew for each run, that numpy takes, and most of which a trace would freeze;
     their names say, up to a colon, what the run says of them."""
     global CALLS
-    CALLS = calls = 0
+    CALLS = calls = SLOW.gain = 0
     start, faded, seen, recent = [], [], set(), deque(maxlen=50)
     ticks, ones, rng = iter(range(1000)), np.ones(1), np.random.default_rng(3)
     endless = {"of": Controller, "file": open, "lock": np.lib}
@@ -161,6 +186,7 @@ def forces():
     options = Namespace(gain=0.1)
     drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
     heir, turns, normal = Heir(), Turns(), np.random.default_rng(3).normal
+    raw, sized = bytearray(2), {SLOW: "the drag"}
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
 
@@ -211,6 +237,8 @@ def forces():
         "changes the attribute gain of options": tired,
         "changes the attribute count of heir": lambda q, v: -0.01 * heir() * v,
         "changes the attribute turn of turns": lambda q, v: -0.01 * next(turns) * v,
+        "uses raw, which cannot be put back": lambda q, v: -0.1 * raw[0] * v,
+        "changes the attribute gain": lambda q, v: -(1.0 + slower(next(iter(sized)))) * v,
         "the random generator normal": lambda q, v: normal() * q,
         "the random generator rng": partial(lambda k, q, v: k * rng.normal(size=q.shape), 0.1),
         "the random generator of numpy": noise,
@@ -272,6 +300,7 @@ def forces():
         ),
         "decided by its sign": lambda q, v: -v * np.arctan2(q[0, 2], q[0, 0]),
         "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
+        "compiled: objects": lambda q, v: np.full(q.shape, 0.5, object) * -v,
         "compiled: in place": lambda q, v: halving(q)[0],
         # nothing that changes
         "compiled: a name of its own": lambda q, v: -drag.time * v,
@@ -487,7 +516,7 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
     assert "slower: " in found.way and found.halved == np.sum(lengths > 1.0) > 0
 
 
-WIND = 0.0  # N
+WIND = 0.0  # N, or J
 
 
 def stepper(way, steps):
@@ -561,6 +590,19 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
         with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
             taken(Compiled, partial(ticking, begin))
     assert taken(Plain, partial(ticking, 3)).way == Plain.way
+    ticking(0, 0)
+    shown = Shown()
+    monkeypatch.setattr(c, "external_force", shown)
+    assert taken(Compiled, lambda k: shown.on_frame()).way.startswith("compiled")
+    usual = c.energy
+    monkeypatch.setattr(c, "energy", lambda *state: usual(*state) + WIND)
+    with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
+        taken(Compiled, partial(ticking, 3))
+    ends = []
+    for way in (Compiled, Plain):
+        ticking(0, 0)
+        ends.append(taken(way, partial(ticking, -1)).energies)
+    assert np.array_equal(*ends)
     monkeypatch.setitem(DOUBLE, "m", DOUBLE["m"].copy())
     with pytest.raises(ValueError, match="the array m was changed"):
         taken(Compiled, lambda k: DOUBLE["m"].__imul__(1.0 - 0.1 * (k == 30)))
@@ -688,7 +730,9 @@ def changed(way, change):
 def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
     """What follows goes on from there, and what was changed is what is measured."""
     out_of_its_plane = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-    for change in (lambda v: 0.5 * v, lambda v: v + out_of_its_plane):
+    single = np.float32
+    changes = lambda v: 0.5 * v, lambda v: v + out_of_its_plane, lambda v: 0.5 * v.astype(single)
+    for change in changes:
         quick, plain = (changed(way, change) for way in (Compiled, Plain))
         assert alike(quick, plain) and quick.way.startswith("compiled")
         assert abs(quick.energies[41] - quick.energies[40]) > 0.1

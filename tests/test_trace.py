@@ -226,6 +226,15 @@ def test_what_is_soon_done_of_few_states_is_compiled_once_there_are_many():
         assert (entry.code is not None) == compiled
 
 
+def test_a_mask_is_one_of_many_states_too_and_no_step_changes_none():
+    asked, many = mapped(lambda q: (q > 0.0, q)), np.repeat(CROWD, 20, axis=0)
+    for states in (CROWD[:2], many):
+        assert [x.dtype for x in asked(states, states)] == [bool, float]
+    crowd = Crowd(step_of(np.exp), None, None, 0.0, CROWD, 0.0 * CROWD)
+    crowd.advance(0)
+    assert np.array_equal(crowd.states()[0], CROWD)
+
+
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong
     "a divisor of zero": (lambda x: x - 1.0 + 0.0 / (x * x), 2.0),
     "a loop that does not settle in a routine": (lambda x: ROUTINE(x) + 1e100 * x, 1e10),

@@ -50,7 +50,7 @@ class Tracer:
     def __init__(self, axes, chapter, system, rule, modes, impedance):
         self.axes, self.chapter, self.system = axes, chapter, system
         self.rule, self.impedance = rule, impedance
-        self.writer, self.inexact = Writer(), set()
+        self.writer, self.inexact, self.felt = Writer(), set(), False
         count = len(system["q0"])
         self.still = np.arange(3) >= np.full((count, 1), axes)
         self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
@@ -62,6 +62,8 @@ class Tracer:
         self.steps = {mode: self.step(mode) for mode in modes}
         self.measure = self.written(measure)
         self.tensions = {mode: self.pull(mode) for mode in modes}
+        if not self.felt:  # applied_force is the reader's own
+            raise Untraceable("it has no own_force, by which the hand pulls")
 
     def inputs(self, names):
         """Symbols of knobs, on the tape that is written now: they are the same everywhere."""
@@ -84,6 +86,7 @@ class Tracer:
         """
 
         def hand(q, v):
+            self.felt = True
             f = np.zeros(q.shape, object)
             for i, stiffness in enumerate(self.inputs(self.pulls)):  # N/m
                 for axis, x in enumerate(self.inputs(self.point)):  # m
@@ -165,7 +168,8 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     if len(system["pairs"]) > MOST:
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
     system = check_system(system)
-    memory = Memory(step_fn, chapter.external_force)
+    lines = chapter.make_force, chapter.hold_table, chapter.energy, chapter.rod_errors
+    memory = Memory(step_fn, *lines, chapter.tensions)
     if memory.asks:
         raise Untraceable(memory.asks[0])
     w, time_constant, impedance = knobs

@@ -37,7 +37,7 @@ def ordered(x, shape=None):
         x = np.asarray(x)
     if x.dtype.kind == "c":
         raise ValueError("complex numbers, where real ones must be")
-    if not isinstance(x, Ordered):
+    if not isinstance(x, Ordered) or x.dtype == np.float32:
         x = x.view(Symbols) if x.dtype == object else x.astype(float, copy=False).view(Ordered)
     if shape is not None and x.shape != shape:
         if not x.ndim or x.shape != shape[len(shape) - x.ndim :]:

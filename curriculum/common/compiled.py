@@ -9,8 +9,9 @@ from curriculum.common import llvm
 from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
+from curriculum.common.pure import Memory
 from curriculum.common.steps import NONE, Block, Plain, Single, Traced
-from curriculum.common.tape import Stop, Untraceable
+from curriculum.common.tape import Stop, Tape, Untraceable
 
 import numpy as np
 
@@ -111,7 +112,8 @@ class Compiled:
         handed, whole, self.block = self.block.handed(), len(self.block.last), None
         self.steps -= handed
         self.most = math.inf if handed == whole else 2 * handed  # the loop changes the state
-        changed = self.alone.traced.changed()
+        with Tape.lock:  # while others trace, nothing is as it is
+            changed = self.alone.traced.changed() or self.measure.changed()
         if changed and handed > 1:
             ahead = "was changed while steps were computed ahead"
             raise ValueError(f"{changed} {ahead}: run them plainly, by way=Plain or --plain")
@@ -157,6 +159,8 @@ class Compiled:
             self.improve(spent / count)
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
+        with Tape.lock:
+            self.measure = Memory(self.ask.function)  # what the loop changes of it, from here on
         self.block = Block(*states, measured, halved)
         self.ahead = iter(self.block)
         return next(self.ahead)

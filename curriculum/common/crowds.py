@@ -92,6 +92,8 @@ def run(code, program, state, count, *knobs):
     ends = np.empty((entries, filled))
     ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
     made = np.full((len(program.out) - entries, filled), -np.inf)
+    if not count:
+        return state.copy(), made[:, :members]
 
     def advance(first):  # threads run side by side: ctypes lets go of the interpreter
         piece = slice(first, first + some)
@@ -169,12 +171,16 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def __init__(self, function, turns=0):
         self.function, self.turns, self.known, self.single = function, turns, {}, False
+        self.kinds = []  # of what it makes of numbers
 
     def measure(self, q, v):
         """The function's results, as a tuple."""
         made = called(self.function, q, v)
         self.single = not isinstance(made, tuple)
-        return (made,) if self.single else made
+        made = (made,) if self.single else made
+        if q.dtype != object:
+            self.kinds = [np.asarray(x).dtype for x in made]
+        return made
 
     def __call__(self, q, v):
         resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
@@ -229,7 +235,8 @@ class mapped:  # noqa: N801 - it is called as a function is
             rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
         if differs(traced, columns[:, -1], (ends, rows), 0.0):
             return None
-        for x in traced.program.results[1:]:
-            made.append(rows[first : first + x.size].T.reshape(len(q), *x.shape))
+        for x, kind in zip(traced.program.results[1:], self.kinds, strict=True):
+            part = rows[first : first + x.size].T.reshape(len(q), *x.shape)
+            made.append(part.astype(kind, copy=False))
             first += x.size
         return made

@@ -5,7 +5,9 @@ import pickle
 import random
 import sys
 import sysconfig
+from array import array
 from collections import deque
+from contextvars import ContextVar
 from dis import get_instructions
 from functools import lru_cache, partial
 from pathlib import Path
@@ -92,6 +94,7 @@ def put_names(names, x, old):
             del x[name]
 
 
+UNSEEN = bytearray, memoryview, array, ContextVar
 GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
 KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
     dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
@@ -109,6 +112,8 @@ KINDS = {  # what holds something: its name, what that is, as a dict, and how it
 }  # fmt: skip
 
 
+# what is made by a class itself, or only to be read
+UNASKED = {"__init__", "__new__", "__post_init__", "__repr__", "__str__", "__dict__"}
 EVERY = {"globals", "vars", "getattr", "setattr", "__dict__"}  # by which all can be reached
 
 
@@ -143,6 +148,8 @@ class Memory:
 
     def note(self, x, name, words=None):
         """(y, name) of all that x holds; noted, if x is of one of KINDS. `words` as there."""
+        if isinstance(x, UNSEEN):
+            self.asks.append(f"it uses {name}, which cannot be put back")
         if isinstance(x, (tuple, frozenset)):  # what it holds may change, but not it
             return list(zip(x, getattr(x, "_fields", [name] * len(x)), strict=True))
         kind = next((KINDS[known] for known in KINDS if isinstance(x, known)), None)
@@ -154,7 +161,8 @@ class Memory:
         except Exception:  # a generator without a state
             self.asks.append(f"it uses {name}, which cannot be put back")
             return []
-        return [(y, name) for y in self.parts[id(x)][-1].values()]
+        keys = x if isinstance(x, dict) else ()
+        return [(y, name) for y in (*keys, *self.parts[id(x)][-1].values())]
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""
@@ -165,7 +173,7 @@ class Memory:
         elif isinstance(x, type):
             self.space(x, vars(x), x.__module__, self.attributes)
             if of_reader(x.__module__):  # operators and the like, which no code names
-                self.attributes |= {n for n, y in vars(x).items() if isinstance(y, FunctionType)}
+                self.attributes |= {n for n in vars(x) if n[:2] == "__" and n not in UNASKED}
             yield from ((kind, name) for kind in x.__mro__[1:])
             yield from self.inside(x, name)
         else:

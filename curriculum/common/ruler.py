@@ -26,7 +26,6 @@ HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
 LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
 NEAR = 1e-2  # m: farther off than that, it is chance which is the nearest
-IDLE = 4  # finer steps, of which the last is a quarter of the step before them
 LOOKS = 3  # states at which the forces of a step are counted
 
 
@@ -183,18 +182,20 @@ def climb(tol, seconds, q, runs, rule):
     """
     tried = []
     for steps in finer(seconds):
-        dt, off = seconds / steps, []
+        dt, off, near = seconds / steps, [], math.inf
         for run in runs:
             end = run(rule, dt, steps, range(0, steps, -(-steps // LOOKS)))
-            off.append(math.inf if end.stopped or end.halved else distance(end.q[-1], q))
+            gap = math.inf if end.stopped else distance(end.q[-1], q)
+            near = min(near, gap)
+            off.append(math.inf if end.halved else gap)
             if off[-1] <= tol:
                 return off[-1], dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
         error = min(off)
         tried.append((error, dt, None))
-        errors = [error for error, *_ in tried]
-        if 0.5 * min(errors[:-IDLE], default=math.inf) < min(errors[-IDLE:]) < math.inf:
+        errors, idle = [error for error, *_ in tried], 2 if near < NEAR else 4
+        if 0.5 * min(errors[:-idle], default=math.inf) < min(errors[-idle:]) < math.inf:
             break  # so many finer steps have gained nothing
-        if error < NEAR:
+        if near < NEAR:
             # each run costs a compiled step, so only the nearest goes on, and those not there yet
             runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
     return min([(math.inf, seconds, None), *tried], key=lambda row: row[0])

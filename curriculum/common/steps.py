@@ -37,6 +37,8 @@ def wanted(function, given):
         return given, False
     placed = [x for x in parameters if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
     many = sum(x.default is x.empty for x in placed)
+    if many == given - 1 and [x.name for x in placed[many:]][:1] == ["v"]:
+        return given, False
     named = [x.name for x in parameters if x.kind != x.POSITIONAL_ONLY and x not in placed[:many]]
     return many, "v" in named
 
@@ -253,11 +255,11 @@ class Traced:
         """The step as it stands, of columns (entries,), and what is measured: a row."""
         q, v = (ordered(x[0]) for x in self.states(state[None]))
         q, v = self.as_it_stands(q, v, dt)
-        end = np.stack([q, v])
+        end = np.array([q, v], float)
         moved = end[self.moving]
         if np.isfinite(moved).all() and np.any(end[~self.moving]):  # 0 * inf is no motion
             raise Untraceable("it moves what stays where it is when it is compiled")
-        return np.concatenate([moved, *map(np.ravel, self.measure(q, v))])
+        return np.concatenate([moved, *map(np.ravel, self.measure(q, v))]).astype(float, copy=False)
 
 
 class Single:

@@ -90,6 +90,7 @@ def check_solve(exercise, _):
         name = said.partition(":")[0]
         mine, wrong = getattr(exercise, name)(*tried[name]), mistake(*tried[name])
         need(np.shape(mine) != np.shape(wrong) or not np.allclose(mine, wrong), said)
+    need(not exercise.wanted(0.3, 0.7, 0.0), "wanted: at w = 0 it is to be zero")
     for n in (1, 2, 5, 8):
         d, v, f = rng.normal(size=(3, n, 3))
         lengths = np.linalg.norm(d, axis=1) * rng.uniform(0.98, 1.02, n)
