@@ -113,7 +113,7 @@ KINDS = {  # what holds something: its name, what that is, as a dict, and how it
 
 
 # what is made by a class itself, or only to be read
-UNASKED = {"__init__", "__new__", "__post_init__", "__repr__", "__str__", "__dict__"}
+UNASKED = {"__init__", "__new__", "__post_init__", "__repr__", "__str__"}
 EVERY = {"globals", "vars", "getattr", "setattr", "__dict__"}  # by which all can be reached
 
 
@@ -173,8 +173,9 @@ class Memory:
         elif isinstance(x, type):
             self.space(x, vars(x), x.__module__, self.attributes)
             if of_reader(x.__module__):  # operators and the like, which no code names
-                self.attributes |= {n for n in vars(x) if n[:2] == "__" and n not in UNASKED}
-            yield from ((kind, name) for kind in x.__mro__[1:])
+                own = {n for n, y in vars(x).items() if isinstance(y, FunctionType)}
+                self.attributes |= {n for n in own - UNASKED if n.startswith("__")}
+            yield from ((kind, name) for kind in x.__mro__[1:] if of_reader(kind.__module__))
             yield from self.inside(x, name)
         else:
             yield from self.note(x, name)
