@@ -113,7 +113,7 @@ class Compiled:
         self.steps -= handed
         self.most = math.inf if handed == whole else 2 * handed  # the loop changes the state
         with Tape.lock:  # while others trace, nothing is as it is
-            changed = self.alone.traced.changed() or self.measure.changed()
+            changed = self.alone.traced.changed() or self.gauges.changed()
         if changed and handed > 1:
             ahead = "was changed while steps were computed ahead"
             raise ValueError(f"{changed} {ahead}: run them plainly, by way=Plain or --plain")
@@ -160,7 +160,7 @@ class Compiled:
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
         with Tape.lock:
-            self.measure = Memory(self.ask.function)  # what the loop changes of it, from here on
+            self.gauges = Memory(self.ask.function)  # what the loop changes of it, from here on
         self.block = Block(*states, measured, halved)
         self.ahead = iter(self.block)
         return next(self.ahead)

@@ -180,6 +180,8 @@ class mapped:  # noqa: N801 - it is called as a function is
         made = (made,) if self.single else made
         if q.dtype != object:
             self.kinds = [np.asarray(x).dtype for x in made]
+        elif not self.kinds:  # no numbers were asked for yet
+            self.kinds = [float] * len(made)
         return made
 
     def __call__(self, q, v):

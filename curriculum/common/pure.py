@@ -94,7 +94,7 @@ def put_names(names, x, old):
             del x[name]
 
 
-UNSEEN = bytearray, memoryview, array, ContextVar
+UNSEEN = bytearray, memoryview, array, ContextVar  # what these hold is not looked at
 GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
 KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
     dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
