@@ -417,7 +417,7 @@ def main(argv=None):
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     unsought = run_checks.unsought(system, partial(unheld, system), args.plain)  # in words, or None
-    true_run = ruler.truly(partial(run, "project"), unsought, args.dt * steps)
+    true_run = ruler.truly(partial(run, "project"), unsought)
     tried = [partial(run, mode) for mode in modes]
     plan = parser.attempt("--tol", ruler.settle, true_run, tried, offered, args.dt, steps, args.tol)
     rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them

@@ -128,7 +128,40 @@ def test_the_ruler_knows_a_place_by_odd_numbers_of_steps():
 LONG = make_system([[1e9, 0.0, 0.0]], np.zeros((1, 3)), [1.0], [(0, -1)])
 PAIR = np.array([[1e8, 0.0, 0.0], [1e8 + 1.0, 0.0, 0.0]])  # far away
 FAR = make_system(PAIR, [[0.0, 0.0, 0.0], [0.0, 1e-7, 0.0]], [1.0, 1.0], [(0, 1)])
-UNKNOWN = [("triple", 20.0), ("spin", 0.1), ("spin", 2.0), (LONG, 2.0), (FAR, 2.0)]
+
+
+@pytest.mark.parametrize(("name", "dt"), [("heavy_tip", 0.002), ("spin", 0.001), ("ring", 0.002)])
+def test_a_place_is_known_where_rods_buzz_and_spin_and_another_rule_finds_it(name, dt):
+    q, known = true_position(true_run(name), 2.0)
+    other = held(name, "project")(EXACT, dt, round(2.0 / dt))
+    assert known < 1e-9 and distance(other.q[-1], q) < 2e-12 and other.halved == 0
+
+
+def test_what_is_known_is_not_sought_further_than_it_helps():
+    """Steps become finer until two are near enough, and no more where rounding parts them."""
+    tried = []
+
+    def run_to(*gaps):  # the places that ever finer steps find are so far from one to the next
+        places = np.cumsum([0.0, *gaps])
+        tried.clear()
+
+        def run(dt, steps, nudge=False):
+            if not nudge:
+                tried.append(dt)
+            number = tried.index(dt)
+            return SimpleNamespace(q=np.full((1, 1, 3), places[number]), stopped=None)
+
+        return true_position(run, 2.0, 1e-11)
+
+    assert run_to(1e-3, 1e-10, 1e-12, 1.0)[1] == pytest.approx(3**0.5 * 1e-12) and len(tried) == 4
+    assert run_to(1e-3, 1e-10, 3e-10, 1e-12)[1] == pytest.approx(3**0.5 * 1e-10)
+    assert len(tried) == 4
+    many = [1e-8] * len(ruler.LADDER)
+    assert run_to(*many) == (None, math.inf) and len(tried) == len(ruler.LADDER)
+
+
+WILD = make_system([[1.0, 0.0, 0.0]], [[0.0, 1e5, 0.0]], [1.0], [(0, -1)])
+UNKNOWN = [("triple", 20.0), (WILD, 0.1), ("peaucellier", 2.0), (LONG, 2.0), (FAR, 2.0)]
 
 
 @pytest.mark.parametrize(("system", "seconds"), UNKNOWN)
@@ -204,7 +237,7 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     def parting(dt, steps, keep):
         q = np.zeros((len(keep), 1, 3))
         q[3, 0, 0] = 100.0 * dt  # the two runs have steps of different length
-        return SimpleNamespace(q=q, kept=np.array(keep))
+        return SimpleNamespace(q=q, kept=np.array(keep), halved=0)
 
     found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown, ruler.Truth(0))
     assert len(found) == 3
@@ -219,7 +252,9 @@ def test_where_no_mode_gets_through_no_step_is_chosen():
 
 
 def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
-    def run(rule, dt, steps, keep):  # of order 1.2: what is half as long is less than half as wrong
+    def run(
+        rule, dt, steps, keep, way
+    ):  # of order 1.2: what is half as long is less than half as wrong
         ends = np.zeros((2, 1, 3))
         ends[-1, 0, 0] = dt**1.2
         return SimpleNamespace(stopped=None, halved=0, q=ends, v=ends)
@@ -244,7 +279,7 @@ def test_a_start_alone_is_no_true_motion():
 
     def run(dt, steps, keep):  # no two agree, but in the start
         q = np.concatenate([np.zeros((1, 1, 3)), drawn.normal(size=(len(keep) - 1, 1, 3))])
-        return SimpleNamespace(q=q, kept=np.asarray(keep))
+        return SimpleNamespace(q=q, kept=np.asarray(keep), halved=0)
 
     system, shown = c.build_system("pendulum"), np.arange(0, 40, 10)
     assert not ruler.true_motion(run, system, 0.01, shown, ruler.Truth(0)).size

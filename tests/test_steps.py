@@ -442,9 +442,18 @@ def test_a_step_that_is_too_long_is_taken_in_halves_of_halves():
     q, _ = side_by_side(alone, PENDULUM, timid, 0.0, 0.04)
     expected = np.where(lengths[:, None, None] > 1.0, np.nan, alone.q[1:])
     assert np.array_equal(q[..., :2], expected[..., :2], equal_nan=True)
-    way = once_for_all()
+    way = once_for_all(Compiled)
     again = [run(PENDULUM, timid, 0.0, 0.04, 40, way=way).halved for _ in range(2)]
     assert again == [alone.halved] * 2
+
+
+def test_a_length_of_numpy_costs_no_more_than_one_of_python():
+    """Each operation on a number of numpy's takes several times as long as on Python's own."""
+    found = run(PENDULUM, "rk4", 0.0, np.float64(0.01), 20)
+    given, step = [], found.step.alone
+    step.machine, step.traced.function = None, lambda *given_: given.extend(given_)
+    step(np.ones(4), 1, found.step.dt)
+    assert {type(x) for x in (*given[0], given[-1])} == {float}
 
 
 def hidden(q, v, m, force, dt):

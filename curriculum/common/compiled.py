@@ -10,7 +10,7 @@ from curriculum.common.bytecode import LARGE
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
-from curriculum.common.steps import NONE, Block, Plain, Single, Traced
+from curriculum.common.steps import HALVINGS, NONE, Block, Plain, Single, Traced
 from curriculum.common.tape import Stop, Tape, Untraceable
 
 import numpy as np
@@ -37,22 +37,26 @@ class Compiled:
     with the plain step at first, after OFTEN * FIRST steps, whenever they are OFTEN times as many,
     and in the end. Where they differ, or the step cannot be traced, steps are plain. With `only`
     that raises Untraceable, since it would take too long, and only one block is compared. `steps`:
-    how many are to come, and `later` in other runs. `way` says how steps are done; `source` is the
-    code; `taken` steps took `seconds`, counted from zero where the way changes. `lies`: why what
-    was compiled was given up, or None.
+    how many are to come. `way` says how steps are done; `source` is the code; `taken` steps took
+    `seconds`, counted from zero where the way changes. `lies`: why what was compiled was given up,
+    or None.
     """
 
-    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False, later=0):
+    halvings = HALVINGS  # of a step that fails
+
+    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
         self.given, self.only, self.lies = (step_fn, m, force), only, None
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
-        self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
-        self.watch = mapped(watch, turns=steps) if watch else None
-        self.later, self.done = later, 0
+        self.plain.halvings = self.halvings
+        self.turns = steps or math.inf  # if that is not known yet
+        self.ask, self.best, self.compared = mapped(measure, turns=self.turns), False, False
+        self.watch = mapped(watch, turns=self.turns) if watch else None
+        self.later = self.done = 0
         self.start(dt, steps)
 
     def start(self, dt, steps):
         """Begin a run of so many steps of so many seconds, of the same system."""
-        self.dt = self.plain.dt = dt
+        self.dt = self.plain.dt = float(dt)  # Python's floats are quicker than numpy's
         self.later += self.done  # where there were runs before, others will follow
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
@@ -83,7 +87,7 @@ class Compiled:
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.alone = Single(Traced(*self.given, q, v, turns=self.steps))
+            self.alone = Single(Traced(*self.given, q, v, turns=self.turns), self.halvings)
         except Untraceable as why:
             self.give_up(why)
             return
@@ -217,9 +221,10 @@ class Compiled:
         if self.best:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        left = (self.steps - self.computed + self.later) * pace
+        left = (self.steps - self.computed) * pace
         begun = isinstance(self.alone.machine, Native)
-        if left > (BEST if begun else QUICK) * cost and llvm.available():  # which looks at files
+        worth = left > BEST * cost if begun else left + self.later * pace > QUICK * cost
+        if worth and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
                 self.to_machine(best=begun)
         if llvm.FAILED and not self.alone.machine:
@@ -230,3 +235,9 @@ class Compiled:
         self.alone.to_machine(best)
         self.best = best
         self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
+
+
+class Whole(Compiled):
+    """What is Compiled, but a step that fails is not taken in halves: the run stops there."""
+
+    halvings = 0

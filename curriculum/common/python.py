@@ -42,13 +42,15 @@ class Python(Language):
         return expression, bound
 
     def calls(self, calls, signed):
-        """One calls a routine; of several, which are rows, a loop adds what they make to a list."""
+        """A call of a routine for each row; or, where rows take numbers from around, a loop, which
+        adds what they make to a list."""
         program, rows = calls.program, [", ".join(map(signed, row)) for row in calls.rows]
-        names = ", ".join(sum(calls.names, []))
-        if len(rows) == 1:
+        if not calls.taken:
             if program not in self.routines:
                 self.routines.append(program)
-            yield f"{names}, = routine{self.routines.index(program)}({rows[0]})"
+            routine = f"routine{self.routines.index(program)}"
+            for names, row in zip(calls.names, rows, strict=True):
+                yield f"{', '.join(names)}, = {routine}({row})"
             return
         ((lines, made),) = self.write(program.tape, program.made)
         everything = f"all_{calls.names[0][0]}"
@@ -56,7 +58,7 @@ class Python(Language):
         lines.append(f"{everything} += {', '.join(made)},")
         tuples = ", ".join(f"({row},)" for row in rows)
         yield block(f"for {', '.join(program.inputs)}, in {tuples}", lines)
-        yield f"{names}, = {everything}"
+        yield f"{', '.join(sum(calls.names, []))}, = {everything}"
 
     def loop(self, loop, signed):
         names, size = ", ".join(loop.names), f"size_{loop.names[0]}"

@@ -1,29 +1,32 @@
-"""The truth to measure against, gauss at two steps that agree; rule and step for an error."""
+"""The truth to measure against, at two steps that agree; rule and step for an error."""
 
 import math
 from argparse import ArgumentTypeError
-from functools import partial
+from functools import cache, partial
 from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
 from curriculum.common.banner import work
-from curriculum.common.compiled import Compiled
-from curriculum.common.gauss import make_gauss
+from curriculum.common.compiled import Compiled, Whole
+from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Plain
 from curriculum.common.tape import Untraceable
 
 import numpy as np
 
+ORDER = 8  # of the midpoint rule: of what knows as much, Python takes these steps the soonest
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
+ENOUGH = 1e-11  # m: two steps that are no further apart are fine enough
 ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
 RODS = 40  # with more, finding the truth would take longer than the run
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
-FINE = 0.04  # s: the longest step of the true motion that is shown
-HORIZON = 20.0  # s: so far it is sought first, and then twice as far as long as it is known
-LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066  # s
+FIRST, FINEST = 0.02, 1e-3  # s: between these are the steps of the true motion that is shown
+GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
+HORIZON = 20.0  # s: so far it is sought first, and then twice as far as it is known
+LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066, 0.004, 0.0024, 0.0015, 0.0009, 0.00055  # s
 LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
 NEAR = 1e-2  # m: farther off than that, it is chance which is the nearest
 LOOKS = 3  # states at which the forces of a step are counted
@@ -50,29 +53,29 @@ class Plan(NamedTuple):
     truth: Truth
 
 
-def once_for_all(later=0):
+def once_for_all(kind):
     """A way for simulate that traces and compiles a rule once, for steps of all lengths.
 
-    The force is that of the first run: it must not depend on dt, as that of `project` does not. A
-    step that cannot be compiled is not run plainly, which would take too long: Untraceable.
-    `later`: how many steps are to come behind the first run.
+    So it is done again only where the force has another Hold. `kind`: what makes the stepper,
+    Compiled or what is called like that.
     """
-    made = []  # at the first run
+    made = {}  # {Hold: stepper}
 
     def way(step_fn, m, force, dt, measure, steps):
-        if not made:
-            made.append(Compiled(step_fn, m, force, dt, measure, only=True, later=later))
-        made[0].start(dt, steps)
-        return made[0]
+        if force.hold not in made:
+            made[force.hold] = kind(step_fn, m, force, dt, measure)
+        made[force.hold].start(dt, steps)
+        return made[force.hold]
 
     return way
 
 
-def truly(run, unsought=None, seconds=0.0):
-    """(dt, steps, keep=(), nudge=False) -> Run, by gauss, compiled once for steps of all lengths.
+def truly(run, unsought=None):
+    """(dt, steps, keep=(), nudge=False) -> Run, by one rule, compiled once for all steps' lengths.
 
     run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`. `unsought`: why
-    it is not to be run, in words; then it raises Untraceable. `seconds` of it are to be shown.
+    it is not to be run, in words; then it raises Untraceable, as where a step cannot be compiled:
+    plain ones would take too long.
     """
 
     def refuse(*_, **__):
@@ -80,8 +83,8 @@ def truly(run, unsought=None, seconds=0.0):
 
     if unsought is not None:
         return refuse
-    later = round(2.0 * min(seconds, HORIZON) / FINE)  # the true motion is found twice
-    return partial(run, make_gauss(6), way=once_for_all(later))
+    way = once_for_all(partial(Compiled, only=True))
+    return partial(run, make_midpoint(ORDER), way=way)
 
 
 def rungs(seconds):
@@ -97,50 +100,68 @@ def nudged(system):
     return system | {"q0": system["q0"] * off, "v0": system["v0"] * off}
 
 
-def true_position(true_run, seconds):
+def true_position(true_run, seconds, enough=ENOUGH):
     """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
 
-    That is how far two steps of gauss differ or, if that is more, WORSE times as far as two starts
-    that a rounding parts. `true_run` is made by `truly`. Raises Untraceable.
+    That is how far two steps differ or, if that is more, WORSE times as far as two starts that a
+    rounding parts. Steps become finer until `enough` m are between two, or rounding allows no less.
+    `true_run` is made by `truly`. Raises Untraceable.
     """
 
     def end(steps, nudge=False):  # not a number where a run stops
         found = true_run(seconds / steps, steps, nudge=nudge)
         return found.q[-1] * (math.nan if found.stopped else 1.0)
 
+    apart, best = KNOWN, None
     for (fewer, before), (_, q) in pairwise((steps, end(steps)) for steps in rungs(seconds)):
-        if distance(q, before) < KNOWN:
-            apart = WORSE * distance(end(fewer, nudge=True), before)
-            known = float(np.maximum(distance(q, before), apart))
-            return (q, known) if known < KNOWN else (None, math.inf)
-    return None, math.inf
+        gap = distance(q, before)
+        if gap < apart:
+            apart, best = gap, (fewer, before, q)
+        if best and not enough < gap <= apart:
+            break
+    if best is None:
+        return None, math.inf
+    fewer, before, q = best
+    known = float(np.maximum(apart, WORSE * distance(end(fewer, nudge=True), before)))
+    return (q, known) if known < KNOWN else (None, math.inf)
 
 
 def true_motion(true_run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    Two steps of gauss agree that long to CLOSE of the longest rod. It is not sought where the Truth
-    is not. `shown`: multiples of the first that is not 0. `true_run` is made by `truly`.
+    Two steps agree that long to CLOSE of the longest rod. They become finer as long as that gains
+    something. It is not sought where the Truth is not. `shown`: multiples of the first that is not
+    0. `true_run` is made by `truly`.
     """
     if len(shown) < 2 or truth.unsought:
         return np.array([])
     work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
     every, frames = shown[1], len(shown)
-    parts = math.ceil(every * dt / FINE)  # of the time between two frames
-    last = math.ceil(HORIZON / (every * dt))  # the frame up to which it is sought
+    seconds = every * dt  # between two frames
+
+    @cache
+    def sought(parts, last):  # q (T, N, 3) up to a frame, by so many steps between two; and halves
+        keep = shown[: last + 1] // every * parts
+        end = true_run(seconds / parts, keep[-1], keep)
+        return end.q[np.isin(end.kept, keep)], end.halved
+
+    parts, before = math.ceil(seconds / FIRST), 1
+    last = min(frames - 1, math.ceil(HORIZON / seconds))
     while True:
-        seen = shown[shown <= last * every]
-        found = []
-        for fine in (parts, parts + 1):
-            keep = seen // every * fine
-            end = true_run(every * dt / fine, keep[-1], keep)
-            found.append(end.q[np.isin(end.kept, keep)])
-        agree = takewhile(lambda pair: distance(*pair) < close, zip(*found, strict=False))
-        q = np.array([finer for _, finer in agree])
-        if len(q) < len(seen) or len(seen) == frames:
-            return q if len(q) > 1 else np.array([])  # the start alone is no motion
-        last *= 2
+        finer = (3 * parts + 1) // 2
+        (coarse, halved), (q, _) = sought(parts, last), sought(finer, last)
+        if parts == 1 and halved:  # with steps half as long halves would agree
+            parts = finer
+            continue
+        both = zip(coarse, q, strict=False)
+        known = sum(1 for _ in takewhile(lambda pair: distance(*pair) < close, both))
+        idle = 1 < known < GAIN * before or seconds / finer < FINEST
+        if known == frames or (known <= last and idle):
+            return q[:known] if known > 1 else np.array([])
+        if known <= last:  # so there is no need to look much further
+            before, parts = known, finer
+        last = min(frames - 1, 2 * known)
 
 
 def cost(run, rule, dt, states):
@@ -160,8 +181,9 @@ def cost(run, rule, dt, states):
     return len(asked) / len(states)
 
 
-def finer(seconds):
-    """Numbers of steps that `seconds` are parted in: by half as many again, and then twice."""
+def finer(seconds, least):
+    """Numbers of steps that `seconds` are parted in: by half as many again, and then twice. They
+    are no shorter than `least` s."""
 
     def more(steps):
         while True:
@@ -170,32 +192,33 @@ def finer(seconds):
 
     first = math.ceil(seconds / LONGEST)
     yield first
-    yield from takewhile(lambda steps: seconds / steps >= LEAST, more(first))
+    yield from takewhile(lambda steps: seconds / steps >= least, more(first))
 
 
-def climb(tol, seconds, q, runs, rule):
+def climb(tol, seconds, q, runs, rule, least=LEAST):
     """The largest step of a rule with which the best of `runs` is within `tol` m of q (N, 3).
 
-    (error in m, step in s, (run, states on its way)) or, where no step of LEAST s or more is near
+    (error in m, step in s, (run, states on its way)) or, where no step of `least` s or more is near
     enough, what came nearest, and None; its error is infinite if no run got to the end. Steps that
     are taken in halves are no steps to choose.
     """
+    ways = {run: once_for_all(Whole) for run in runs}
     tried = []
-    for steps in finer(seconds):
-        dt, off, near = seconds / steps, [], math.inf
+    for steps in finer(seconds, least):
+        dt, off = seconds / steps, []
         for run in runs:
-            end = run(rule, dt, steps, range(0, steps, -(-steps // LOOKS)))
-            gap = math.inf if end.stopped else distance(end.q[-1], q)
-            near = min(near, gap)
-            off.append(math.inf if end.halved else gap)
+            end = run(rule, dt, steps, range(0, steps, -(-steps // LOOKS)), ways[run])
+            off.append(math.inf if end.stopped else distance(end.q[-1], q))
             if off[-1] <= tol:
                 return off[-1], dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
         error = min(off)
         tried.append((error, dt, None))
-        errors, idle = [error for error, *_ in tried], 2 if near < NEAR else 4
-        if 0.5 * min(errors[:-idle], default=math.inf) < min(errors[-idle:]) < math.inf:
-            break  # so many finer steps have gained nothing
-        if near < NEAR:
+        errors = [error for error, *_ in tried]
+        if error > NEAR and dt < LADDER[-1]:
+            break  # the truth was found by longer ones
+        if error < NEAR:
+            if 0.5 * min(errors[:-2], default=math.inf) < min(errors[-2:]):
+                break  # two finer steps have gained nothing
             # each run costs a compiled step, so only the nearest goes on, and those not there yet
             runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
     return min([(math.inf, seconds, None), *tried], key=lambda row: row[0])
@@ -207,13 +230,17 @@ def step_for(tol, seconds, q, runs, rules):
     With it the best of `runs` is within `tol` m of q (N, 3) after `seconds`, or as near as any of
     them gets. A cheap one asks for few forces. Each of runs: (rule, dt, steps, keep, way) -> Run.
     """
-    found = []
+    found, best, least = [], None, LEAST
     for name, rule in rules.items():
-        error, dt, reached = climb(tol, seconds, q, runs, rule)
+        if best:  # where it takes so short steps it asks for more; a shorter one for somewhat less
+            least = max(LEAST, 0.5 * cost(best[0], rule, *best[1:3]) / best[3])
+        error, dt, reached = climb(tol, seconds, q, runs, rule, least)
         forces = 0.0
         if reached and len(rules) > 1:
             run, states = reached
-            forces = cost(run, rule, dt, states) / dt
+            forces = cost(run, rule, dt, states) / dt  # a second
+            if best is None or forces < best[3]:
+                best = run, dt, states, forces
         found.append((max(error, tol), forces, name, dt))
     error, _, name, dt = min(found, key=lambda row: row[:2])
     if error == math.inf:
@@ -232,7 +259,7 @@ def settle(true_run, runs, rules, dt, steps, tol):
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     q, known, unsought = None, math.inf, ""
     try:
-        q, known = true_position(true_run, at)
+        q, known = true_position(true_run, at, min(ENOUGH, tol or ENOUGH))
     except Untraceable as why:
         unsought = f"not looked for: {why}"
     if tol is not None and not known < tol:

@@ -24,7 +24,7 @@ class Family(NamedTuple):
 EVEN = range(2, 17, 2)
 FAMILIES = {
     "midpoint": Family(lru_cache(make_midpoint), EVEN, "an even order, 2 to 16", (6, 8, 10, 12)),
-    "gauss": Family(lru_cache(make_gauss), range(2, 17), "2 to 16 stages", (8, 16, 4), True),
+    "gauss": Family(lru_cache(make_gauss), range(2, 17), "2 to 16 stages", (4, 8, 16), True),
 }
 ITERATED = 0.1  # what an iteration may leave, as a share of the error that is asked for
 LEAST, MOST = 1e-16, 1e-2  # tolerances of an iteration, as a share of the state

@@ -79,15 +79,15 @@ def followed(rule, after):
     return step
 
 
-def tried(step, state, dt, level=0):
+def tried(step, state, dt, halvings):
     """step(state, dt) or, if that raises Stop, two of dt/2, each tried so; and whether it did."""
     try:
         return step(state, dt), False
     except Stop:
-        if level == HALVINGS:
+        if not halvings:
             raise
     for _ in range(2):
-        state, _ = tried(step, state, 0.5 * dt, level + 1)
+        state, _ = tried(step, state, 0.5 * dt, halvings - 1)
     return state, True
 
 
@@ -127,7 +127,7 @@ class Plain:
 
     way = source = "in plain numpy: the lines as they stand"
     block, state = None, NONE  # there is none: only Compiled computes ahead
-    lies = None
+    lies, halvings = None, HALVINGS
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
         self.step = lambda state, dt: arrays(step_fn(*state, m, force, dt))
@@ -142,7 +142,8 @@ class Plain:
     def __call__(self, q, v):
         clock = time.perf_counter()
         try:
-            (q, v), halved = tried(self.step, (ordered(q), ordered(v)), self.dt)
+            state = ordered(q), ordered(v)
+            (q, v), halved = tried(self.step, state, self.dt, self.halvings)
         finally:
             self.seconds += time.perf_counter() - clock
         self.taken += 1
@@ -265,8 +266,8 @@ class Traced:
 class Single:
     """Steps of a state, by Python's floats or by `machine` code."""
 
-    def __init__(self, traced):
-        self.traced, self.machine = traced, None
+    def __init__(self, traced, halvings=HALVINGS):
+        self.traced, self.machine, self.halvings = traced, None, halvings
         self.size = max(1, traced.program.size())
 
     def prepare(self):
@@ -282,13 +283,13 @@ class Single:
     def __call__(self, state, count, dt):
         """Rows (count, entries) after `state` (entries,), or fewer; the Stop that is why; and the
         numbers of those that were reached in halves."""
-        rows, done, self.least = np.empty((count, len(state))), 0, dt / 2**HALVINGS
+        rows, done, self.least = np.empty((count, len(state))), 0, dt / 2**self.halvings
         numbers = []
         while done < count:
             taken, _ = self.easy(state, rows[done:], dt)
             if not taken:
                 try:  # a step that has trouble: by itself, or in halves
-                    rows[done], halved = tried(self.one, state, dt)
+                    rows[done], halved = tried(self.one, state, dt, self.halvings)
                 except Stop as why:
                     return rows[:done], why, numbers
                 taken = 1

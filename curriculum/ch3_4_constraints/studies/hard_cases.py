@@ -19,6 +19,7 @@ from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, ru
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
 from curriculum.common.cli import number
+from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import once_for_all
 
 import numpy as np
@@ -53,7 +54,7 @@ def starts(system, count, seed=0):
 
 def held(system, rule, mode, dt, seconds):
     """Whether a method holds a start; most that it loses it loses soon."""
-    v, way = system["v0"], once_for_all()  # compiled once for both of the runs below
+    v, way = system["v0"], once_for_all(Compiled)  # compiled once for both of the runs below
     scale = max(energy_scale(system), 0.5 * float(np.sum(system["m"] * v * v)))
     for steps in (round(0.1 * seconds / dt), round(seconds / dt)):
         found = run(system, rule, mode, dt, steps, way=way)
