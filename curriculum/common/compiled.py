@@ -49,8 +49,8 @@ class Compiled:
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
         self.plain.halvings = self.halvings
         self.turns = steps or math.inf  # if that is not known yet
-        self.ask, self.best, self.compared = mapped(measure, turns=self.turns), False, False
-        self.watch = mapped(watch, turns=self.turns) if watch else None
+        self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
+        self.watch = mapped(watch, turns=steps) if watch else None
         self.later = self.done = 0
         self.start(dt, steps)
 
