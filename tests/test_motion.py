@@ -123,6 +123,7 @@ def test_the_ruler_knows_a_place_by_odd_numbers_of_steps():
     for seconds in (0.01, 0.1):
         counts = np.array(ruler.rungs(seconds))
         assert np.diff(counts).min() > 0 and np.all(counts % 2)
+    assert max(ruler.rungs(100.0)) <= ruler.MOST + 1 and not ruler.rungs(1e4)
 
 
 LONG = make_system([[1e9, 0.0, 0.0]], np.zeros((1, 3)), [1.0], [(0, -1)])

@@ -172,10 +172,11 @@ def test_every_mark_and_dash_in_the_table_has_its_sentence():
     _, lines = results("--integrator midpoint --baumgarte 500", 5)  # a rule with no known limit
     assert not any("past the limit" in line for line in lines)
     words = "--system peaucellier --stabilization impulse"
-    assert "18 m/s^2 unanswered" in marked(results(words, 1000)[1], "* impulse")[0]
+    _, lines = results(words, 1000)
+    assert "18 m/s^2 unanswered" in marked(lines, "* impulse")[0]
+    assert "is not known" in marked(lines, "- impulse")[0]
     _, lines = results("--integrator rk4 --dt 1.5 --stabilization project", 20)
     assert " steps in halves, and stopped at step " in marked(lines, "* project took ")[0]
-    assert "is not known" in marked(results("--system peaucellier", 400)[1], "- ")[0]
     assert "at 0.025 s is not looked" in marked(results("--plain", 5)[1], "- ")[0]
     for rule in c.INTEGRATORS:  # a hopeless step still gives results
         found, lines = results(f"--dt 100 --integrator {rule}", 10)

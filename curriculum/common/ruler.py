@@ -27,6 +27,7 @@ FIRST, FINEST = 0.02, 1e-3  # s: between these are the steps of the true motion 
 GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066, 0.004, 0.0024, 0.0015, 0.0009, 0.00055  # s
+MOST = 20_000  # steps to where the truth is sought
 LONGEST, LEAST = 0.16, 1e-4  # s: between these `--tol` looks for a step
 NEAR = 1e-2  # m: farther off than that, it is chance which is the nearest
 LOOKS = 3  # states at which the forces of a step are counted
@@ -88,8 +89,9 @@ def truly(run, unsought=None):
 
 
 def rungs(seconds):
-    """Ever larger numbers of steps; odd ones, so that halves are never another's steps."""
-    counts = [math.ceil(seconds / longest) | 1 for longest in LADDER]
+    """Ever larger numbers of steps, of MOST at most; odd ones, so that halves are never another's
+    steps."""
+    counts = [math.ceil(seconds / longest) | 1 for longest in LADDER if seconds <= MOST * longest]
     return list(accumulate(counts, lambda before, count: max(before + 2, count)))
 
 
