@@ -244,6 +244,18 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     assert len(found) == 3
 
 
+def test_halves_that_agree_with_steps_half_as_long_are_no_proof():
+    shown = np.arange(6)
+
+    def run(dt, steps, keep):  # the two longest agree all the way, since the one is halves of both
+        q = np.zeros((len(keep), 1, 3))
+        q[3:, 0, 0] = 100.0 * dt * (dt < 0.4 * ruler.FIRST)
+        return SimpleNamespace(q=q, kept=np.array(keep), halved=int(dt > 0.9 * ruler.FIRST))
+
+    sought = run, c.build_system("double"), ruler.FIRST, shown, ruler.Truth(0)
+    assert len(ruler.true_motion(*sought)) == 3
+
+
 def test_where_no_mode_gets_through_no_step_is_chosen():
     def lost(*_):
         return SimpleNamespace(stopped="diverged at step 1", halved=0)
