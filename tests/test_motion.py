@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
 from curriculum.common import ruler, rules
+from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import true_position
 from curriculum.common.runs import distance
@@ -157,6 +158,10 @@ def test_what_is_known_is_not_sought_further_than_it_helps():
     assert run_to(1e-3, 1e-10, 1e-12, 1.0)[1] == pytest.approx(3**0.5 * 1e-12) and len(tried) == 4
     assert run_to(1e-3, 1e-10, 3e-10, 1e-12)[1] == pytest.approx(3**0.5 * 1e-10)
     assert len(tried) == 4
+    exact, starts = {"gauss:12": make_gauss(12, tol=1e-16)}, [held("triple", "none")]
+    for tol, known in ((None, 1e-11), (1e-12, 1e-12)):  # a small error wants a truth that is better
+        plan = ruler.settle(true_run("triple"), starts, exact, 0.01, 200, tol)
+        assert plan.truth.known < known
     many = [1e-8] * len(ruler.LADDER)
     assert run_to(*many) == (None, math.inf) and len(tried) == len(ruler.LADDER)
 
@@ -206,6 +211,14 @@ def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     ends = [run_of(offered[name], h, round(at * dt / h)) for h in (found, 2.0 * found)]
     near, far = (distance(end.q[-1], truth.q) for end in ends)
     assert near <= 1e-9 and (far > 1e-9 or ends[1].halved)
+
+
+def test_a_rule_that_is_compiled_once_feels_the_hold_of_each_length_of_step():
+    """soft is no stiffer than its steps allow."""
+    way, asked = ruler.once_for_all(Compiled), held("double", "soft")
+    for dt in (0.04, 0.02, 0.04):
+        ends = [asked(c.rk4_step, dt, 20, way=each).q for each in (way, Compiled)]
+        assert np.array_equal(*ends)
 
 
 def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
