@@ -2,11 +2,11 @@
 
 import math
 from argparse import ArgumentTypeError
-from functools import cache, partial
+from functools import partial
 from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
-from curriculum.common.banner import work
+from curriculum.common import banner
 from curriculum.common.compiled import Compiled, Whole
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
@@ -25,6 +25,7 @@ RODS = 40  # with more, finding the truth would take longer than the run
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
 FIRST, FINEST = 0.02, 1e-3  # s: between these are the steps of the true motion that is shown
 GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
+WORK = 60_000  # rods times steps: with more, still finer steps take too long in Python
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066, 0.004, 0.0024, 0.0015, 0.0009, 0.00055  # s
 MOST = 20_000  # steps to where the truth is sought
@@ -128,6 +129,11 @@ def true_position(true_run, seconds, enough=ENOUGH):
     return (q, known) if known < KNOWN else (None, math.inf)
 
 
+def finer_parts(parts):
+    """Half as many parts again: not twice as many, since a step's halves would agree with them."""
+    return (3 * parts + 1) // 2
+
+
 def true_motion(true_run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
@@ -137,33 +143,41 @@ def true_motion(true_run, system, dt, shown, truth):
     """
     if len(shown) < 2 or truth.unsought:
         return np.array([])
-    work.begin("the true motion")
+    banner.work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
     every, frames = shown[1], len(shown)
     seconds = every * dt  # between two frames
 
-    @cache
+    done = {}  # {parts: (the last frame, q, how many steps were taken in halves)}
+
     def sought(parts, last):  # q (T, N, 3) up to a frame, by so many steps between two; and halves
-        keep = shown[: last + 1] // every * parts
-        end = true_run(seconds / parts, keep[-1], keep)
-        return end.q[np.isin(end.kept, keep)], end.halved
+        if parts not in done or done[parts][0] < last:
+            keep = shown[: last + 1] // every * parts
+            end = true_run(seconds / parts, keep[-1], keep)
+            done[parts] = last, end.q[np.isin(end.kept, keep)], end.halved
+        _, q, halved = done[parts]
+        return q[: last + 1], halved
+
+    def work(parts, last):  # of a run whose steps are finer than these
+        return len(system["pairs"]) * last * finer_parts(parts)
 
     parts, before = math.ceil(seconds / FIRST), 1
-    last = min(frames - 1, math.ceil(HORIZON / seconds))
+    last = min(frames - 1, math.ceil(HORIZON / seconds), max(1, WORK // work(parts, 1)))
     while True:
-        finer = (3 * parts + 1) // 2
+        finer = finer_parts(parts)
         (coarse, halved), (q, _) = sought(parts, last), sought(finer, last)
         if parts == 1 and halved:  # with steps half as long halves would agree
             parts = finer
             continue
         both = zip(coarse, q, strict=False)
         known = sum(1 for _ in takewhile(lambda pair: distance(*pair) < close, both))
-        idle = 1 < known < GAIN * before or seconds / finer < FINEST
+        further = min(frames - 1, 2 * known)  # there is no need to look much further
+        idle = 1 < known < GAIN * before or seconds / finer < FINEST or work(finer, further) > WORK
         if known == frames or (known <= last and idle):
             return q[:known] if known > 1 else np.array([])
-        if known <= last:  # so there is no need to look much further
+        if known <= last:
             before, parts = known, finer
-        last = min(frames - 1, 2 * known)
+        last = further
 
 
 def cost(run, rule, dt, states):
@@ -257,7 +271,7 @@ def settle(true_run, runs, rules, dt, steps, tol):
     The rule is the first of `rules`, {name: rule}; or, with a `tol` in m, rule and step are those
     that step_for finds among `runs`. ArgumentTypeError if `tol` is under what can be known.
     """
-    work.begin("the truth")
+    banner.work.begin("the truth")
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     q, known, unsought = None, math.inf, ""
     try:
