@@ -269,6 +269,34 @@ def test_halves_that_agree_with_steps_half_as_long_are_no_proof():
     assert len(ruler.true_motion(*sought)) == 3
 
 
+def test_finer_steps_are_tried_while_they_gain_something_and_do_not_take_too_long():
+    shown = np.arange(2001)
+
+    def sought(links, gain):
+        taken = {}  # {a step's length: how many}
+
+        def run(dt, steps, keep):  # the longer they are, the sooner they part
+            taken[dt] = max(steps, taken.get(dt, 0))
+            q = np.zeros((len(keep), 1, 3))
+            q[round(20 * (0.01 / dt) ** gain) :, 0, 0] = 1.0 / dt
+            return SimpleNamespace(q=q, kept=np.array(keep), halved=0)
+
+        system = c.build_system("chain", links=links)
+        return (
+            len(ruler.true_motion(run, system, 0.01, shown, ruler.Truth(0))),
+            sorted(taken)[::-1],
+            taken,
+        )
+
+    known, lengths, _ = sought(2, gain=1.0)
+    assert lengths[-1] < ruler.FINEST <= lengths[-2] and known == round(20 * 0.01 / lengths[-2])
+    known, lengths, taken = sought(30, gain=1.0)
+    assert lengths[-1] > ruler.FINEST and 30 * max(taken.values()) <= ruler.WORK
+    assert known > 20
+    _, lengths, _ = sought(2, gain=0.1)
+    assert len(lengths) == 3  # the third step gains nothing
+
+
 def test_where_no_mode_gets_through_no_step_is_chosen():
     def lost(*_):
         return SimpleNamespace(stopped="diverged at step 1", halved=0)
