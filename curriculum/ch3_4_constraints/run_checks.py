@@ -129,7 +129,7 @@ def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
     for name, rule in rules.items():
         if rule is step_fn and misfit(hold, name):
             raise ValueError(f"this force {misfit(hold, name)}")
-    if not (isinstance(dt, Real) and 0.0 < dt < np.inf):
+    if isinstance(dt, bool) or not (isinstance(dt, Real) and 0.0 < dt < np.inf):
         raise ValueError(f"dt is {dt!r}; must be a finite number of seconds > 0")
     # a whole number of numpy's may be too short for one step more
     if not (type(steps) in (int, np.int64) and steps >= 0):

@@ -56,7 +56,7 @@ class Compiled:
 
     def start(self, dt, steps):
         """Begin a run of so many steps of so many seconds, of the same system."""
-        self.dt = self.plain.dt = float(dt)  # Python's floats are quicker than numpy's
+        self.dt = self.plain.dt = float(dt)  # Python's own are quicker than numpy's
         self.later += self.done  # where there were runs before, others will follow
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None

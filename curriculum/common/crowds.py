@@ -114,7 +114,7 @@ class Crowd:
     """
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
-        self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), dt
+        self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), float(dt)
         made = in_machine_code(Native, self.traced, LANES)
         self.code = made or in_python(self.traced)
         self.put(q, v)

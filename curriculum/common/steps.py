@@ -131,7 +131,7 @@ class Plain:
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
         self.step = lambda state, dt: arrays(step_fn(*state, m, force, dt))
-        self.dt, self.measure = dt, measure
+        self.dt, self.measure = float(dt), measure  # numpy's short numbers would round
         self.watch = (lambda q, v: list(map(watch, q, v))) if watch else None
         self.taken = self.halved = 0
         self.seconds = 0.0
