@@ -19,6 +19,7 @@ ORDER = 8  # of the midpoint rule: of what knows as much, Python takes these ste
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
 ENOUGH = 1e-11  # m: two steps that are no further apart are fine enough
+FALL = 0.05  # a rule of order 8 gains more from each rung of LADDER to the next
 ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
 RODS = 40  # with more, finding the truth would take longer than the run
@@ -103,24 +104,36 @@ def nudged(system):
     return system | {"q0": system["q0"] * off, "v0": system["v0"] * off}
 
 
+def doubt(gaps):
+    """How far off, in m, the last of ever finer runs may be, by the gaps between them.
+
+    Two may meet by chance. So a gap counts for what it is only if the two before have shown how
+    fast they fall; where they fall slowly, as behind a kink of the force, the two last count.
+    """
+    if len(gaps) > 2 and gaps[-1] < FALL * gaps[-2] < FALL * FALL * gaps[-3]:
+        return FALL * gaps[-2]
+    return 3.0 * float(np.max(gaps[-2:])) if len(gaps) > 1 else math.inf
+
+
 def true_position(true_run, seconds, enough=ENOUGH):
     """q (N, 3) after `seconds`, and to how many m it is known: (None, inf) if to less than KNOWN.
 
-    That is how far two steps differ or, if that is more, WORSE times as far as two starts that a
-    rounding parts. Steps become finer until `enough` m are between two, or rounding allows no less.
-    `true_run` is made by `truly`. Raises Untraceable.
+    That is the `doubt` that ever finer steps leave or, if that is more, WORSE times as far as two
+    starts that a rounding parts. They become finer until it is `enough`, or rounding allows no
+    less. `true_run` is made by `truly`. Raises Untraceable.
     """
 
     def end(steps, nudge=False):  # not a number where a run stops
         found = true_run(seconds / steps, steps, nudge=nudge)
         return found.q[-1] * (math.nan if found.stopped else 1.0)
 
-    apart, best = KNOWN, None
+    apart, best, gaps = KNOWN, None, []
     for (fewer, before), (_, q) in pairwise((steps, end(steps)) for steps in rungs(seconds)):
-        gap = distance(q, before)
-        if gap < apart:
-            apart, best = gap, (fewer, before, q)
-        if best and not enough < gap <= apart:
+        gaps.append(distance(q, before))
+        off = doubt(gaps)
+        if off < apart:
+            apart, best = off, (fewer, before, q)
+        if best and not enough < off <= apart:
             break
     if best is None:
         return None, math.inf
@@ -211,6 +224,17 @@ def finer(seconds, least):
     yield from takewhile(lambda steps: seconds / steps >= least, more(first))
 
 
+def promising(errors, dt):
+    """Whether steps finer than dt may be nearer: `errors` in m so far, of ever finer ones.
+
+    Near the truth the larger of two has to halve where the step does, since one of them may be
+    small by chance. Farther off errors tell nothing, but there the truth was found by longer steps.
+    """
+    if not errors[-1] <= NEAR:
+        return dt >= LADDER[-1]
+    return len(errors) < 4 or max(errors[-2:]) < 0.5 * max(errors[-4:-2])
+
+
 def climb(tol, seconds, q, runs, rule, least=LEAST):
     """The largest step of a rule with which the best of `runs` is within `tol` m of q (N, 3).
 
@@ -219,24 +243,19 @@ def climb(tol, seconds, q, runs, rule, least=LEAST):
     are taken in halves are no steps to choose.
     """
     ways = {run: once_for_all(Whole) for run in runs}
-    tried = []
+    errors, tried = {run: [] for run in runs}, []
     for steps in finer(seconds, least):
-        dt, off = seconds / steps, []
+        dt = seconds / steps
         for run in runs:
             end = run(rule, dt, steps, range(0, steps, -(-steps // LOOKS)), ways[run])
-            off.append(math.inf if end.stopped else distance(end.q[-1], q))
-            if off[-1] <= tol:
-                return off[-1], dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
-        error = min(off)
-        tried.append((error, dt, None))
-        errors = [error for error, *_ in tried]
-        if error > NEAR and dt < LADDER[-1]:
-            break  # the truth was found by longer ones
-        if error < NEAR:
-            if 0.5 * min(errors[:-2], default=math.inf) < min(errors[-2:]):
-                break  # two finer steps have gained nothing
-            # each run costs a compiled step, so only the nearest goes on, and those not there yet
-            runs = [run for run, x in zip(runs, off, strict=True) if x in (error, math.inf)]
+            error = math.inf if end.stopped else distance(end.q[-1], q)
+            if error <= tol:
+                return error, dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
+            errors[run].append(error)
+        tried.append((min(errors[run][-1] for run in runs), dt, None))
+        runs = [run for run in runs if promising(errors[run], dt)]
+        if not runs:
+            break
     return min([(math.inf, seconds, None), *tried], key=lambda row: row[0])
 
 
