@@ -339,6 +339,17 @@ def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
     error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [biased, rough], None)
     assert error <= 1e-4 and reached[0] is rough
 
+    def stalled(*given):  # nearer at first, and no nearer then
+        return SimpleNamespace(**vars(run(*given)) | {"q": np.full((2, 1, 3), 1e-3)})
+
+    def lucky(*given):  # once it is near by chance
+        end = run(*given)
+        end.q[-1] *= 0.1 if 0.004 < given[1] < 0.005 else 1.0
+        return end
+
+    error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [stalled, lucky], None)
+    assert error <= 1e-4 and reached[0] is lucky
+
 
 def test_a_start_alone_is_no_true_motion():
     drawn = np.random.default_rng(0)
