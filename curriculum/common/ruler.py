@@ -227,12 +227,13 @@ def finer(seconds, least):
 def promising(errors, dt):
     """Whether steps finer than dt may be nearer: `errors` in m so far, of ever finer ones.
 
-    Near the truth the larger of two has to halve where the step does, since one of them may be
-    small by chance. Farther off errors tell nothing, but there the truth was found by longer steps.
+    Of those that are NEAR the two last must be half the worst of the three before: one of these may
+    be small by chance. Others tell nothing, but the truth was found by steps that are no shorter.
     """
+    near = [error for error in errors if error <= NEAR]
     if not errors[-1] <= NEAR:
         return dt >= LADDER[-1]
-    return len(errors) < 4 or max(errors[-2:]) < 0.5 * max(errors[-4:-2])
+    return len(near) < 5 or max(near[-2:]) < 0.5 * max(near[-5:-2])
 
 
 def climb(tol, seconds, q, runs, rule, least=LEAST):
