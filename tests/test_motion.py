@@ -309,6 +309,22 @@ def test_finer_steps_are_tried_while_they_gain_something_and_do_not_take_too_lon
     assert len(lengths) == 3  # the third step gains nothing
 
 
+def test_a_motion_is_sought_no_more_than_twice_as_far_as_it_is_known():
+    """Frames of a long run that lie far apart, too, are where they were."""
+    dt, known, asked = ruler.FIRST, 1200, []  # steps
+    shown = np.concatenate([np.arange(1500), np.arange(1500, 100_000, 250)])
+
+    def run(length, steps, keep):
+        asked.append(steps * length)
+        q = np.zeros((len(keep), 1, 3))
+        q[:, 0, 0] = np.where(keep * length > known * dt, 1.0 / length, keep * length)
+        return SimpleNamespace(q=q, kept=np.array(keep), halved=0)
+
+    found = ruler.true_motion(run, c.build_system("pendulum"), dt, shown, ruler.Truth(0))
+    assert np.allclose(found[:, 0, 0], dt * shown[: known + 1])
+    assert min(asked) == ruler.HORIZON < max(asked) <= 2.0 * known * dt
+
+
 def test_where_no_mode_gets_through_no_step_is_chosen():
     def lost(*_):
         return SimpleNamespace(stopped="diverged at step 1", halved=0)

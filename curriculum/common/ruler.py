@@ -158,24 +158,24 @@ def true_motion(true_run, system, dt, shown, truth):
         return np.array([])
     banner.work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
-    every, frames = shown[1], len(shown)
-    seconds = every * dt  # between two frames
-
+    seconds, frames = shown[1] * dt, len(shown)
+    parted = shown // shown[1]  # (F,) how many times as far as the first is each; some are left out
     done = {}  # {parts: (the last frame, q, how many steps were taken in halves)}
 
-    def sought(parts, last):  # q (T, N, 3) up to a frame, by so many steps between two; and halves
+    def sought(parts, last):  # q (T, N, 3) up to a frame, by so many steps in `seconds`; and halves
         if parts not in done or done[parts][0] < last:
-            keep = shown[: last + 1] // every * parts
+            keep = parted[: last + 1] * parts
             end = true_run(seconds / parts, keep[-1], keep)
             done[parts] = last, end.q[np.isin(end.kept, keep)], end.halved
         _, q, halved = done[parts]
         return q[: last + 1], halved
 
-    def work(parts, last):  # of a run whose steps are finer than these
-        return len(system["pairs"]) * last * finer_parts(parts)
+    def frame(far):  # the last one that is no further than so many times the first
+        return int(np.searchsorted(parted, far, side="right")) - 1
 
+    work = len(system["pairs"]) / WORK  # of a step
     parts, before = math.ceil(seconds / FIRST), 1
-    last = min(frames - 1, math.ceil(HORIZON / seconds), max(1, WORK // work(parts, 1)))
+    last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * finer_parts(parts)))))
     while True:
         finer = finer_parts(parts)
         (coarse, halved), (q, _) = sought(parts, last), sought(finer, last)
@@ -184,9 +184,10 @@ def true_motion(true_run, system, dt, shown, truth):
             continue
         both = zip(coarse, q, strict=False)
         known = sum(1 for _ in takewhile(lambda pair: distance(*pair) < close, both))
-        further = min(frames - 1, 2 * known)  # there is no need to look much further
-        idle = 1 < known < GAIN * before or seconds / finer < FINEST or work(finer, further) > WORK
-        if known == frames or (known <= last and idle):
+        further = min(frames - 1, max(known, frame(2 * parted[known - 1])))  # no need to look on
+        idle = 1 < known < GAIN * before or seconds / finer < FINEST
+        slow = work * parted[further] * finer_parts(finer) > 1.0
+        if known == frames or (known <= last and (idle or slow)):
             return q[:known] if known > 1 else np.array([])
         if known <= last:
             before, parts = known, finer
