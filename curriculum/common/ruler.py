@@ -18,7 +18,7 @@ import numpy as np
 ORDER = 8  # of the midpoint rule: of what knows as much, Python takes these steps the soonest
 SECONDS = 2.0  # when the truth is taken, before chaos decides
 KNOWN = 1e-9  # m: it is known that well or not at all
-ENOUGH = 1e-11  # m: two steps that are no further apart are fine enough
+ENOUGH = 1e-11  # m: with less doubt, still finer steps are not tried
 FALL = 0.05  # a rule of order 8 gains more from each rung of LADDER to the next
 ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
@@ -269,8 +269,9 @@ def step_for(tol, seconds, q, runs, rules):
     """
     found, best, least = [], None, LEAST
     for name, rule in rules.items():
-        if best:  # where it takes so short steps it asks for more; a shorter one for somewhat less
-            least = max(LEAST, 0.5 * cost(best[0], rule, *best[1:3]) / best[3])
+        if best:  # with shorter steps it asks for more than the best, though iterations get shorter
+            run, dt, states, forces = best
+            least = max(LEAST, 0.5 * cost(run, rule, dt, states) / forces)
         error, dt, reached = climb(tol, seconds, q, runs, rule, least)
         forces = 0.0
         if reached and len(rules) > 1:
