@@ -363,8 +363,14 @@ def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
         end.q[-1] *= 0.1 if 0.004 < given[1] < 0.005 else 1.0
         return end
 
-    error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [stalled, lucky], None)
-    assert error <= 1e-4 and reached[0] is lucky
+    def failing(*given):  # some of its steps would have to be taken in halves
+        end = run(*given)
+        end.stopped = "stopped at step 9" if 0.003 < given[1] < 0.005 else None
+        return end
+
+    for late in (lucky, failing):
+        error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [stalled, late], None)
+        assert error <= 1e-4 and reached[0] is late
 
 
 def test_a_start_alone_is_no_true_motion():
