@@ -3,6 +3,7 @@
 import json
 import math
 from argparse import ArgumentTypeError
+from functools import partial
 from itertools import product
 from types import SimpleNamespace
 
@@ -226,11 +227,19 @@ def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
 
 
 def test_a_rule_that_is_compiled_once_feels_the_hold_of_each_length_of_step():
-    """soft is no stiffer than its steps allow."""
-    way, asked = ruler.once_for_all(Compiled), held("double", "soft")
-    for dt in (0.04, 0.02, 0.04):
-        ends = [asked(c.rk4_step, dt, 20, way=each).q for each in (way, Compiled)]
-        assert np.array_equal(*ends)
+    """soft is no stiffer than its steps allow. A number of a Hold may be an array, one a rod."""
+    by_rods = c.Hold(1.0, np.array([20.0, 30.0]), np.array([100.0, 200.0]), 0.0)
+    for hold in ("soft", by_rods):
+        way, asked = ruler.once_for_all(Compiled), held("double", hold)
+        for dt in (0.04, 0.02, 0.04):
+            ends = [asked(c.rk4_step, dt, 20, way=each).q for each in (way, Compiled)]
+            assert np.array_equal(*ends)
+    system, way, ends = c.build_system("double"), ruler.once_for_all(Compiled), []
+    for each, dt in ((way, 0.02), (way, 0.04), (Compiled, 0.04)):
+        soft = c.make_force(system, c.hold_table(dt)["soft"])
+        own = partial(lambda force, q, v: force(q, v), soft)  # which has no hold
+        ends.append(c.simulate(c.rk4_step, system, own, dt, 20, way=each).tip)
+    assert np.array_equal(*ends[1:])
 
 
 def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():

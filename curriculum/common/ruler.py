@@ -62,15 +62,23 @@ def once_for_all(kind):
     So it is done again only where the force has another Hold. `kind`: what makes the stepper,
     Compiled or what is called like that.
     """
-    made = {}  # {Hold: stepper}
+    made = []  # (Hold, stepper)
 
     def way(step_fn, m, force, dt, measure, steps):
-        if force.hold not in made:
-            made[force.hold] = kind(step_fn, m, force, dt, measure)
-        made[force.hold].start(dt, steps)
-        return made[force.hold]
+        hold = getattr(force, "hold", [dt])  # a reader's own may have none
+        stepper = next((x for other, x in made if alike(other, hold)), None)
+        if stepper is None:
+            stepper = kind(step_fn, m, force, dt, measure)
+            made.append((hold, stepper))
+        stepper.start(dt, steps)
+        return stepper
 
     return way
+
+
+def alike(one, other):
+    """Whether two Holds are equal; each of their numbers may be an array, a number a rod."""
+    return all(x is y or np.array_equal(x, y) for x, y in zip(one, other, strict=True))
 
 
 def truly(run, unsought=None):
