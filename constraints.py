@@ -416,7 +416,7 @@ def main(argv=None):
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
     banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
-    unsought = run_checks.unsought(system, partial(unheld, system), args.plain)  # in words, or None
+    unsought = run_checks.unsought(system, partial(unheld, system), args.plain, hold_table())
     true_run = ruler.truly(partial(run, "project"), unsought)
     tried = [partial(run, mode) for mode in modes]
     plan = parser.attempt("--tol", ruler.settle, true_run, tried, offered, args.dt, steps, args.tol)

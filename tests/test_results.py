@@ -273,6 +273,18 @@ def test_smoke_twice_is_the_same_files_and_the_same_recording(tmp_path):
     assert any("make_active: true, make_default: true" in line for line in layout)
 
 
+def test_a_table_without_a_way_to_find_the_truth_gives_the_other_rows(monkeypatch):
+    table = c.hold_table
+
+    def without(*given):
+        return {name: hold for name, hold in table(*given).items() if name != "project"}
+
+    monkeypatch.setattr(c, "hold_table", without)
+    found, lines = results("", 6)
+    assert sorted(found["results"]) == ["baumgarte", "impulse", "none", "soft"]
+    assert "is not looked for: hold_table has no row project" in " ".join(" ".join(lines).split())
+
+
 def test_a_row_of_the_table_that_is_no_hold_is_named(monkeypatch):
     table = c.hold_table
     monkeypatch.setattr(c, "hold_table", lambda *given: table(*given) | {"mine": (1.0, 2.0)})

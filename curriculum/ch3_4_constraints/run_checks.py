@@ -99,12 +99,15 @@ def felt(system, tensions):
     return or_else(tensions, 0.0 * system["lengths"])
 
 
-def unsought(system, unheld, plain):
+def unsought(system, unheld, plain, table):
     """Why no truth is looked for, in words, or None. Where tensions do not answer at the start what
-    is asked of them, all rules would agree on a motion that is not the true one.
+    is asked of them, all rules would agree on a motion that is not the true one. `table`: the Holds
+    by name.
     """
     if plain:
         return "it wants compiled steps"
+    if "project" not in table:
+        return "hold_table has no row project, by which it is found"
     if len(system["pairs"]) > RODS:
         return f"of more than {RODS} rods it takes too long"
     watch = watched(system, unheld)
