@@ -150,7 +150,7 @@ def true_position(true_run, seconds, enough=ENOUGH):
     return (q, known) if known < KNOWN else (None, math.inf)
 
 
-def finer_parts(parts):
+def more_parts(parts):
     """Half as many parts again: not twice as many, since a step's halves would agree with them."""
     return (3 * parts + 1) // 2
 
@@ -183,22 +183,22 @@ def true_motion(true_run, system, dt, shown, truth):
 
     work = len(system["pairs"]) / WORK  # of a step
     parts, before = math.ceil(seconds / FIRST), 1
-    last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * finer_parts(parts)))))
+    last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * more_parts(parts)))))
     while True:
-        finer = finer_parts(parts)
-        (coarse, halved), (q, _) = sought(parts, last), sought(finer, last)
+        more = more_parts(parts)
+        (coarse, halved), (q, _) = sought(parts, last), sought(more, last)
         if parts == 1 and halved:  # with steps half as long halves would agree
-            parts = finer
+            parts = more
             continue
         both = zip(coarse, q, strict=False)
         known = sum(1 for _ in takewhile(lambda pair: distance(*pair) < close, both))
         further = min(frames - 1, max(known, frame(2 * parted[known - 1])))  # no need to look on
-        idle = 1 < known < GAIN * before or seconds / finer < FINEST
-        slow = work * parted[further] * finer_parts(finer) > 1.0
+        idle = 1 < known < GAIN * before or seconds / more < FINEST
+        slow = work * parted[further] * more_parts(more) > 1.0
         if known == frames or (known <= last and (idle or slow)):
             return q[:known] if known > 1 else np.array([])
         if known <= last:
-            before, parts = known, finer
+            before, parts = known, more
         last = further
 
 
