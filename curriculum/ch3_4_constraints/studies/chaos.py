@@ -141,7 +141,7 @@ def beside():
             low = 140 * (ERRORS[0] / error) ** 0.25  # steps: its rule is of order 4
             ladder = real_thing.steps_ladder(peers.hinges, task, low, 1.4 * low)
             racers[real_thing.HINGES] = [ladder]
-        limits = [(real_thing.OURS, engine, real_thing.STEPS, 1.0) for engine in racers]
+        limits = [(real_thing.OURS, engine, 1.0) for engine in racers]
         names = real_thing.offered(error)
         climbs = [real_thing.steps_ladder(peers.our_crowd, task, 8, 400, name) for name in names]
         racers[real_thing.OURS if _runs.NATIVE else real_thing.PYTHON] = climbs
