@@ -245,22 +245,20 @@ def heyoka_crowd(task, tol):
     """
     from heyoka import recommended_simd_size
 
-    starts, lanes = start_angles(task.system), recommended_simd_size()
+    angles, lanes = start_angles(task.system).T, recommended_simd_size()
     flow = taylor(task.system, lanes, tol=tol, fast_math=True)
-    filled = np.concatenate([starts, np.repeat(starts[-1:], -len(starts) % lanes, axis=0)])
-    registers = filled.reshape(-1, lanes, 2).transpose(0, 2, 1)
-    ends = np.empty_like(registers)
+    filled = np.pad(angles, [(0, 0), (0, -angles.shape[1] % lanes)], "edge")
+    ends = np.empty_like(filled)
 
     def run():
-        for begin, end in zip(registers, ends, strict=True):
+        for first in range(0, filled.shape[1], lanes):
+            register = slice(first, first + lanes)
             flow.set_time(0.0)
-            flow.state[:2], flow.state[2:] = begin, 0.0
+            flow.state[:2], flow.state[2:] = filled[:, register], 0.0
             flow.propagate_until(task.every)
-            end[:] = flow.state[:2]
+            ends[:, register] = flow.state[:2]
 
     def go(per):
-        seconds = least(run)
-        angles = ends.transpose(0, 2, 1).reshape(-1, 2)[: len(starts)]
-        return seconds, placed(task.system, angles)
+        return least(run), placed(task.system, ends.T[: angles.shape[1]])
 
     return go
