@@ -6,7 +6,6 @@ import sys
 import textwrap
 from collections import namedtuple
 from functools import partial
-from pathlib import Path
 
 import constraints as c
 from curriculum.ch3_4_constraints import systems
@@ -27,6 +26,7 @@ NATIVE = llvm.available()  # whether steps are compiled to machine code, and not
 G = float(-c.GRAVITY[1])  # m/s^2
 SCENES = c.HERE / c.CHAPTER / "scenes"
 SHIPPED = sorted({path.stem for path in SCENES.glob("*.json")} - {"taut_cable"})  # it is refused
+REFERENCE = c.HERE / c.CHAPTER / "studies/reference.json"
 
 # A system from its start to time samples * every (s), and error(positions (samples, N, 2)).
 Task = namedtuple("Task", "system samples every error")
@@ -69,7 +69,7 @@ def double(end=False):
 
     That is at twenty times or, if only the `end` counts, at the last of them.
     """
-    truth = json.loads(Path(__file__).with_name("reference.json").read_text(encoding="utf-8"))
+    truth = json.loads(REFERENCE.read_text(encoding="utf-8"))
     first = -1 if end else 0
     times, q = truth["times"][first:], truth["cases"]["double"]["positions"][first:]
     return Task(c.build_system("double"), len(q), times[0], partial(distance, np.array(q)))

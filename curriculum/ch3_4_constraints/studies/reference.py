@@ -14,19 +14,17 @@ the energy shows it, and is kept. Storing as double adds at most half a unit in 
 """
 
 import json
-from pathlib import Path
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies._runs import study_parser
+from curriculum.ch3_4_constraints.studies._runs import REFERENCE, G, study_parser
 from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import write_whole
 
 import numpy as np
 
-FILE = Path(__file__).with_name("reference.json")
 NAMES = *c.SYSTEMS, "fourbar_coupler", "jansen_leg"
-UP = -1j * c.GRAVITY[1].item()  # points and vectors (x, y) are complex numbers
+UP = 1j * G  # points and vectors (x, y) are complex numbers
 TIMES = [0.25 * k for k in range(1, 21)]  # s, exact in binary
 COARSE, FINE = 16, 19  # digits of the two computations
 TOLERANCE = 1e-14  # m, for --check
@@ -112,7 +110,7 @@ def main(argv=None):
     parser.add_argument("--check", action="store_true", help="compare, exit 1 beyond 1e-14 m")
     args, cases = parser.parse_args(argv), {}
     if not args.check:
-        parser.attempt("--check: without it", writable, str(FILE))
+        parser.attempt("--check: without it", writable, str(REFERENCE))
     for name in work.through("digits", args.names):
         (coarse, _), (fine, drift) = (integrate(c.build_system(name), d) for d in (COARSE, FINE))
         assert drift < 10.0**-COARSE, f"{name}: energy error {float(drift):.1e} J"
@@ -121,10 +119,10 @@ def main(argv=None):
         work.wipe()
         print(f"{name:15} error {error:.1e} m, energy error {float(drift):.1e} J", flush=True)
     if args.check:
-        stored = json.loads(FILE.read_text(encoding="utf-8"))["cases"]
+        stored = json.loads(REFERENCE.read_text(encoding="utf-8"))["cases"]
         gaps = [np.subtract(stored[name]["positions"], cases[name]["positions"]) for name in cases]
         gap = max(np.max(np.abs(x)) for x in gaps)
-        print(f"{FILE.name}: largest difference {gap:.1e} m, {TOLERANCE:g} is allowed")
+        print(f"{REFERENCE.name}: largest difference {gap:.1e} m, {TOLERANCE:g} is allowed")
         return int(gap > TOLERANCE)
     what = "Particle positions (x, y) in m, at each of the times in s, of the chapter's systems "
     document = {"what": f"{what}and of two of its scenes."}
@@ -132,5 +130,5 @@ def main(argv=None):
     # "]], [[" stands between two samples and nowhere else: one line a sample
     text = json.dumps(document | {"times": TIMES, "cases": cases}).replace("]], [[", "]],\n[[")
     text = text.replace('"positions": [', '"positions": [\n') + "\n"
-    write_whole(FILE, text)
+    write_whole(REFERENCE, text)
     return 0
