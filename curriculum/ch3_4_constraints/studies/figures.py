@@ -20,25 +20,24 @@ import subprocess
 import sys
 import textwrap
 import time
-from pathlib import Path
 
+import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import study_parser
 from curriculum.common.files import write_whole
 
-ROOT = Path(__file__).resolve().parents[3]
-CHAPTER = ROOT / "curriculum/ch3_4_constraints"
+ROOT = c.HERE
 PAGES = "README.md", "studies/README.md", "exercises/README.md", "exercises/solutions/README.md"
-TEXTS = [ROOT / "README.md", *(CHAPTER / page for page in PAGES)]
+TEXTS = [ROOT / "README.md", *(ROOT / c.CHAPTER / page for page in PAGES)]
 KIND = r"(?P<kind>printed by|listing of)"
-HEAD = rf"(?P<head><!-- {KIND}: (?P<command>[^\n]*?) -->\n```\w+\n)(?P<prompt>\$ [^\n]*\n)?"
-BLOCK = re.compile(rf"{HEAD}(?P<body>.*?)(?P<end>```\n)", re.S)
+HEAD = rf"<!-- {KIND}: (?P<command>[^\n]*?) -->\n```\w+\n(?P<prompt>\$ [^\n]*\n)?"
+BLOCK = re.compile(rf"(?P<head>{HEAD})(?P<body>.*?)(?P<end>```\n)", re.S)
 PART = re.compile(r"(\S+) (\w+)(?:, from (.+?))?(?:, to (.+))?")
 AS_INSTALLED = """import runpy, sys
 sys.modules["llvmlite"] = None
 del sys.argv[0]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """
-TIMES = ("us",)  # headers of columns that belong to the machine
+TIME = "us"  # the header of a column that belongs to the machine
 
 
 def printed(command):
@@ -92,9 +91,9 @@ def machine_free(text):
     text = re.sub(r",\s+compiled to .*?(?=\n\n|\Z)", "", text, flags=re.S)  # on a line or two
     for line in text.splitlines():
         cells = re.split(r" {2,}", line.strip())
-        header = cells if any(cell in TIMES for cell in cells) else header
+        header = cells if TIME in cells else header
         if len(cells) == len(header):
-            cells = [cell for cell, title in zip(cells, header, strict=True) if title not in TIMES]
+            cells = [cell for cell, title in zip(cells, header, strict=True) if title != TIME]
         if not line.startswith("ch3.4 "):
             lines.append(cells)
     return lines
@@ -120,7 +119,6 @@ def main(argv=None):
             continue
         if machine_free(output) != machine_free(body):
             print(f"{path.relative_to(ROOT)}: {command}: changed", flush=True)
-        new = match["head"] + (match["prompt"] or "") + output + match["end"]
-        texts[path] = texts[path].replace(match[0], new)
+        texts[path] = texts[path].replace(match[0], match["head"] + output + match["end"])
         write_whole(path, texts[path])
     return int(failed)
