@@ -133,15 +133,14 @@ def hard_cases():
     sizes = {dt: 3 + 2 * k for k, dt in enumerate(hard.LADDER[::-1])}
     sheet = Drawing(760, 470, "What holds when it gets hard?")
     sheet.words(16, 26, "a dot: the largest step that holds all starts; a ring: some starts only")
-    for column, title in enumerate(hard.TITLES):
-        x, color = 160 + 78 * column, MODES[title.split()[-1]]
+    columns = [(160 + 78 * k, MODES[title.split()[-1]]) for k, title in enumerate(hard.TITLES)]
+    for (x, color), title in zip(columns, hard.TITLES, strict=True):
         for line, word in enumerate(title.split()):
             sheet.words(x, 52 + 17 * line, word, color, "middle", 14, "bold")
     for row, (name, *cells) in enumerate(rows):
         y = 96 + 28 * row
         sheet.words(110, y + 5, name, INK, "end", 14)
-        for column, (title, cell) in enumerate(zip(hard.TITLES, cells, strict=True)):
-            x, color = 160 + 78 * column, MODES[title.split()[-1]]
+        for (x, color), cell in zip(columns, cells, strict=True):
             if "/" in cell:
                 sheet.add("circle", cx=x, cy=y, r=4, fill="none", stroke=color)
             elif cell != "-":
