@@ -5,7 +5,7 @@ processors agree: a reader sees the digits of the text. `hour`, which takes long
 """
 
 import math
-from itertools import product
+from itertools import pairwise, product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
@@ -145,7 +145,7 @@ def halving():
     for mode, seconds in [*((mode, 2) for mode in c.hold_table()), ("none", 20)]:
         runs = (run(DOUBLE, hold=mode, dt=dt, steps=round(seconds / dt)) for dt in ladder)
         off = [found.violations.max() for found in runs]
-        times = (f"{a / b:.1f}" for a, b in zip(off, off[1:], strict=False))
+        times = (f"{a / b:.1f}" for a, b in pairwise(off))
         yield mode, seconds, *off, " ".join(times)
 
 
