@@ -307,12 +307,14 @@ def seen_by(eyes, hexes):
     return root @ [[0, 500, 0], [116, -500, 200], [0, 0, -200]], light @ TO_XYZ[1]
 
 
-PAIRS = [pair for name, pair in svg.PALETTE.items() if name not in ("ink", "pale", "paper")]
-(WHITE, BLACK), (ON_WHITE, ON_DARK) = svg.PALETTE["paper"], zip(*PAIRS, strict=True)
+WHITE, BLACK = svg.COLORS["paper"]
+ON_WHITE = [x for name, x in svg.LIGHT.items() if name not in ("ink", "pale", "paper")]
+ON_DARK = [svg.DARK[x] for x in ON_WHITE]
+PLOTTED = [color[2] for color in svg.COLORS.values() if len(color) == 3]
 PALETTES = {  # colours; those of them that are read, on these grounds; their contrast there (WCAG)
     "white": (ON_WHITE, ON_WHITE, [WHITE], 4.5),
     "dark": (ON_DARK, ON_DARK, [BLACK], 4.5),
-    "recording": ([svg.RECORDED[x] for x in ON_WHITE], svg.EITHER.values(), [WHITE, GROUND], 3.0),
+    "recording": ([svg.RECORDED[x] for x in ON_WHITE], PLOTTED, [WHITE, GROUND], 3.0),
 }
 
 

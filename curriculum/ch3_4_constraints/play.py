@@ -13,7 +13,7 @@ import re
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.run_checks import misfit
-from curriculum.ch3_4_constraints.svg import DARK, PALETTE, mode_colors
+from curriculum.ch3_4_constraints.svg import DARK, LIGHT, mode_colors
 from curriculum.ch3_4_constraints.systems import check_system, energy_scale
 from curriculum.common.javascript import PRELUDE, Writer
 from curriculum.common.programs import Program, Routine
@@ -211,12 +211,12 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
 def filled(lines, data):
     """The template with its blanks filled in, and the policy that lets only its own parts run."""
     text = TEMPLATE.read_text(encoding="utf-8")
-    shades = {name: PALETTE[name] for name in SHADES}
-    for k, light in enumerate(mode_colors(data["modes"]).values()):
-        shades[f"mode-{k}"] = light, DARK[light]
+    light = {name: LIGHT[name] for name in SHADES}
+    light |= {f"mode-{k}": color for k, color in enumerate(mode_colors(data["modes"]).values())}
+    dark = {name: DARK[color] for name, color in light.items()}
     themes = []
-    for which, theme in enumerate(("light", "dark")):
-        rules = "".join(f"--{name}:{color[which]};" for name, color in shades.items())
+    for theme, shades in (("light", light), ("dark", dark)):
+        rules = "".join(f"--{name}:{color};" for name, color in shades.items())
         themes.append(f"@media (prefers-color-scheme: {theme}) {{:root {{{rules}}}}}")
     shown = json.dumps(data, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")
     blanks = {

@@ -24,11 +24,9 @@ COLORS = {
     "pale": ("#d8dbdf", "#30363d"),
     "paper": ("#ffffff", "#0d1117"),
 }
-PALETTE = {name: color[:2] for name, color in COLORS.items()}
-EITHER = {name: color[2] for name, color in COLORS.items() if len(color) == 3}
-LIGHT = {name: light for name, (light, _) in PALETTE.items()}
-DARK = dict(PALETTE.values())  # what a light colour becomes
-RECORDED = DARK | {LIGHT[name]: color for name, color in EITHER.items()}
+LIGHT = {name: color[0] for name, color in COLORS.items()}
+DARK = {color[0]: color[1] for color in COLORS.values()}  # what a light colour becomes
+RECORDED = {color[0]: color[-1] for color in COLORS.values()}  # or, in a recording
 MODES = {name: LIGHT[name] for name in ("none", "baumgarte", "impulse", "soft", "project")}
 PULL, PUSH = LIGHT["pull"], LIGHT["push"]  # of a rod
 EXCESS, MISSING = LIGHT["excess"], LIGHT["missing"]  # what a rod has too much, and what it lacks
