@@ -168,15 +168,11 @@ def true_motion(true_run, system, dt, shown, truth):
     close = CLOSE * np.max(system["lengths"])
     seconds, frames = shown[1] * dt, len(shown)
     parted = shown // shown[1]  # (F,) how many times as far as the first is each; some are left out
-    done = {}  # {parts: (the last frame, q, how many steps were taken in halves)}
 
     def sought(parts, last):  # q (T, N, 3) up to a frame, by so many steps in `seconds`; and halves
-        if parts not in done or done[parts][0] < last:
-            keep = parted[: last + 1] * parts
-            end = true_run(seconds / parts, keep[-1], keep)
-            done[parts] = last, end.q[np.isin(end.kept, keep)], end.halved
-        _, q, halved = done[parts]
-        return q[: last + 1], halved
+        keep = parted[: last + 1] * parts
+        end = true_run(seconds / parts, keep[-1], keep)
+        return end.q[np.isin(end.kept, keep)], end.halved
 
     def frame(far):  # the last one that is no further than so many times the first
         return int(np.searchsorted(parted, far, side="right")) - 1
@@ -184,11 +180,12 @@ def true_motion(true_run, system, dt, shown, truth):
     work = len(system["pairs"]) / WORK  # of a step
     parts, before = math.ceil(seconds / FIRST), 1
     last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * more_parts(parts)))))
+    coarse, halved = sought(parts, last)
     while True:
         more = more_parts(parts)
-        (coarse, halved), (q, _) = sought(parts, last), sought(more, last)
+        q, _ = sought(more, last)
         if parts == 1 and halved:  # with steps half as long halves would agree
-            parts = more
+            parts, coarse = more, q
             continue
         both = zip(coarse, q, strict=False)
         known = sum(1 for _ in takewhile(lambda pair: distance(*pair) < close, both))
@@ -198,7 +195,9 @@ def true_motion(true_run, system, dt, shown, truth):
         if known == frames or (known <= last and (idle or slow)):
             return q[:known] if known > 1 else np.array([])
         if known <= last:
-            before, parts = known, more
+            before, parts, coarse = known, more, q
+        if len(coarse) <= further:
+            coarse, halved = sought(parts, further)
         last = further
 
 
