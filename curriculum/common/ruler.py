@@ -221,15 +221,14 @@ def cost(run, rule, dt, states):
 def finer(seconds, least):
     """Numbers of steps that `seconds` are parted in: by half as many again, and then twice. They
     are no shorter than `least` s."""
-
-    def more(steps):
-        while True:
-            yield from ((3 * steps + 1) // 2, 2 * steps)
-            steps *= 2
-
-    first = math.ceil(seconds / LONGEST)
-    yield first
-    yield from takewhile(lambda steps: seconds / steps >= least, more(first))
+    steps = math.ceil(seconds / LONGEST)
+    yield steps
+    while True:
+        for more in (more_parts(steps), 2 * steps):
+            if seconds / more < least:
+                return
+            yield more
+        steps *= 2
 
 
 def promising(errors, dt):
