@@ -60,13 +60,13 @@ def once_for_all(kind):
     """A way for simulate that traces and compiles a rule once, for steps of all lengths.
 
     So it is done again only where the force has another Hold. `kind`: what makes the stepper,
-    Compiled or what is called like that.
+    Compiled or what is called like that. A number of a Hold may be an array, a number a rod.
     """
     made = []  # (Hold, stepper)
 
     def way(step_fn, m, force, dt, measure, steps):
         hold = getattr(force, "hold", [dt])  # a reader's own may have none
-        stepper = next((x for other, x in made if alike(other, hold)), None)
+        stepper = next((x for other, x in made if all(map(np.array_equal, other, hold))), None)
         if stepper is None:
             stepper = kind(step_fn, m, force, dt, measure)
             made.append((hold, stepper))
@@ -74,11 +74,6 @@ def once_for_all(kind):
         return stepper
 
     return way
-
-
-def alike(one, other):
-    """Whether two Holds are equal; each of their numbers may be an array, a number a rod."""
-    return all(x is y or np.array_equal(x, y) for x, y in zip(one, other, strict=True))
 
 
 def truly(run, unsought=None):
