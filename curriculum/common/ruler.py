@@ -255,11 +255,9 @@ def climb(tol, seconds, q, runs, rule, least=LEAST):
             if error <= tol:
                 return error, dt, (run, list(zip(end.q[:-1], end.v[:-1], strict=True)))
             errors[run].append(error)
-        tried.append((min(errors[run][-1] for run in runs), dt, None))
+            tried.append((error, dt, None))
         runs = [run for run in runs if promising(errors[run], dt)]
-        if not runs:
-            break
-    return min([(math.inf, seconds, None), *tried], key=lambda row: row[0])
+    return min(tried, key=lambda row: row[0])
 
 
 def step_for(tol, seconds, q, runs, rules):
