@@ -265,73 +265,76 @@ def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     assert few < many and few % 6 == many % 6 == 0  # one a stage in every round
 
 
+def sought(place, shown, dt, system="double", halved=lambda step: 0):
+    """The true motion that is found, and [(s, how many)] of the steps that were asked for, where
+    steps of so many s have a particle at x = place(s, times), and halved(s) of them were halves."""
+    asked = []
+
+    def run(step, steps, keep):
+        asked.append((step, steps))
+        q = np.zeros((len(keep), 1, 3))
+        q[:, 0, 0] = place(step, step * keep)
+        return SimpleNamespace(q=q, kept=keep, halved=halved(step))
+
+    system = c.build_system(system) if isinstance(system, str) else system
+    return ruler.true_motion(run, system, dt, shown, ruler.Truth(0)), asked
+
+
 def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     """Though later they may meet again, by chance."""
-    shown = np.arange(6)
-
-    def parting(dt, steps, keep):
-        q = np.zeros((len(keep), 1, 3))
-        q[3, 0, 0] = 100.0 * dt  # the two runs have steps of different length
-        return SimpleNamespace(q=q, kept=np.array(keep), halved=0)
-
-    found = ruler.true_motion(parting, c.build_system("double"), 1.0, shown, ruler.Truth(0))
+    found, _ = sought(lambda step, times: 100.0 * step * np.isclose(times, 3.0), np.arange(6), 1.0)
     assert len(found) == 3
 
 
 def test_halves_that_agree_with_steps_half_as_long_are_no_proof():
-    shown = np.arange(6)
+    def place(step, times):  # the two longest agree all the way: the one is halves of both
+        return 100.0 * step * (step < 0.4 * ruler.FIRST) * (times > 2.5 * ruler.FIRST)
 
-    def run(dt, steps, keep):  # the two longest agree all the way, since the one is halves of both
-        q = np.zeros((len(keep), 1, 3))
-        q[3:, 0, 0] = 100.0 * dt * (dt < 0.4 * ruler.FIRST)
-        return SimpleNamespace(q=q, kept=np.array(keep), halved=int(dt > 0.9 * ruler.FIRST))
-
-    sought = run, c.build_system("double"), ruler.FIRST, shown, ruler.Truth(0)
-    assert len(ruler.true_motion(*sought)) == 3
+    halved = partial(np.less, 0.9 * ruler.FIRST)
+    found, _ = sought(place, np.arange(6), ruler.FIRST, halved=halved)
+    assert len(found) == 3
 
 
 def test_finer_steps_are_tried_while_they_gain_something_and_do_not_take_too_long():
-    shown = np.arange(2001)
-
-    def sought(links, gain):
-        taken = {}  # {a step's length: how many}
-
-        def run(dt, steps, keep):  # the longer they are, the sooner they part
-            taken[dt] = max(steps, taken.get(dt, 0))
-            q = np.zeros((len(keep), 1, 3))
-            q[round(20 * (0.01 / dt) ** gain) :, 0, 0] = 1.0 / dt
-            return SimpleNamespace(q=q, kept=np.array(keep), halved=0)
+    def tried(links, gain):
+        def place(step, times):  # the longer they are, the sooner they part
+            return (times > 0.01 * (round(20 * (0.01 / step) ** gain) - 0.5)) / step
 
         system = c.build_system("chain", links=links)
-        return (
-            len(ruler.true_motion(run, system, 0.01, shown, ruler.Truth(0))),
-            sorted(taken)[::-1],
-            taken,
-        )
+        found, asked = sought(place, np.arange(2001), 0.01, system)
+        return len(found), sorted({step for step, _ in asked})[::-1], max(x for _, x in asked)
 
-    known, lengths, _ = sought(2, gain=1.0)
+    known, lengths, _ = tried(2, gain=1.0)
     assert lengths[-1] < ruler.FINEST <= lengths[-2] and known == round(20 * 0.01 / lengths[-2])
-    known, lengths, taken = sought(30, gain=1.0)
-    assert lengths[-1] > ruler.FINEST and 30 * max(taken.values()) <= ruler.WORK
+    known, lengths, most = tried(30, gain=1.0)
+    assert lengths[-1] > ruler.FINEST and 30 * most <= ruler.WORK
     assert known > 20
-    _, lengths, _ = sought(2, gain=0.1)
+    _, lengths, _ = tried(2, gain=0.1)
     assert len(lengths) == 3  # the third step gains nothing
 
 
 def test_a_motion_is_sought_no_more_than_twice_as_far_as_it_is_known():
     """Frames of a long run that lie far apart, too, are where they were."""
-    dt, known, asked = ruler.FIRST, 1200, []  # steps
+    dt, known = ruler.FIRST, 1200  # steps
     shown = np.concatenate([np.arange(1500), np.arange(1500, 100_000, 250)])
 
-    def run(length, steps, keep):
-        asked.append(steps * length)
-        q = np.zeros((len(keep), 1, 3))
-        q[:, 0, 0] = np.where(keep * length > known * dt, 1.0 / length, keep * length)
-        return SimpleNamespace(q=q, kept=np.array(keep), halved=0)
+    def place(step, times):
+        return np.where(times > known * dt, 1.0 / step, times)
 
-    found = ruler.true_motion(run, c.build_system("pendulum"), dt, shown, ruler.Truth(0))
+    found, asked = sought(place, shown, dt, "pendulum")
     assert np.allclose(found[:, 0, 0], dt * shown[: known + 1])
-    assert min(asked) == ruler.HORIZON < max(asked) <= 2.0 * known * dt
+    seconds = [step * steps for step, steps in asked]
+    assert min(seconds) == ruler.HORIZON < max(seconds) <= 2.0 * known * dt
+
+
+def test_a_start_alone_is_no_true_motion():
+    drawn = np.random.default_rng(0)
+
+    def place(step, times):  # no two agree, but in the start
+        return drawn.normal(size=len(times)) * (times > 0.0)
+
+    found, _ = sought(place, np.arange(0, 40, 10), 0.01, "pendulum")
+    assert not found.size
 
 
 def test_where_no_mode_gets_through_no_step_is_chosen():
@@ -380,14 +383,3 @@ def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
     for late in (lucky, failing):
         error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [stalled, late], None)
         assert error <= 1e-4 and reached[0] is late
-
-
-def test_a_start_alone_is_no_true_motion():
-    drawn = np.random.default_rng(0)
-
-    def run(dt, steps, keep):  # no two agree, but in the start
-        q = np.concatenate([np.zeros((1, 1, 3)), drawn.normal(size=(len(keep) - 1, 1, 3))])
-        return SimpleNamespace(q=q, kept=np.asarray(keep), halved=0)
-
-    system, shown = c.build_system("pendulum"), np.arange(0, 40, 10)
-    assert not ruler.true_motion(run, system, 0.01, shown, ruler.Truth(0)).size
