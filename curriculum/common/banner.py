@@ -55,8 +55,9 @@ class Work:
 
     def tell(self, what=""):
         """Show which part is under way and, in words, what is known of it."""
+        seen = bool(sys.stderr) and sys.stderr.isatty()  # somebody may be looking on
         now = time.monotonic()
-        if not on_terminal() or now < max(self.begun + SOON, self.told + OFTEN):
+        if not seen or now < max(self.begun + SOON, self.told + OFTEN):
             return
         line = f"{self.name}{what}"
         if len(self.names) > 1:
@@ -90,11 +91,6 @@ class Work:
 
 
 work = Work()
-
-
-def on_terminal():
-    """Whether somebody may be looking on."""
-    return bool(sys.stderr) and sys.stderr.isatty()
 
 
 def progress(what, steps):
