@@ -22,7 +22,6 @@ ENOUGH = 1e-11  # m: with less doubt, still finer steps are not tried
 FALL = 0.05  # a rule of order 8 gains more from each rung of LADDER to the next
 ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
-RODS = 40  # with more, finding the truth would take longer than the run
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
 FIRST, FINEST = 0.02, 1e-3  # s: between these are the steps of the true motion that is shown
 GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
