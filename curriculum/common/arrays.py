@@ -295,27 +295,16 @@ def where(condition, *choices):
     return ordered(made) if np.ndim(made) else made
 
 
-def entrywise(name, function, count):
-    """The method of this name of a symbol that is among the entries, or `function` of numbers."""
+def entrywise(function):
+    """A function of numpy, entry by entry: what a symbol's class calls by its name, if one is."""
 
     def entry(*given):
-        for k, s in enumerate(given):
-            if hasattr(s, name):
-                return getattr(s, name)(*given[:k], *given[k + 1 :])
+        for s in given:
+            if hasattr(s, "tape"):
+                return getattr(type(s), function.__name__)(*given)
         return function(*given)
 
-    return np.frompyfunc(entry, count, 1)
-
-
-def two(name):
-    """The method of this name of a symbol, or its reflected one, or numpy's function of numbers."""
-
-    def entry(a, b):
-        if hasattr(a, name):
-            return getattr(a, name)(b)
-        return getattr(b, f"r{name}")(a) if hasattr(b, name) else getattr(np, name)(a, b)
-
-    return np.frompyfunc(entry, 2, 1)
+    return np.frompyfunc(entry, function.nin, 1)
 
 
 def opposite(s):
@@ -327,11 +316,8 @@ USUAL = {"dtype": None, "initial": np._NoValue, "keepdims": False}  # of np.max
 OWN = {np.dot: product, np.linalg.norm: norm, np.where: where, np.clip: clip}
 OWN[np.nan_to_num] = nan_to_num
 UNORDERED = {np.einsum, np.tensordot, np.inner, np.vdot, np.trace, np.convolve, np.correlate}
-ENTRIES = {getattr(np, name): entrywise(name, getattr(np, name), 1) for name in FUNCTIONS}
-ENTRIES |= {getattr(np, name): two(name) for name in BINARY}
-ENTRIES[np.sign] = entrywise("sign", np.sign, 1)
-ENTRIES[np.maximum] = entrywise("larger", np.maximum, 2)
-ENTRIES[np.minimum] = entrywise("smaller", np.minimum, 2)
+ENTRIES = {getattr(np, name) for name in FUNCTIONS | BINARY} | {np.sign, np.maximum, np.minimum}
+ENTRIES = {ufunc: entrywise(ufunc) for ufunc in ENTRIES}
 COMPARED = {np.less: lt, np.less_equal: le, np.greater: gt, np.greater_equal: ge}
 COMPARED |= {np.equal: eq, np.not_equal: ne, np.logical_and: and_, np.logical_or: or_}
 ENTRIES |= {ufunc: np.frompyfunc(of_two, 2, 1) for ufunc, of_two in COMPARED.items()}

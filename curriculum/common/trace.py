@@ -155,17 +155,18 @@ class Symbol:
         same = Symbol(self.tape, self.x, minus)
         return same if nothing or b.x == 1.0 else self.note("/", b, minus=minus)
 
-    def larger(self, b):
+    @staticmethod
+    def maximum(a, b):
         """The larger of two numbers, or NaN if one of them is."""
-        return self.plain().note("max", lift(b).plain())
+        return like(lift(a).plain().note("max", lift(b).plain()), a, b)
 
-    def smaller(self, b):
-        return self.plain().note("min", lift(b).plain())
+    @staticmethod
+    def minimum(a, b):
+        return like(lift(a).plain().note("min", lift(b).plain()), a, b)
 
     def choose(self, a, b):
-        """a where this is not zero, and else b; a truth, if both are."""
-        made = self.plain().note("where", lift(a).plain(), lift(b).plain())
-        return made.truth() if isinstance(a, TRUTHS) and isinstance(b, TRUTHS) else made
+        """a where this is not zero, and else b."""
+        return like(self.plain().note("where", lift(a).plain(), lift(b).plain()), a, b)
 
     def __array_ufunc__(self, ufunc, method, *given, **how):
         return symbolic(ufunc, method, given, how=how)
@@ -183,11 +184,13 @@ class Symbol:
         """1, 0, -1 or NaN, as np.sign says."""
         return (self > 0.0).choose(1.0, (self < 0.0).choose(-1.0, self))
 
-    def angle(self, b):
+    @staticmethod
+    def arctan2(a, b):
         """The angle of a point at height a and b across."""
-        if self.x == 0.0:
-            self.refuse("np.arctan2 of a zero is decided by its sign, which is not kept")
-        return self.plain().note("arctan2", b.plain())
+        a = lift(a).plain()
+        if a.x == 0.0:
+            a.refuse("np.arctan2 of a zero is decided by its sign, which is not kept")
+        return a.note("arctan2", lift(b).plain())
 
     def refuse(self, why, kind=Untraceable):
         self.tape.refused.append(why)  # should the function catch this
@@ -218,7 +221,6 @@ class Symbol:
     __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
     __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()).truth())
     __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()).truth())
-    arctan2, rarctan2 = operators(angle)
     __bool__ = branch
     __float__ = __int__ = no_number
     __hash__ = None
@@ -234,11 +236,6 @@ class Truth(Symbol):
     def number(self):
         return Symbol(self.tape, self.x, self.minus)
 
-    def of_truths(self, method, *others):
-        """What a Symbol's method makes: of truths a truth."""
-        made = method(self, *others)
-        return made.truth() if all(isinstance(x, TRUTHS) for x in others) else made
-
     def counts(self, other, method):
         """What a Symbol's method makes of it and a number; of truths it would be none."""
         if isinstance(other, TRUTHS):
@@ -252,13 +249,7 @@ class Truth(Symbol):
         return self.counts(other, Symbol.__sub__)
 
     def __mul__(self, other):
-        return self.of_truths(Symbol.__mul__, other)
-
-    def larger(self, other):
-        return self.of_truths(Symbol.larger, other)
-
-    def smaller(self, other):
-        return self.of_truths(Symbol.smaller, other)
+        return like(Symbol.__mul__(self, other), self, other)
 
     def __invert__(self):
         return (1.0 - self.number).truth()
@@ -266,18 +257,24 @@ class Truth(Symbol):
     def __abs__(self):
         return self
 
-    __radd__, __rmul__, __and__, __or__ = __add__, __mul__, __mul__, larger
+    __radd__, __rmul__, __and__, __or__ = __add__, __mul__, __mul__, Symbol.maximum
     __rand__, __ror__ = __and__, __or__
 
 
 TRUTHS = Truth, bool, np.bool
+
+
+def like(made, *given):
+    """The number that was made of others; of truths alone a truth."""
+    return made.truth() if all(isinstance(x, TRUTHS) for x in given) else made
+
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
     setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
 
 METHODS = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
 METHODS |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "where": Symbol.choose}
-METHODS |= {"max": Symbol.larger, "min": Symbol.smaller, "<": Symbol.__lt__, "<=": Symbol.__le__}
+METHODS |= {"max": Symbol.maximum, "min": Symbol.minimum, "<": Symbol.__lt__, "<=": Symbol.__le__}
 METHODS |= {name: getattr(Symbol, name) for name in FUNCTIONS | BINARY}
 
 
