@@ -296,7 +296,7 @@ def where(condition, *choices):
 
 
 def entrywise(function):
-    """A function of numpy, entry by entry: what a symbol's class calls by its name, if one is."""
+    """A function of numpy, entry by entry; where one is a symbol, its class's of that name."""
 
     def entry(*given):
         for s in given:

@@ -236,17 +236,10 @@ class Truth(Symbol):
     def number(self):
         return Symbol(self.tape, self.x, self.minus)
 
-    def counts(self, other, method):
-        """What a Symbol's method makes of it and a number; of truths it would be none."""
-        if isinstance(other, TRUTHS):
-            self.refuse("it adds what comparisons made; np.sum counts them")
-        return method(self, other)
-
     def __add__(self, other):
-        return self.counts(other, Symbol.__add__)
-
-    def __sub__(self, other):
-        return self.counts(other, Symbol.__sub__)
+        if isinstance(other, TRUTHS):  # numpy does not count them, and has no difference of them
+            self.refuse("it adds what comparisons made; np.sum counts them")
+        return Symbol.__add__(self, other)
 
     def __mul__(self, other):
         return like(Symbol.__mul__(self, other), self, other)
