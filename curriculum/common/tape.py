@@ -34,6 +34,14 @@ class Current(local):
 
     tape = hand = None
 
+    def tapes(self):
+        """The tapes whose numbers can be used: the one that is written, and those around it."""
+        found, tape = [], self.tape
+        while tape is not None:
+            found.append(tape)
+            tape = tape.outer
+        return found
+
 
 current = Current()
 
@@ -84,14 +92,13 @@ class Tape:
     `outer`: the tape on which a loop or rows stand, whose names its body may use. `names`: what an
     operation is called that is there already. `numbers`, of new names, `refused`, why all this
     cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
-    `open`: whether it is still written.
     """
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
 
     def __init__(self, outer=None, numbers=None):
         self.nodes, self.names, self.parts = {}, {}, {}
-        self.outer, self.open = outer, True
+        self.outer = outer
         self.numbers, self.refused, self.knobs = numbers or count(), [], ()
         if outer:
             self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
@@ -105,14 +112,7 @@ class Tape:
             try:
                 return function(*args)
             finally:
-                current.tape, self.open = before, False
-
-    def sees(self, other):
-        """Whether `other` is this tape or one around it."""
-        tape = self
-        while tape is not None and tape is not other:
-            tape = tape.outer
-        return tape is other
+                current.tape = before
 
     def add_part(self, part, operands, names):
         """Note a Loop or Calls, which makes numbers of these names."""

@@ -116,17 +116,11 @@ class Symbol:
 
     def inner(self, others):
         """The tape of an operation on numbers of several tapes: the innermost."""
-        tape = current.tape
-        found = [s.tape for s in (self, *others) if type(s.x) is str]
-        if not found:
-            return tape
-        innermost = found[0]
-        for other in found[1:]:
-            innermost = innermost if innermost.sees(other) else other
-        known = all(innermost.sees(other) for other in found)
-        if not (known and innermost.open and tape.sees(innermost)):
+        given = [s.tape for s in (self, *others) if type(s.x) is str]
+        tapes = current.tapes()
+        if not all(tape in tapes for tape in given):
             raise Untraceable("it keeps a number from an earlier call")
-        return innermost
+        return next((tape for tape in tapes if tape in given), current.tape)
 
     def plain(self):
         """This number with its minus carried out, as 0 - x on the tape."""
