@@ -9,7 +9,8 @@ from array import array
 from collections import deque
 from contextvars import ContextVar
 from dis import get_instructions
-from functools import lru_cache, partial
+from functools import lru_cache
+from operator import delitem, setitem
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType
 from weakref import WeakKeyDictionary  # in which singledispatch keeps what it has found
@@ -70,45 +71,38 @@ def named(code):
     return found
 
 
-def refill(x, old):
+def refill(_, x, old):
     """Have an array hold again what a dict says."""
     objects = x.dtype == object
     x.flat[:] = np.fromiter(old.values(), object) if objects else np.frombuffer(old[0], x.dtype)
 
 
-def reset(x, old):
-    """Have a class hold again what a dict says."""
-    for name in vars(x).keys() - old.keys():
-        delattr(x, name)
-    for name, y in old.items():
-        if vars(x).get(name, x) is not y:
-            setattr(x, name, y)
-
-
 def put_names(names, x, old):
-    """Have a dict hold again what another says of some names."""
+    """Have a dict, or a class, hold again what a dict says of some names."""
+    put, drop = (setattr, delattr) if isinstance(x, type) else (setitem, delitem)
     for name in names:
         if name in old:
-            x[name] = old[name]
+            put(x, name, old[name])
         else:
-            del x[name]
+            drop(x, name)
 
 
 UNSEEN = bytearray, memoryview, array, ContextVar  # what these hold is not looked at
 GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
-KINDS = {  # what holds something: its name, what that is, as a dict, and how it is put back
-    dict: ("the dict {}", dict, lambda x, old: (x.clear(), x.update(old))),
-    type: ("the global {}", lambda x: dict(vars(x)), reset),
-    set: ("the set {}", lambda x: {y: y for y in x}, lambda x, old: (x.clear(), x.update(old))),
+# what holds something: its name, what that is, as a dict, and how some names in it are put back
+KINDS = {
+    dict: ("the dict {}", dict, lambda _, x, old: (x.clear(), x.update(old))),
+    type: ("the global {}", lambda x: dict(vars(x)), put_names),
+    set: ("the set {}", lambda x: {y: y for y in x}, lambda _, x, old: (x.clear(), x.update(old))),
     (list, deque): ("the list {}", lambda x: dict(enumerate(x)),
-        lambda x, old: (x.clear(), x.extend(old.values()))),
+        lambda _, x, old: (x.clear(), x.extend(old.values()))),
     np.ndarray: ("the array {}",
         lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
     CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
-        lambda x, old: setattr(x, "cell_contents", old[0])),
+        lambda _, x, old: setattr(x, "cell_contents", old[0])),
     GENERATORS: ("the random generator {}",
         lambda x: {0: pickle.dumps(x.__getstate__())},
-        lambda x, old: x.__setstate__(pickle.loads(old[0]))),
+        lambda _, x, old: x.__setstate__(pickle.loads(old[0]))),
 }  # fmt: skip
 
 
@@ -119,8 +113,9 @@ EVERY = {"globals", "vars", "getattr", "setattr", "__dict__"}  # by which all ca
 
 def same(x, y):
     """Whether this is one object, or one plain value: a symbol must not be asked for ==."""
-    plain = type(x) in PLAIN or isinstance(x, np.generic)
-    return x is y or type(x) is type(y) and plain and x == y
+    if x is y or type(x) is not type(y):
+        return x is y
+    return (type(x) in PLAIN or isinstance(x, np.generic)) and x == y
 
 
 class Memory:
@@ -232,7 +227,7 @@ class Memory:
             yield from self.note(kept, name, f"the attribute {{}} of {name}")
 
     def changes(self, besides=()):
-        """What is not as it was: [(what, in words; x; how it is put back; what it held)].
+        """What is not as it was: [(what, in words; how it is put back; which names, x, its old)].
 
         `besides`: types of what may have changed.
         """
@@ -244,19 +239,17 @@ class Memory:
                 continue
             now, names = take(x), spaces.get(place, {"globals"})
             every = names & EVERY  # else other threads may use the other names
-            asked = old | now if every else names & (old.keys() | now.keys())
+            asked = old | now if every else [k for k in old | now if k in names]
             new = [k for k in asked if not same(old.get(k, self), now.get(k, self))]
             if new:
-                first = next(k for k in old | now if k in new)
-                put = put if every else partial(put_names, new)
-                found.append((words.format(first), x, put, old))
+                found.append((words.format(new[0]), put if every else put_names, new, x, old))
         return found
 
     def restore(self):
         """Put back, in place, what has changed; what was first, in words, or None."""
         found = self.changes()
-        for _, x, put, old in found:
-            put(x, old)
+        for _, put, *given in found:
+            put(*given)
         return f"it changes {found[0][0]}" if found else None
 
     def changed(self):
