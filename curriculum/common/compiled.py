@@ -39,15 +39,15 @@ class Compiled:
     that raises Untraceable, since it would take too long, and only one block is compared. `steps`:
     how many are to come. `way` says how steps are done; `source` is the code; `taken` steps took
     `seconds`, counted from zero where the way changes. `lies`: why what was compiled was given up,
-    or None.
+    or None. `halvings`: how often a step that fails is halved; if never, the run stops there.
     """
 
-    halvings = HALVINGS  # of a step that fails
-
-    def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False):
+    def __init__(
+        self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False, halvings=HALVINGS
+    ):
         self.given, self.only, self.lies = (step_fn, m, force), only, None
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
-        self.plain.halvings = self.halvings
+        self.plain.halvings = halvings
         self.turns = steps or math.inf  # if that is not known yet
         self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
         self.watch = mapped(watch, turns=steps) if watch else None
@@ -87,7 +87,7 @@ class Compiled:
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.alone = Single(Traced(*self.given, q, v, turns=self.turns), self.halvings)
+            self.alone = Single(Traced(*self.given, q, v, turns=self.turns), self.plain.halvings)
         except Untraceable as why:
             self.give_up(why)
             return
@@ -235,9 +235,3 @@ class Compiled:
         self.alone.to_machine(best)
         self.best = best
         self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
-
-
-class Whole(Compiled):
-    """What is Compiled, but a step that fails is not taken in halves: the run stops there."""
-
-    halvings = 0

@@ -7,7 +7,7 @@ from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
 from curriculum.common import banner
-from curriculum.common.compiled import Compiled, Whole
+from curriculum.common.compiled import Compiled
 from curriculum.common.midpoint import make_midpoint
 from curriculum.common.runs import distance
 from curriculum.common.steps import Plain
@@ -244,7 +244,7 @@ def climb(tol, seconds, q, runs, rule, least=LEAST):
     enough, what came nearest, and None; its error is infinite if no run got to the end. Steps that
     are taken in halves are no steps to choose.
     """
-    ways = {run: once_for_all(Whole) for run in runs}
+    ways = {run: once_for_all(partial(Compiled, halvings=0)) for run in runs}
     errors, tried = {run: [] for run in runs}, []
     for steps in finer(seconds, least):
         dt = seconds / steps
