@@ -62,18 +62,18 @@ def place_of(function):
 
 
 def pair(end, step):
-    """The q, v that a step returned."""
+    """The q, v that a step returned, which may be lists, as arrays."""
     if not isinstance(end, (tuple, list)) or len(end) != 2:
         what = f"returned {shorten(repr(end))}, where a step returns q and v"
         raise ValueError(f"{place_of(step)} {what}")
-    return end
+    return tuple(map(ordered, end))
 
 
 def followed(rule, after):
     """The step `rule`, which may work in place, and then after(q_start, q, v, dt) -> (q, v)."""
 
     def step(q, v, m, force, dt):
-        end = arrays(pair(rule(q.copy(), v.copy(), m, force, dt), rule))
+        end = pair(rule(q.copy(), v.copy(), m, force, dt), rule)
         return pair(after(q, *end, dt), after) if after else end
 
     return step
@@ -89,12 +89,6 @@ def tried(step, state, dt, halvings):
     for _ in range(2):
         state, _ = tried(step, state, 0.5 * dt, halvings - 1)
     return state, True
-
-
-def arrays(end):
-    """The q, v that a step returned, which may be lists."""
-    q, v = end
-    return ordered(q), ordered(v)
 
 
 class Block:
@@ -130,7 +124,7 @@ class Plain:
     lies, halvings = None, HALVINGS
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
-        self.step = lambda state, dt: arrays(step_fn(*state, m, force, dt))
+        self.step = lambda state, dt: pair(step_fn(*state, m, force, dt), step_fn)
         self.dt, self.measure = float(dt), measure  # numpy's short numbers would round
         self.watch = (lambda q, v: list(map(watch, q, v))) if watch else None
         self.taken = self.halved = 0
@@ -189,7 +183,7 @@ class Traced:
         zero = [np.all(x == 0.0, axis=tuple(range(x.ndim - 2))) for x in (q, v)]
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
         self.shape = q.shape[-2:]
-        self.as_it_stands = lambda q, v, dt: arrays(step_fn(q, v, m, force, dt))
+        self.as_it_stands = lambda q, v, dt: pair(step_fn(q, v, m, force, dt), step_fn)
         self.measure = measure or (lambda q, v: ())
 
         def asked(q, v):  # the same force each time, so no switch may have been thrown
