@@ -45,7 +45,7 @@ class Python(Compiled):
             if self.begin and llvm.available():
                 self.begin(self.alone)
 
-    def improve(self, pace):
+    def improve(self, pace, left):
         pass
 
 

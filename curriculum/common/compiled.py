@@ -49,7 +49,7 @@ class Compiled:
         self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
         self.plain.halvings = halvings
         self.turns = steps or math.inf  # if that is not known yet
-        self.ask, self.best, self.compared = mapped(measure, turns=steps), False, False
+        self.ask, self.compared = mapped(measure, turns=steps), False
         self.watch = mapped(watch, turns=steps) if watch else None
         self.later = self.done = 0
         self.start(dt, steps)
@@ -60,7 +60,7 @@ class Compiled:
         self.later += self.done  # where there were runs before, others will follow
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
-        self.computed, self.most = 0, math.inf
+        self.most = math.inf
         self.begins = lambda: None  # called before a block
         self.plain.halved = 0
 
@@ -136,7 +136,7 @@ class Compiled:
             self.taken, self.seconds = self.plain.taken, self.plain.seconds
             return state
         if not self.alone.traced.fits(q, v):  # the loop has moved what stood still
-            self.best = self.compared = False
+            self.compared = False
             self.due = 0
             self.trace(q, v)
             return self.compute(q, v)
@@ -157,10 +157,10 @@ class Compiled:
             if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
-        self.taken, self.seconds, self.computed = self.taken + count, self.seconds + spent, count
+        self.taken, self.seconds = self.taken + count, self.seconds + spent
         # the first steps of a long one are slow, and with a Stop the next block begins
         if self.done >= FIRST and not why:
-            self.improve(spent / count)
+            self.improve(spent / count, self.steps - count)
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
         with Tape.lock:
@@ -216,22 +216,18 @@ class Compiled:
         size = np.max(np.abs([expected - before, 1e-9 * expected]), initial=0.0)
         return not np.all(np.abs(end - expected) <= CLOSE * size)
 
-    def improve(self, pace):
-        """Machine code, where the steps that are left are worth it: first what is soon made."""
-        if self.best:
+    def improve(self, pace, left):
+        """Machine code, where the steps that are left, of `pace` s, are worth it: first what is
+        soon made. The best takes a few times as long to make."""
+        machine = self.alone.machine
+        begun = isinstance(machine, Native)
+        if begun and machine.best:
             return
         cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        left = (self.steps - self.computed) * pace
-        begun = isinstance(self.alone.machine, Native)
-        worth = left > BEST * cost if begun else left + self.later * pace > QUICK * cost
+        worth = left * pace > BEST * cost if begun else (left + self.later) * pace > QUICK * cost
         if worth and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
-                self.to_machine(best=begun)
+                self.alone.to_machine(best=begun)
+                self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
         if llvm.FAILED and not self.alone.machine:
             self.way = f"compiled to Python; {llvm.FAILED[0]}"
-
-    def to_machine(self, best):
-        """Machine code from here on; the best takes a few times as long to make."""
-        self.alone.to_machine(best)
-        self.best = best
-        self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0

@@ -254,7 +254,7 @@ class Native:
         word, pointer = ctypes.c_int64, ctypes.c_void_p
         kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer, pointer)
         self.function = kind(self.engine.get_function_address("run"))
-        self.lanes = lanes
+        self.lanes, self.best = lanes, best
 
     def __call__(self, state, count, out, *knobs):
         """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
