@@ -6,7 +6,6 @@ numbers, of as many members that go in step. The operations and their order are 
 bits are, too.
 """
 
-import ctypes
 import math
 from collections import defaultdict
 from functools import cache
@@ -210,11 +209,9 @@ def reader_lines(lanes):
 
 @cache
 def reader(lanes):
-    """What reads rows, for so many lanes; and the engine that keeps it in memory."""
-    engine = llvm.compiled("\n".join(reader_lines(lanes)))
-    word, pointer = ctypes.c_int64, ctypes.c_void_p
-    kind = ctypes.CFUNCTYPE(word, pointer, pointer, pointer, word, word, word)
-    return kind(engine.get_function_address("run")), engine
+    """What reads rows, for so many lanes."""
+    arguments = [llvm.POINTER] * 3 + [llvm.WORD] * 3
+    return llvm.compiled("\n".join(reader_lines(lanes)), arguments)
 
 
 class Bytecode:
@@ -224,7 +221,7 @@ class Bytecode:
     """
 
     def __init__(self, program, lanes=1):
-        self.function, self.engine = reader(lanes)
+        self.function = reader(lanes)
         found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
         self.registers = len(found.known)

@@ -18,6 +18,7 @@ ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 OF_TWO = BINARY | {"**": "pow"}
 LIBRARY = {name: c for name, c in FUNCTIONS.items() if name != "sqrt"} | OF_TWO
 COMPARED = {"<": "olt", "<=": "ole", "max": "oge", "min": "ole", "where": "une"}
+WORD, POINTER = ctypes.c_int64, ctypes.c_void_p
 FAILED = []  # why llvmlite cannot be used though it is installed, once that has been found out
 
 
@@ -127,8 +128,8 @@ class Function:
         return [start, "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
-def compiled(text, best=True):
-    """The engine that has the functions of a text in LLVM's language, optimized if `best`.
+def compiled(text, arguments, best=True):
+    """The function @run of a text in LLVM's language, (*arguments) -> WORD, optimized if `best`.
 
     Whatever goes wrong is raised as Unavailable, and no further attempt is made: llvmlite may be of
     another version or for another processor, and the same steps can be had from Python.
@@ -157,4 +158,6 @@ def compiled(text, best=True):
         text = " ".join(str(why).split()) or type(why).__name__
         FAILED[:] = [f"llvmlite fails: {shorten(text)}"]
         raise Unavailable(FAILED[0]) from why
-    return engine
+    function = ctypes.CFUNCTYPE(WORD, *arguments)(engine.get_function_address("run"))
+    function.engine = engine  # which keeps it in memory
+    return function

@@ -3,11 +3,10 @@
 `lanes` members go in step in one vector register: the type is all that changes.
 """
 
-import ctypes
 from collections import namedtuple
 from itertools import chain
 
-from curriculum.common.llvm import Function, compiled
+from curriculum.common.llvm import POINTER, WORD, Function, compiled
 from curriculum.common.programs import INLINE, Calls
 from curriculum.common.trace import Symbol
 
@@ -250,10 +249,8 @@ class Native:
     """
 
     def __init__(self, program, lanes=1, best=True):
-        self.engine = compiled(assembly(program, lanes), best)
-        word, pointer = ctypes.c_int64, ctypes.c_void_p
-        kind = ctypes.CFUNCTYPE(word, pointer, word, pointer, word, pointer, pointer)
-        self.function = kind(self.engine.get_function_address("run"))
+        arguments = POINTER, WORD, POINTER, WORD, POINTER, POINTER
+        self.function = compiled(assembly(program, lanes), arguments, best)
         self.lanes, self.best = lanes, best
 
     def __call__(self, state, count, out, *knobs):
