@@ -17,6 +17,7 @@ import numpy as np
 
 CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
+PIECE = 1 << 13  # members at a time in Python: a dozen columns of them stay near the processor
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -87,7 +88,8 @@ def run(code, program, state, count, *knobs):
     after one step just what it makes.
     """
     entries, members = state.shape
-    some = -(-members // (CORES * code.lanes)) * code.lanes if code.lanes > 1 else members
+    beside = code.lanes > 1  # threads run side by side: ctypes lets go of the interpreter
+    some = -(-members // (CORES * code.lanes)) * code.lanes if beside else PIECE
     filled = -(-members // code.lanes) * code.lanes
     ends = np.empty((entries, filled))
     ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
@@ -95,14 +97,12 @@ def run(code, program, state, count, *knobs):
     if not count:
         return state.copy(), made[:, :members]
 
-    def advance(first):  # threads run side by side: ctypes lets go of the interpreter
+    def advance(first):
         piece = slice(first, first + some)
         code(ends[:, piece], count, made[:, piece], *knobs)
 
-    if some < filled:
-        list(pool().map(advance, range(0, members, some)))
-    else:
-        advance(0)
+    each = pool().map if beside and some < filled else map
+    list(each(advance, range(0, members, some)))
     return ends[:, :members], made[:, :members]
 
 

@@ -16,7 +16,6 @@ NUMBERS["where"] = lambda condition, a, b: a if condition else b
 # the same names for columns of numbers, so that the same source does as many states at once
 COLUMNS = {name: getattr(np, name) for name in [*CALLED, "inf", "nan", "abs", "where"]}
 COLUMNS |= {"pow": np.power, "largest": np.maximum, "smallest": np.minimum}
-PIECE = 1 << 13  # members at a time: a dozen columns of them stay near the processor
 
 
 def block(head, lines):
@@ -109,21 +108,15 @@ class Columns:
     def __init__(self, source):
         self.function = compiled(source, COLUMNS)
 
-    def __call__(self, state, count, out, *knobs):
-        for first in range(0, state.shape[1], PIECE):
-            some = slice(first, first + PIECE)
-            self.piece(state[:, some], count, out[:, some], *knobs)
-
     @np.errstate(all="ignore")
-    def piece(self, ends, count, most, *knobs):
-        """Some members, whose columns stay near the processor."""
+    def __call__(self, state, count, out, *knobs):
         last = []
 
         def keep(row):
             last[:] = row
-            for largest, made in zip(most, row[len(ends) :], strict=True):
+            for largest, made in zip(out, row[len(state) :], strict=True):
                 np.maximum(largest, made, out=largest)
 
-        self.function(tuple(ends.copy()), count, keep, *knobs)
-        for end, value in zip(ends, last, strict=False):
+        self.function(tuple(state.copy()), count, keep, *knobs)
+        for end, value in zip(state, last, strict=False):
             end[:] = value
