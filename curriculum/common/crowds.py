@@ -33,19 +33,15 @@ if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads,
     os.register_at_fork(after_in_child=pool.cache_clear)
 
 
-def in_machine_code(kind, traced, lanes):
-    """A Traced step for many members, side by side in vector registers; None if it cannot be.
+def code_of(traced, kind=None, lanes=1):
+    """What runs a Traced step for many members: machine code, so many side by side in registers.
 
-    `kind`: Native, or Bytecode, which is made sooner.
+    `kind`: Native, or Bytecode, which is made sooner. Where it is None, or machine code cannot be
+    had, members go as columns of numpy or, with a loop, one by one.
     """
-    if llvm.available():
+    if kind and llvm.available():
         with contextlib.suppress(llvm.Unavailable):
             return kind(traced.program, lanes)
-    return None
-
-
-def in_python(traced):
-    """The same without machine code: members as columns of numpy or, with a loop, one by one."""
     return OneByOne(traced) if traced.program.loops() else Columns(traced.source)
 
 
@@ -115,8 +111,7 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), float(dt)
-        made = in_machine_code(Native, self.traced, LANES)
-        self.code = made or in_python(self.traced)
+        self.code = code_of(self.traced, Native, LANES)
         self.put(q, v)
         first = self.columns[:, :1]
         if differs(self.traced, first[:, 0], run(self.code, self.traced.program, first, 1, dt), dt):
@@ -223,9 +218,8 @@ class mapped:  # noqa: N801 - it is called as a function is
         size = program.size()
         if entry.calls * states < PRICE * size:
             return None
-        if program.loops() and (size > LARGE or states * size > REPAID):
-            entry.code = in_machine_code(Bytecode, entry.traced, NARROW) or entry.code
-        entry.code = entry.code or in_python(entry.traced)
+        repaid = program.loops() and (size > LARGE or states * size > REPAID)
+        entry.code = code_of(entry.traced, Bytecode if repaid else None, NARROW)
         return entry.code
 
     def by_code(self, traced, code, q, v):
