@@ -11,7 +11,7 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
 from curriculum.common.steps import Traced, called
-from curriculum.common.tape import PRICE, Stop, Tape, Untraceable, effort
+from curriculum.common.tape import PRICE, Stop, Untraceable
 
 import numpy as np
 
@@ -200,13 +200,12 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def traced(self, q, v):
         """The function on symbols, of states that are zero in the same places; or None."""
+        turns = max(self.turns, len(q))
         try:
-            with Tape.lock:
-                turns = max(self.turns, len(q))
-                traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
-                return SimpleNamespace(traced=traced, code=None, asked=0, calls=effort.calls)
+            traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
         except Untraceable:
             return None
+        return SimpleNamespace(traced=traced, code=None, asked=0)
 
     def choose(self, entry, many):
         """What runs it: None as long as that costs more than it saves; where there is a loop,
@@ -216,7 +215,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             return entry.code
         program, states = entry.traced.program, max(self.turns, entry.asked)
         size = program.size()
-        if entry.calls * states < PRICE * size:
+        if entry.traced.calls * states < PRICE * size:
             return None
         repaid = program.loops() and (size > LARGE or states * size > REPAID)
         entry.code = code_of(entry.traced, Bytecode if repaid else None, NARROW)

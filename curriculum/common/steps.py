@@ -158,7 +158,8 @@ class Traced:
     """A step as a Program of what does not stay zero: where `moving` (2, N, 3) says so of q and v.
 
     q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
-    function (q, v) -> tuple of arrays, says of a step's end. `turns`: how many steps are to come.
+    function (q, v) -> tuple of arrays, says of a step's end. `turns`: how many steps are to come;
+    `calls`: of numpy, which one takes as it stands.
     Raises Untraceable, and then what step_fn and force keep is as it was.
     """
 
@@ -207,7 +208,7 @@ class Traced:
             still = stays
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
-        self.program, self.moving = program, ~np.array(still)
+        self.program, self.moving, self.calls = program, ~np.array(still), effort.calls
 
     @cached_property
     def source(self):
