@@ -530,26 +530,25 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
 WIND = 0.0  # N, or J
 
 
-def stepper(way, steps):
-    """What takes the steps of a double pendulum, and what measures it."""
+def taken(way, change=lambda k, v: None, often=lambda k: 1, steps=60):
+    """The Run of a loop that is typed by hand: after step k it goes on from what change(k, v)
+    returns, unless that is None, and it notes the state `often`(k) times."""
     force = c.make_force(DOUBLE, "none")
 
     def measure(q, v):
         return c.constraint_violation(DOUBLE, q), c.energy(DOUBLE, q, v)
 
-    return way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps), measure
-
-
-def taken(way, change, steps=60):
-    """The Run of a loop that is typed by hand, and calls change(k) after each step."""
-    step, measure = stepper(way, steps)
-    log, q, v = Log(step, steps, (), 100.0), DOUBLE["q0"], DOUBLE["v0"]
+    step = way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps)
+    log, q, v = Log(step, steps, range(steps + 1), 100.0), DOUBLE["q0"], DOUBLE["v0"]
     log.note(q, v, *measure(q, v))
     with log:
         for k in range(steps):
             q, v, *measured = step(q, v)
-            log.note(q, v, *measured)
-            change(k)
+            other = change(k, v)
+            if other is not None:
+                v, measured = other, measure(q, other)
+            for _ in range(min(often(k), steps - log.done - log.row)):
+                log.note(q, v, *measured)
     return log.run()
 
 
@@ -566,19 +565,8 @@ TURNS = {  # of a loop: after which steps it notes the state, and how often
 def test_a_loop_may_note_what_it_likes(energy, often, monkeypatch):
     """Also where all energies are equal."""
     monkeypatch.setattr(c, "energy", energy)
-    found = []
-    for way in (Compiled, Plain):
-        step, measure = stepper(way, 60)
-        log, q, v = Log(step, 60, (), 100.0), DOUBLE["q0"], DOUBLE["v0"]
-        log.note(q, v, *measure(q, v))
-        with log:
-            for k in range(60):
-                q, v, *measured = step(q, v)
-                for _ in range(often(k)):
-                    if log.done + log.row < 60:
-                        log.note(q, v, *measured)
-        found.append(log.run())
-    assert all(map(np.array_equal, *found)) and found[0].way.startswith("compiled")
+    quick, plain = (taken(way, often=often) for way in (Compiled, Plain))
+    assert alike(quick, plain) and quick.way.startswith("compiled")
 
 
 def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
@@ -588,7 +576,7 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
         c, "external_force", lambda system, q: system["m"] * c.GRAVITY + [WIND > 0.1, 0.0, 0.0]
     )
 
-    def ticking(begin, k):
+    def ticking(begin, k, v=None):
         global WIND
         WIND = 0.01 * max(0, k - begin)
 
@@ -604,7 +592,7 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
     ticking(0, 0)
     shown = Shown()
     monkeypatch.setattr(c, "external_force", shown)
-    assert taken(Compiled, lambda k: shown.on_frame()).way.startswith("compiled")
+    assert taken(Compiled, lambda k, v: shown.on_frame()).way.startswith("compiled")
     usual = c.energy
     monkeypatch.setattr(c, "energy", lambda *state: usual(*state) + WIND)
     with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
@@ -615,8 +603,12 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
         ends.append(taken(way, partial(ticking, -1)).energies)
     assert np.array_equal(*ends)
     monkeypatch.setitem(DOUBLE, "m", DOUBLE["m"].copy())
+
+    def lighter(k, v):
+        DOUBLE["m"][:] *= 1.0 - 0.1 * (k == 30)
+
     with pytest.raises(ValueError, match="the array m was changed"):
-        taken(Compiled, lambda k: DOUBLE["m"].__imul__(1.0 - 0.1 * (k == 30)))
+        taken(Compiled, lighter)
 
 
 def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
@@ -718,37 +710,21 @@ def test_a_loop_typed_by_hand_has_the_bits_of_simulate(rule):
         assert np.array_equal(tip[k], q[-1])
 
 
-def changed(way, change):
-    """The Run of a loop like simulate's, in which change(v) follows v after a turn."""
-
-    def measure(q, v):
-        return c.constraint_violation(DOUBLE, q), c.energy(DOUBLE, q, v)
-
-    step = way(c.rk4_step, DOUBLE["m"], c.make_force(DOUBLE, "none"), 0.005, measure, 100)
-    log = Log(step, 100, range(101), 1e9)
-    q, v = DOUBLE["q0"], DOUBLE["v0"]
-    log.note(q, v, *measure(q, v))
-    with log:
-        for k in range(100):
-            q, v, worst, joules = step(q, v)
-            if k == 40:
-                v = change(v)
-                worst, joules = measure(q, v)
-            log.note(q, v, worst, joules)
-    return log.run()
-
-
 def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
     """What follows goes on from there, and what was changed is what is measured."""
     out_of_its_plane = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
     single = np.float32
     changes = lambda v: 0.5 * v, lambda v: v + out_of_its_plane, lambda v: 0.5 * v.astype(single)
+
+    def once(change, k, v):
+        return change(v) if k == 40 else None
+
     for change in changes:
-        quick, plain = (changed(way, change) for way in (Compiled, Plain))
+        quick, plain = (taken(way, partial(once, change)) for way in (Compiled, Plain))
         assert alike(quick, plain) and quick.way.startswith("compiled")
         assert abs(quick.energies[41] - quick.energies[40]) > 0.1
     with pytest.raises(ValueError, match="read-only") as found:
-        changed(Compiled, lambda v: v.__imul__(0.9))
+        taken(Compiled, partial(once, lambda v: v.__imul__(0.9)))
     assert found.value.__notes__[0].endswith("v = 0.9 * v.")
 
 
