@@ -61,7 +61,6 @@ class Compiled:
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
         self.most = math.inf
-        self.begins = lambda: None  # called before a block
         self.plain.halved = 0
 
     @property
@@ -80,7 +79,6 @@ class Compiled:
             for state in self.ahead:  # the next, if there is one: this is quicker than next()
                 self.state = state
                 return state
-        self.begins()
         self.state = self.compute(q, v)
         return self.state
 

@@ -111,7 +111,6 @@ class Log:
         self.kept, self.last, self.watched, self.halved = [], None, 0.0, 0
         self.block, self.row, self.sane = None, 0, [None]  # of a block: energies of sane states
         self.tick = progress("simulating", steps)
-        step.begins = self.close  # before each block, which a change of the state begins, too
 
     def __enter__(self):
         self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words
