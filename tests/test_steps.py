@@ -125,19 +125,19 @@ class Controller(SimpleNamespace):
         return -gain * v
 
 
-class Parent:
-    count = 0
+class Turns:
+    turn = 0
 
-    def __call__(self):
-        self.count += 1
-        return self.count
+    def __next__(self):
+        self.turn += 1
+        return self.turn
 
 
-class Heir(Parent):
+class Heir(Turns):
     pass
 
 
-class Shown(Parent):
+class Shown:
     """It counts what is asked of it besides, which is no matter of its force."""
 
     def __init__(self):
@@ -148,14 +148,6 @@ class Shown(Parent):
 
     def __call__(self, system, q, v):
         return system["m"] * c.GRAVITY - 0.1 * v
-
-
-class Turns:
-    turn = 0
-
-    def __next__(self):
-        self.turn += 1
-        return self.turn
 
 
 CALLS, CLOCK, DEVICE = 0, partial(time.perf_counter), dice.SystemRandom()
@@ -185,7 +177,7 @@ def forces():
     controller = Controller(hold=SimpleNamespace(gain=1.0))
     options = Namespace(gain=0.1)
     drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
-    heir, turns, normal = Heir(), Turns(), np.random.default_rng(3).normal
+    heir, normal = Heir(), np.random.default_rng(3).normal
     raw, sized = bytearray(2), {SLOW: "the drag"}
     np.random.seed(3)  # noqa: NPY002
     noise = np.vectorize(lambda q, v: np.random.random())  # noqa: NPY002
@@ -235,8 +227,7 @@ def forces():
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
         "changes the attribute gain of hold": lambda q, v: controller(q, v),
         "changes the attribute gain of options": tired,
-        "changes the attribute count of heir": lambda q, v: -0.01 * heir() * v,
-        "changes the attribute turn of turns": lambda q, v: -0.01 * next(turns) * v,
+        "changes the attribute turn of heir": lambda q, v: -0.01 * next(heir) * v,
         "uses raw, which cannot be put back": lambda q, v: -0.1 * raw[0] * v,
         "changes the attribute gain": lambda q, v: -(1.0 + slower(next(iter(sized)))) * v,
         "the random generator normal": lambda q, v: normal() * q,
