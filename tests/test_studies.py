@@ -48,8 +48,10 @@ def test_a_member_ends_where_it_ends_alone_bit_for_bit(steps, monkeypatch):
 
 
 def test_many_members_want_a_force_that_can_be_compiled(monkeypatch):
-    asked = []
-    for force, why in ((branching, "branches on"), (lambda q, v: asked.append(1) or -v, "changes")):
+    asked, forces = [], {"branches on": branching}
+    forces["changes"] = lambda q, v: asked.append(1) or -v
+    forces["does something else"] = lambda q, v: -v if q.dtype == float else 9.0 + q
+    for why, force in forces.items():
         feel(monkeypatch, force)
         with pytest.raises(SystemExit, match=f"many members .* compiled: it {why}"):
             chaos.follow(chaos.ensemble("double", range(2)), "rk4", "none", 1)
