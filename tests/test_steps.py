@@ -462,13 +462,6 @@ def ahead(q, v, m, force, dt):
     return q + dt * v, v
 
 
-def test_a_crowd_whose_step_is_another_when_it_is_compiled_is_refused(monkeypatch):
-    feel(monkeypatch, lambda q, v: -v if q.dtype == float else 9.0 + q)
-    many = DOUBLE | {key: np.stack([DOUBLE[key]] * 3) for key in ("q0", "v0")}
-    with pytest.raises(SystemExit, match="it does something else when it is compiled"):
-        _runs.crowd(many, "rk4", "none", 0.005)
-
-
 def bursting(q, v, m, force, dt):
     """Timid, until a whole step, though no half of one, goes beyond all numbers."""
     q, v = timid(q, v, m, force, dt)
