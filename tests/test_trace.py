@@ -3,7 +3,7 @@
 import contextlib
 from functools import partial
 
-from curriculum.common import llvm, programs, tape
+from curriculum.common import crowds, llvm, programs, tape
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, OneByOne, mapped
@@ -224,6 +224,16 @@ def test_what_is_soon_done_of_few_states_is_compiled_once_there_are_many():
         asked(states, states)
         (entry,) = asked.known.values()
         assert (entry.code is not None) == compiled
+
+
+@pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
+def test_a_long_function_of_many_states_is_rows_which_are_sooner_made(monkeypatch):
+    """Also without a loop."""
+    monkeypatch.setattr(crowds, "LARGE", 2)
+    asked, many = mapped(lambda q, v: np.sum(q / (1.0 + q * q))), np.repeat(CROWD, 20, axis=0)
+    found = asked(many, many)
+    assert isinstance(next(iter(asked.known.values())).code, Bytecode)
+    assert np.array_equal(found, [asked.measure(ordered(q), q)[0] for q in many])
 
 
 def test_a_mask_is_one_of_many_states_too_and_no_step_changes_none():

@@ -208,8 +208,8 @@ class mapped:  # noqa: N801 - it is called as a function is
         return SimpleNamespace(traced=traced, code=None, asked=0)
 
     def choose(self, entry, many):
-        """What runs it: None as long as that costs more than it saves; where there is a loop,
-        machine code if there are many states."""
+        """What runs it: None as long as that costs more than it saves; machine code where it is
+        long or, if there is a loop in it, where there are many states."""
         entry.asked += many
         if isinstance(entry.code, (Columns, Bytecode)):
             return entry.code
@@ -217,7 +217,7 @@ class mapped:  # noqa: N801 - it is called as a function is
         size = program.size()
         if entry.traced.calls * states < PRICE * size:
             return None
-        repaid = program.loops() and (size > LARGE or states * size > REPAID)
+        repaid = size > LARGE or (program.loops() and states * size > REPAID)
         entry.code = code_of(entry.traced, Bytecode if repaid else None, NARROW)
         return entry.code
 
