@@ -281,6 +281,9 @@ def forces():
         "compiled: all": lambda q, v: -v * np.where(np.all(q > -0.1) | np.any(v > 1.0), 1.0, 0.1),
         "compiled: sign": lambda q, v: -0.1 * np.sign(v) - np.sign(q[0, 0] + 0.05),
         "compiled: an angle": lambda q, v: -v * np.arctan2(q[:, 1], q[:, 0])[:, None],
+        "compiled: an angle of new arrays": lambda q, v: (
+            -v * np.arctan2(np.array([q[0, 1], q[1, 1]]), np.array([q[0, 0], 2.0]))[:, None]
+        ),
         "compiled: of a sine": lambda q, v: np.arcsin(0.1 * q) + np.arccos(0.1 * q) - np.arctan(v),
         "compiled: not a number": lambda q, v: -v * (np.nan_to_num(np.sqrt(-0.03 - q[1, 1])) + 0.1),
         "compiled: formatted": lambda q, v: -v if f"{q[0, 0]:.3f}" else v,

@@ -296,7 +296,8 @@ def where(condition, *choices):
 
 
 def entrywise(function):
-    """A function of numpy, entry by entry; where one is a symbol, its class's of that name."""
+    """A function of numpy, entry by entry; where one is a symbol, its class's of that name, which
+    takes them in order: the symbol may be the second."""
 
     def entry(*given):
         for s in given:

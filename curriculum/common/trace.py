@@ -149,14 +149,12 @@ class Symbol:
         same = Symbol(self.tape, self.x, minus)
         return same if nothing or b.x == 1.0 else self.note("/", b, minus=minus)
 
-    @staticmethod
-    def maximum(a, b):
+    def maximum(self, b):
         """The larger of two numbers, or NaN if one of them is."""
-        return like(lift(a).plain().note("max", lift(b).plain()), a, b)
+        return extreme("max", self, b)
 
-    @staticmethod
-    def minimum(a, b):
-        return like(lift(a).plain().note("min", lift(b).plain()), a, b)
+    def minimum(self, b):
+        return extreme("min", self, b)
 
     def choose(self, a, b):
         """a where this is not zero, and else b."""
@@ -178,13 +176,12 @@ class Symbol:
         """1, 0, -1 or NaN, as np.sign says."""
         return (self > 0.0).choose(1.0, (self < 0.0).choose(-1.0, self))
 
-    @staticmethod
-    def arctan2(a, b):
-        """The angle of a point at height a and b across."""
-        a = lift(a).plain()
-        if a.x == 0.0:
-            a.refuse("np.arctan2 of a zero is decided by its sign, which is not kept")
-        return a.note("arctan2", lift(b).plain())
+    def arctan2(self, b):
+        """The angle of a point at this height and b across."""
+        height = lift(self).plain()
+        if height.x == 0.0:
+            height.refuse("np.arctan2 of a zero is decided by its sign, which is not kept")
+        return height.note("arctan2", lift(b).plain())
 
     def refuse(self, why, kind=Untraceable):
         self.tape.refused.append(why)  # should the function catch this
@@ -254,6 +251,12 @@ TRUTHS = Truth, bool, np.bool
 def like(made, *given):
     """The number that was made of others; of truths alone a truth."""
     return made.truth() if all(isinstance(x, TRUTHS) for x in given) else made
+
+
+def extreme(sign, a, b):
+    """What "max" or "min" makes of two numbers. One is a Symbol: it comes first."""
+    first, second = (a, b) if isinstance(a, Symbol) else (b, a)
+    return like(first.plain().note(sign, lift(second).plain()), a, b)
 
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
