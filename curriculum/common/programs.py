@@ -133,8 +133,8 @@ class Routine:
         if key in self.programs:
             effort.calls += effort.factor * self.calls[key]
         else:
-            tape, before = Tape(numbers=current.tape.numbers), effort.calls
-            tape.refused = current.tape.refused
+            tape, before = Tape(), effort.calls
+            tape.numbers, tape.refused = current.tape.numbers, current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
             self.programs[key] = once

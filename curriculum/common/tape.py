@@ -96,10 +96,9 @@ class Tape:
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
 
-    def __init__(self, outer=None, numbers=None):
+    def __init__(self, outer=None):
         self.nodes, self.names, self.parts = {}, {}, {}
-        self.outer = outer
-        self.numbers, self.refused, self.knobs = numbers or count(), [], ()
+        self.outer, self.numbers, self.refused, self.knobs = outer, count(), [], ()
         if outer:
             self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
 
