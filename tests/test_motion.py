@@ -265,16 +265,16 @@ def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     assert few < many and few % 6 == many % 6 == 0  # one a stage in every round
 
 
-def sought(place, shown, dt, system="double", halved=lambda step: 0):
+def sought(place, shown, dt, system="double"):
     """The true motion that is found, and [(s, how many)] of the steps that were asked for, where
-    steps of so many s have a particle at x = place(s, times), and halved(s) of them were halves."""
+    steps of so many s have a particle at x = place(s, times)."""
     asked = []
 
     def run(step, steps, keep):
         asked.append((step, steps))
         q = np.zeros((len(keep), 1, 3))
         q[:, 0, 0] = place(step, step * keep)
-        return SimpleNamespace(q=q, kept=keep, halved=halved(step))
+        return SimpleNamespace(q=q, kept=keep)
 
     system = c.build_system(system) if isinstance(system, str) else system
     return ruler.true_motion(run, system, dt, shown, ruler.Truth(0)), asked
@@ -282,17 +282,23 @@ def sought(place, shown, dt, system="double", halved=lambda step: 0):
 
 def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     """Though later they may meet again, by chance."""
-    found, _ = sought(lambda step, times: 100.0 * step * np.isclose(times, 3.0), np.arange(6), 1.0)
+
+    def place(step, times):
+        return 100.0 * step * (times > 2.5) * (times < 8.5)
+
+    found, _ = sought(place, np.arange(20), 1.0)
     assert len(found) == 3
 
 
 def test_halves_that_agree_with_steps_half_as_long_are_no_proof():
-    def place(step, times):  # the two longest agree all the way: the one is halves of both
-        return 100.0 * step * (step < 0.4 * ruler.FIRST) * (times > 2.5 * ruler.FIRST)
+    def place(step, times):  # what is longer is taken in halves, and these in halves again
+        while step > 0.1 * ruler.FIRST:
+            step *= 0.5
+        return 100.0 * step * (times > 2.5 * ruler.FIRST)
 
-    halved = partial(np.less, 0.9 * ruler.FIRST)
-    found, _ = sought(place, np.arange(6), ruler.FIRST, halved=halved)
-    assert len(found) == 3
+    for many in (1, 2):  # parts of a frame, to begin with
+        found, _ = sought(place, np.arange(6), many * ruler.FIRST)
+        assert len(found) == math.ceil(2.6 / many)
 
 
 def test_finer_steps_are_tried_while_they_gain_something_and_do_not_take_too_long():
@@ -309,8 +315,8 @@ def test_finer_steps_are_tried_while_they_gain_something_and_do_not_take_too_lon
     known, lengths, most = tried(30, gain=1.0)
     assert lengths[-1] > ruler.FINEST and 30 * most <= ruler.WORK
     assert known > 20
-    _, lengths, _ = tried(2, gain=0.1)
-    assert len(lengths) == 3  # the third step gains nothing
+    _, lengths, _ = tried(2, gain=0.05)
+    assert len(lengths) == 4  # the last gains nothing
 
 
 def test_a_motion_is_sought_no_more_than_twice_as_far_as_it_is_known():
@@ -324,7 +330,8 @@ def test_a_motion_is_sought_no_more_than_twice_as_far_as_it_is_known():
     found, asked = sought(place, shown, dt, "pendulum")
     assert np.allclose(found[:, 0, 0], dt * shown[: known + 1])
     seconds = [step * steps for step, steps in asked]
-    assert min(seconds) == ruler.HORIZON < max(seconds) <= 2.0 * known * dt
+    assert ruler.HORIZON - 4.0 * dt < min(seconds) <= ruler.HORIZON
+    assert ruler.HORIZON < max(seconds) <= 2.0 * known * dt
 
 
 def test_a_start_alone_is_no_true_motion():

@@ -48,6 +48,7 @@ def tangle(seed, x):
 INNER = Routine(lambda a, b: a / (1.0 + b * b) - 0.3 * b)
 OUTER = Routine(lambda a, b: INNER(b, -a) + heron(a * a + 0.5) * INNER(a, b))
 ROUTINE = Routine(heron)
+OFTEN = Routine(lambda a: a / (1.0 + a[::-1] * a[0]), often=True)
 KEPT = np.array([[0.0, 1.0, 0.0], [2.0, 0.0, 3.0]])
 
 
@@ -61,6 +62,14 @@ def rows(x):
 
     ends, pairs = side_by_side(of, many, np.arange(1.0, 8.0) - 0.5)
     return ends[1:3] + ends[4] * ends[5:] - pairs[0] * pairs[3] + pairs[-1]
+
+
+def handed_on(x):
+    """Rows that call a routine, and do little or nothing more."""
+    ways = OFTEN, lambda a: -OFTEN(a), lambda a: OFTEN(-a), lambda a: OFTEN(a[[1, 0, 2]])
+    made = sum(k * side_by_side(way, x) for k, way in enumerate(ways, 1))
+    made -= side_by_side(lambda a: OFTEN(a)[:, None], x)[:, :, 0]
+    return made + side_by_side(lambda a: side_by_side(lambda b: b * a[1], np.stack([a, a]))[0], x)
 
 
 def rounds(x):
@@ -100,6 +109,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     ),
     "routines": lambda x: OUTER(KEPT * x, -x) + OUTER(x, x[::-1]) - OUTER(-x, x + 1.0),
     "rows": rows,
+    "rows that call": handed_on,
     "rows in a loop": rounds,
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
@@ -285,9 +295,10 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     assert not program_of(lambda x: INNER(x, x)).tape.parts
-    often = Routine(lambda x: x * x, often=True)
-    program = program_of(lambda x: often(x) + often(2.0 * x))
+    program = program_of(lambda x: OFTEN(x) + OFTEN(2.0 * x))
     assert len(program.tapes()) == 2  # the routine counts once
+    program = program_of(lambda x: side_by_side(OFTEN, x))
+    assert len(program.tapes()) == 2  # and rows that only call it are its calls
     program = program_of(lambda x, h: x + (h * h / 3.0) / (1.0 + x * x) + h / 2.0, "h")
     assert "h" not in source_of(program).split("for _ in range(count):")[1].split()
     constants = program_of(lambda x: x * np.exp(ordered(KEPT - 0.5) / 3.0) ** 2.0)

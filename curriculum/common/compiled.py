@@ -51,6 +51,7 @@ class Compiled:
         self.turns = steps or math.inf  # if that is not known yet
         self.ask, self.compared = mapped(measure, turns=steps), False
         self.watch = mapped(watch, turns=steps) if watch else None
+        self.gauges = None
         self.later = self.done = 0
         self.start(dt, steps)
 
@@ -162,7 +163,8 @@ class Compiled:
         states = self.alone.traced.states(rows)
         measured = self.ask(*states)
         with Tape.lock:
-            self.gauges = Memory(self.ask.function)  # what the loop changes of it, from here on
+            if self.gauges is None or self.gauges.changed():  # else it is as confirm has found it
+                self.gauges = Memory(self.ask.function)  # what the loop changes of it, from here on
         self.block = Block(*states, measured, halved)
         self.ahead = iter(self.block)
         return next(self.ahead)

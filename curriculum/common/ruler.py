@@ -23,7 +23,8 @@ FALL = 0.05  # a rule of order 8 gains more from each rung of LADDER to the next
 ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
-FIRST, FINEST = 0.02, 1e-3  # s: between these are the steps of the true motion that is shown
+FIRST, FINEST = 0.017, 1e-3  # s: between these are the steps of the true motion that is shown
+MEET = 4  # of the first go as far as one less of those that prove them
 GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
 WORK = 60_000  # rods times steps: with more, still finer steps take too long in Python
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as it is known
@@ -145,8 +146,9 @@ def true_position(true_run, seconds, enough=ENOUGH):
 
 
 def more_parts(parts):
-    """Half as many parts again: not twice as many, since a step's halves would agree with them."""
-    return (3 * parts + 1) // 2
+    """Half as many parts again, and three for one: never twice as many, since a step's halves would
+    agree with them."""
+    return max(3, (3 * parts + 1) // 2)
 
 
 def true_motion(true_run, system, dt, shown, truth):
@@ -163,35 +165,39 @@ def true_motion(true_run, system, dt, shown, truth):
     seconds, frames = shown[1] * dt, len(shown)
     parted = shown // shown[1]  # (F,) how many times as far as the first is each; some are left out
 
-    def sought(parts, last):  # q (T, N, 3) up to a frame, by so many steps in `seconds`; and halves
-        keep = parted[: last + 1] * parts
-        end = true_run(seconds / parts, keep[-1], keep)
-        return end.q[np.isin(end.kept, keep)], end.halved
+    def sought(last, parts, each=1):  # {frame: q} up to the last: each so many, by so many steps
+        there = np.flatnonzero(parted[: last + 1] % each == 0)
+        keep = parted[there] // each * parts
+        end = true_run(each * seconds / parts, keep[-1], keep)
+        return dict(zip(there.tolist(), end.q[np.isin(end.kept, keep)], strict=False))
+
+    def agreeing(coarse, fine, last, each):  # how many frames
+        same = takewhile(lambda k: k in fine and distance(coarse[k], fine[k]) < close, coarse)
+        *_, known = same
+        whole = parted[last] - parted[known] < min(each, parted[last])  # no other is in both
+        return len(fine) if whole else known + 1
 
     def frame(far):  # the last one that is no further than so many times the first
         return int(np.searchsorted(parted, far, side="right")) - 1
 
     work = len(system["pairs"]) / WORK  # of a step
     parts, before = math.ceil(seconds / FIRST), 1
-    last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * more_parts(parts)))))
-    coarse, halved = sought(parts, last)
+    longer = (MEET - 1) * parts, MEET  # steps, and frames that they go
+    last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * parts))))
+    coarse = sought(last, *longer)
     while True:
-        more = more_parts(parts)
-        q, _ = sought(more, last)
-        if parts == 1 and halved:  # with steps half as long halves would agree
-            parts, coarse = more, q
-            continue
-        both = zip(coarse, q, strict=False)
-        known = sum(1 for _ in takewhile(lambda pair: distance(*pair) < close, both))
+        fine = sought(last, parts)
+        known = agreeing(coarse, fine, last, longer[1])
         further = min(frames - 1, max(known, frame(2 * parted[known - 1])))  # no need to look on
-        idle = 1 < known < GAIN * before or seconds / more < FINEST
-        slow = work * parted[further] * more_parts(more) > 1.0
+        idle = 1 < known < GAIN * before or seconds / parts < FINEST
+        slow = work * parted[further] * more_parts(parts) > 1.0
         if known == frames or (known <= last and (idle or slow)):
-            return q[:known] if known > 1 else np.array([])
+            return np.array(list(fine.values())[:known]) if known > 1 else np.array([])
         if known <= last:
-            before, parts, coarse = known, more, q
-        if len(coarse) <= further:
-            coarse, halved = sought(parts, further)
+            before = known if longer[1] == 1 else 1  # the first two steps are nearly as long
+            coarse, longer, parts = fine, (parts, 1), more_parts(parts)
+        if further > last:
+            coarse = sought(further, *longer)
         last = further
 
 
