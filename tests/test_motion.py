@@ -290,6 +290,15 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     assert len(found) == 3
 
 
+def test_of_frames_that_are_long_the_last_are_compared_too():
+    def place(step, times):
+        return 100.0 * step * (times > 5.5 * many * ruler.FIRST)
+
+    for many in (4, 5, 60):  # parts of a frame, to begin with
+        found, _ = sought(place, np.arange(8), many * ruler.FIRST)
+        assert len(found) == 6
+
+
 def test_halves_that_agree_with_steps_half_as_long_are_no_proof():
     def place(step, times):  # what is longer is taken in halves, and these in halves again
         while step > 0.1 * ruler.FIRST:

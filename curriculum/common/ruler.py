@@ -24,7 +24,7 @@ ROUNDING = 2.0**-52  # relative
 WORSE = 4.0  # times as far: lengths and masses are rounded, too, and signs may be less kind
 CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is shown
 FIRST, FINEST = 0.017, 1e-3  # s: between these are the steps of the true motion that is shown
-MEET = 4  # of the first go as far as one less of those that prove them
+MEET = 4  # of them go as far as one less, or fewer, of those that prove them first
 GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
 WORK = 60_000  # rods times steps: with more, still finer steps take too long in Python
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as it is known
@@ -181,8 +181,9 @@ def true_motion(true_run, system, dt, shown, truth):
         return int(np.searchsorted(parted, far, side="right")) - 1
 
     work = len(system["pairs"]) / WORK  # of a step
-    parts, before = math.ceil(seconds / FIRST), 1
-    longer = (MEET - 1) * parts, MEET  # steps, and frames that they go
+    first = parts = math.ceil(seconds / FIRST)
+    each, before = math.ceil(MEET / parts), 1  # frames that are long are all compared
+    longer = (MEET - 1) * parts * each // MEET, each  # steps, and frames that they go
     last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * parts))))
     coarse = sought(last, *longer)
     while True:
@@ -194,7 +195,7 @@ def true_motion(true_run, system, dt, shown, truth):
         if known == frames or (known <= last and (idle or slow)):
             return np.array(list(fine.values())[:known]) if known > 1 else np.array([])
         if known <= last:
-            before = known if longer[1] == 1 else 1  # the first two steps are nearly as long
+            before = known if parts > first else 1  # the first two steps are nearly as long
             coarse, longer, parts = fine, (parts, 1), more_parts(parts)
         if further > last:
             coarse = sought(further, *longer)
