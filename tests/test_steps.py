@@ -513,6 +513,16 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
     assert "slower: " in found.way and found.halved == np.sum(lengths > 1.0) > 0
 
 
+def test_a_step_of_many_forces_is_compared_at_fewer_states_but_as_often():
+    looks = []
+    for rule in ("semi_implicit", "gauss"):
+        with mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain) as plain:
+            run(DOUBLE, rule, "none", 0.005, 60)
+        looks.append(plain.call_count)
+    others = 3  # one at the first block, which is one step long, and those of measures
+    assert looks == [others + compiled.LOOKS, others + 1]
+
+
 WIND = 0.0  # N, or J
 
 

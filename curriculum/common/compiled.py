@@ -27,6 +27,7 @@ QUICK, BEST = 1.5, 6.0
 OFTEN = 4  # times as many steps: then what is compiled is compared again
 SHORTER = 1e-3  # times as long: a step that is only compared
 LOOKS, LOOKED = 6, 20_000  # steps that are compared of a block, and operations in all, at most
+CALL = 5  # a call of numpy counts as so many of them
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
@@ -192,7 +193,8 @@ class Compiled:
                 return False
         if not np.isfinite(rows[last]).all():
             last = 0
-        looks = max(1, min(LOOKS, LOOKED // self.alone.size))
+        work = max(self.alone.size, CALL * self.alone.traced.calls)  # of a step as it stands
+        looks = max(1, min(LOOKS, LOOKED // work))
         for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start
             try:
