@@ -565,6 +565,22 @@ def test_a_loop_may_note_what_it_likes(energy, often, monkeypatch):
     assert alike(quick, plain) and quick.way.startswith("compiled")
 
 
+@pytest.mark.parametrize("change", [lambda k, v: None, lambda k, v: 0.99 * v])
+def test_hardly_more_is_computed_ahead_than_a_loop_takes(change, monkeypatch):
+    """None at all if it goes on as it began, and where it changes each state one for each."""
+    counts = []
+
+    def counted(self, state, count, dt):
+        counts.append(count)
+        return ahead(self, state, count, dt)
+
+    ahead = Single.__call__
+    monkeypatch.setattr(Single, "__call__", counted)
+    changed = change(0, 1.0) is not None
+    assert len(taken(Compiled, change).tip) == 61
+    assert sum(counts) <= (2 * 60 + 16 if changed else 60)
+
+
 def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
     """A clock is noticed at the first step; what is changed later has come too late."""
     monkeypatch.setattr(f"{__name__}.WIND", 0.0)
