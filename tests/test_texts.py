@@ -192,6 +192,28 @@ def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsy
         assert ended.pop() == 0 and function.lineno < line <= function.end_lineno
 
 
+@pytest.mark.parametrize(
+    ("name", "right", "wrong", "says"),
+    [
+        (TWO, "rate @ rate", "rate * rate", "turning: an array of shape (3,), must be one number"),
+        (TWO, "(jac * inverse_m) @ jac.T", "jac.T @ jac", "mobility: an array of shape (6, 6), "),
+        (TWO, "return -2.0", "-2.0", "wanted returns nothing"),
+        (THREE, "return dt", "dt", "parted returns nothing"),
+        (FOUR, "return low", "return low, high", "bisect: an array of shape (2,), "),
+        (FOUR, "return np.array", "return np.ravel", "step_matrix: an array of shape (4,), "),
+    ],
+)
+def test_an_answer_of_another_shape_is_told_of_before_a_run_stops_in_a_line_of_its_own(
+    name, right, wrong, says, monkeypatch, capsys
+):
+    ended = []
+    monkeypatch.setattr(checks, "run_script", lambda main: ended.append(main()))
+    monkeypatch.setattr(checks, "first_guess", lambda note, guess: guess)
+    exercise = load(name, right, wrong)
+    exercise.judge(exercise.main)
+    assert ended == [1] and capsys.readouterr().out.splitlines()[-1].startswith(says)
+
+
 def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(
     tmp_path, monkeypatch, capsys
 ):

@@ -167,6 +167,33 @@ def check_linkage(exercise, shown):
         raise Blank(f"{scene}: every remedy holds it; edit it until one does not")
 
 
+D, J = np.ones(3), np.eye(2, 6)
+RETURNS = {  # of an exercise: a function, what it is tried with, the shape that is right, in words
+    "ex2_solve": [
+        ("turning", (D, D), (), "one number"),
+        ("mobility", (J, np.ones(6)), (2, 2), "(2, 2) where J is (2, 6): one row a rod"),
+        ("wanted", (D, D, 1.0), ..., "any"),  # what is too simple is told of later
+    ],
+    "ex3_chaos": [("parted", (2.0 * D, 1.0), (), "one number")],
+    "ex4_cliff": [
+        ("bisect", (lambda x: x < 1.0, 0.0, 4.0, 1.0), (), "one number"),
+        ("step_matrix", ("euler", 0.1), (2, 2), "(2, 2)"),
+    ],
+}
+
+
+def check_returns(exercise, tries):
+    """What comes back has a right shape: a run that meets a wrong one blames a line of its own."""
+    for name, given, shape, words in tries:
+        try:
+            found = getattr(exercise, name)(*given)
+        except Blank:  # the run ends there, once it has shown what comes before
+            continue
+        need(found is not None, f"{name} returns nothing: its last line is to begin with return")
+        said = f"{name}: an array of shape {np.shape(found)}, must be {words}"
+        need(shape in (..., np.shape(found)), said)
+
+
 CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check_chaos}
 CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
 
@@ -199,6 +226,7 @@ def judge(main):
                 note, guess = c.HERE / f"outputs/guess_{name}.json", exercise.answer()
                 print(f"you wrote down {guess if told else first_guess(note, guess)}")
                 print("" if told else f"(to guess again, delete {note.relative_to(c.HERE)})\n")
+            check_returns(exercise, RETURNS.get(name, []))
             CHECKS[name](exercise, exercise.main())
         except (Blank, Wrong, SceneError) as message:
             print(message)
