@@ -71,6 +71,7 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
     "turning: the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
     "turning: twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
     "turning: d . d: what turns d is rate": lambda d, rate: d @ d,
+    "turning: d . rate is gdot: differentiate once more": lambda d, rate: d @ rate,
     "mobility: right where all masses are 1 kg: the mass is missing": lambda j, share: j @ j.T,
     "mobility: it multiplies by the mass: M^-1 divides by it": lambda j, share: (j / share) @ j.T,
     "wanted: nothing: right at w = 0 only. The spring is missing": lambda *_: 0.0,
@@ -78,6 +79,9 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
     "wanted: damping must act against gdot": lambda g, gdot, w: 2.0 * w * gdot - w**2 * g,
     "wanted: stiffness must act against g": lambda g, gdot, w: -2.0 * w * gdot + w**2 * g,
     "wanted: half the damping: this one swings": lambda g, gdot, w: -w * gdot - w**2 * g,
+    "wanted: no damping: this one swings for ever": lambda g, gdot, w: -(w**2) * g,
+    "wanted: no stiffness: an error stays where it is": lambda g, gdot, w: -2.0 * w * gdot,
+    "wanted: w g: the unit of gddot is that of w^2 g": lambda g, gdot, w: -2.0 * w * gdot - w * g,
 }
 
 
