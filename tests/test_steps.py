@@ -820,6 +820,20 @@ def test_a_run_whose_loop_gets_a_force_that_is_no_number_keeps_its_steps_watched
     assert np.array_equal(seen.tip, alone.tip) and seen.watched > 0.0
 
 
+@pytest.mark.parametrize("way", [Compiled, Plain])
+def test_a_step_that_fills_the_same_arrays_each_time_is_noted_as_it_was(way):
+    kept_q, kept_v = np.empty((2, 2, 3))
+
+    def filling_step(q, v, m, force, dt):
+        kept_q[...], kept_v[...] = c.semi_implicit_step(q, v, m, force, dt)
+        return kept_q, kept_v
+
+    found, usual = (
+        run(DOUBLE, x, "none", 0.005, 9, range(10), way) for x in (filling_step, "semi_implicit")
+    )
+    assert alike(found, usual)
+
+
 @pytest.mark.parametrize("returned", [None, 3])
 @pytest.mark.parametrize("way", [Compiled, Plain])
 def test_a_step_that_does_not_return_q_and_v_is_told_of_by_its_line(way, returned):

@@ -246,6 +246,16 @@ def test_a_long_function_of_many_states_is_rows_which_are_sooner_made(monkeypatc
     assert np.array_equal(found, [asked.measure(ordered(q), q)[0] for q in many])
 
 
+def test_what_a_function_leaves_in_one_array_each_time_is_what_it_was_for_each_state():
+    place = np.zeros(3)
+
+    def filling(q):
+        place[...] = q[0]
+        return place
+
+    assert np.array_equal(mapped(filling)(CROWD, CROWD), CROWD[:, 0])
+
+
 def test_a_mask_is_one_of_many_states_too_and_no_step_changes_none():
     asked, many = mapped(lambda q: (q > 0.0, q)), np.repeat(CROWD, 20, axis=0)
     for states in (CROWD[:2], many):

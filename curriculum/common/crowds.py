@@ -194,7 +194,9 @@ class mapped:  # noqa: N801 - it is called as a function is
             if made is None:  # a symbol has answered it wrongly
                 self.known[key] = None
         if made is None:
-            rows = [self.measure(*state) for state in zip(ordered(q), ordered(v), strict=True)]
+            states = zip(ordered(q), ordered(v), strict=True)
+            # copies, at once: the function may fill one array again and again
+            rows = [tuple(map(np.array, self.measure(*state))) for state in states]
             made = [np.array(x) for x in zip(*rows, strict=True)]
         return made[0] if self.single else tuple(made)
 

@@ -143,7 +143,8 @@ class Log:
             block = block if block.handed() == following + 1 else None
         if block is None:
             measured = number("constraint_violation", violation), number("energy", energy)
-            block = Block(q[None], v[None], np.array(measured)[:, None])
+            copies = q[None].copy(), v[None].copy()  # a step may fill the same arrays again
+            block = Block(*copies, np.array(measured)[:, None])
         if block is not self.block:
             self.close()
             violations, energies = block.measured
