@@ -1,16 +1,18 @@
 """Many steps at once are the steps of the lines as they stand, in every way that they are done."""
 
+import ctypes
 import pickle
 import random as dice
 import sys
 import time
+import weakref
 from argparse import Namespace
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from functools import partial, singledispatch
 from itertools import product
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from unittest import mock
 
 import constraints as c
@@ -643,6 +645,60 @@ def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
         many.advance(1)
     with pytest.raises(ValueError, match="not zero where the first ones were: make another"):
         many.put(q, 0.0 * q + 1.0)
+
+
+class Calm:
+    speed = 0.0
+
+    def wind(self):
+        return self.speed
+
+
+class Stormy(Calm):
+    def wind(self):
+        return 9.0
+
+
+def kept():
+    """Where a force may have its wind from, made anew: how it asks there, and how a loop changes
+    it."""
+    row, number = np.zeros(1, [("speed", float)])[0], ctypes.c_double(0.0)
+    fit, winds, calm, turned = np.polynomial.Polynomial([0.0]), {"now": 0.0}, Calm(), Calm()
+    shown, values, far, place = MappingProxyType(winds), winds.values(), weakref.ref(calm), Calm()
+    place.mill, mill = calm, "mill"
+
+    def blow(speed=0.0):
+        return speed
+
+    return {
+        "a record": (lambda: row["speed"], lambda: row.__setitem__("speed", 9.0)),
+        "a number of C": (lambda: number.value, lambda: setattr(number, "value", 9.0)),
+        "a polynomial": (lambda: fit(0.0), lambda: setattr(fit, "coef", np.array([9.0]))),
+        "a view of a dict": (lambda x=shown: x["now"], lambda: winds.update(now=9.0)),
+        "values of a dict": (lambda x=values: sum(x), lambda: winds.update(now=9.0)),
+        "a weak reference": (lambda x=far: x().speed, lambda: setattr(calm, "speed", 9.0)),
+        "a name in a variable": (
+            lambda: getattr(place, mill).speed,
+            lambda: setattr(calm, "speed", 9.0),
+        ),
+        "a class": (lambda: turned.wind(), lambda: setattr(turned, "__class__", Stormy)),
+        "a default": (lambda: blow(), lambda: setattr(blow, "__defaults__", (9.0,))),
+    }
+
+
+@pytest.mark.parametrize("name", kept())
+def test_wherever_a_force_has_it_from_what_the_loop_changes_is_felt_or_told(name, monkeypatch):
+    ask, change = kept()[name]
+    feel(monkeypatch, lambda q, v: [ask(), 0.0, 0.0] + 0.0 * q)
+    found = told = None
+    try:
+        found = taken(Compiled, lambda k, v: change() if k == 30 else None)
+    except ValueError as why:
+        told = str(why)
+    ask, change = kept()[name]
+    plain = taken(Plain, lambda k, v: change() if k == 30 else None)
+    assert ask() == 9.0 and plain.tip[-1, 0] > 1.5
+    assert alike(found, plain) if found else "was changed while steps were computed" in told
 
 
 def splitting(q, v, m, force, dt):

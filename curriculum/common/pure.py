@@ -1,5 +1,7 @@
 """What functions remember: a trace keeps what they did once, which may be otherwise each time."""
 
+import ctypes
+import gc
 import os
 import pickle
 import random
@@ -12,8 +14,8 @@ from dis import get_instructions
 from functools import lru_cache
 from operator import delitem, setitem
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, ModuleType
-from weakref import WeakKeyDictionary  # in which singledispatch keeps what it has found
+from types import CellType, CodeType, FunctionType, MappingProxyType, ModuleType
+from weakref import ReferenceType, WeakKeyDictionary  # in this singledispatch keeps what it finds
 
 import numpy as np
 
@@ -87,7 +89,20 @@ def put_names(names, x, old):
             drop(x, name)
 
 
-UNSEEN = bytearray, memoryview, array, ContextVar  # what these hold is not looked at
+def class_of(x):
+    """The class of an object, as a dict by its name."""
+    return {type(x).__name__: type(x)}
+
+
+def turn_into(_, x, old):
+    """Have an object be of the class that a dict has."""
+    (x.__class__,) = old.values()
+
+
+UNSEEN = bytearray, memoryview, array, ContextVar, np.void  # what these hold is not looked at
+UNSEEN += (ctypes.c_double.__mro__[-2],)  # the class of all that C reads: other processes write it
+VIEWS = MappingProxyType, *(type(view) for view in ({}.keys(), {}.values(), {}.items()))
+LINES = "__code__", "__defaults__", "__kwdefaults__"  # of a function, as a notebook reloads it
 GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
 # what holds something: its name, what that is, as a dict, and how some names in it are put back
 KINDS = {
@@ -100,6 +115,8 @@ KINDS = {
         lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
     CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
         lambda _, x, old: setattr(x, "cell_contents", old[0])),
+    FunctionType: ("the function {}", lambda x: {n: getattr(x, n) for n in LINES},
+        lambda _, x, old: [setattr(x, n, old[n]) for n in LINES]),
     GENERATORS: ("the random generator {}",
         lambda x: {0: pickle.dumps(x.__getstate__())},
         lambda _, x, old: x.__setstate__(pickle.loads(old[0]))),
@@ -137,8 +154,10 @@ class Memory:
         while todo:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
-            for space, names in self.spaces.values():  # only what is named
-                found += [(space[name], name) for name in sorted(names & space.keys())]
+            for (_, kind), (space, names) in self.spaces.items():  # only what is named
+                every = kind == "own" and names & EVERY
+                asked = [*space] if every else sorted(names & space.keys())
+                found += [(space[name], name) for name in asked]
             todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
 
     def note(self, x, name, words=None):
@@ -194,6 +213,7 @@ class Memory:
         names = self.space(space, space, space.get("__name__", ""), set())
         if names is None:
             return
+        self.note(x, name, f"the attribute {{}} of {name}")
         globals_named, attributes = named(x.__code__)
         names |= globals_named
         self.attributes |= attributes | (globals_named & EVERY)
@@ -208,21 +228,28 @@ class Memory:
     def attributes_of(self, kept, name):
         """Note what an object keeps in a dict; of that, what is named as an attribute matters."""
         self.note(kept, name, f"the attribute {{}} of {name}")
-        self.spaces[id(kept), True] = kept, self.attributes
+        self.spaces[id(kept), "own"] = kept, self.attributes
 
     def inside(self, x, name):
         """What an object keeps: the reader's in its attributes, others' where INSIDE says."""
         kept = getattr(x, "__dict__", None)
         if of_reader(type(x).__module__):
             yield type(x), name
+            self.parts["class", id(x)] = "the class {}", x, class_of, turn_into, class_of(x)
             if kept is not None:
                 self.attributes_of(kept, name)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
                 self.asks.append(f"it uses {name}, which cannot be put back")
         elif hasattr(type(x), "__next__"):  # an iterator, not a class of them
             self.asks.append(f"it takes from {name}, which cannot be put back")
+        elif isinstance(x, VIEWS):
+            yield from ((y, name) for y in gc.get_referents(x))
+        elif isinstance(x, ReferenceType):
+            yield x(), name
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
+            if type(x).__dictoffset__:  # a polynomial has its own; a method shows its function's
+                yield from self.note(kept, name, f"the attribute {{}} of {name}")
         elif not isinstance(x, WeakKeyDictionary):  # a Namespace, a UserDict
             yield from self.note(kept, name, f"the attribute {{}} of {name}")
 
