@@ -77,6 +77,25 @@ def test_a_signal_between_two_files_of_a_set_waits_for_the_second(name, tmp_path
     assert contents(tmp_path) == {"a": "new", "b": "new"}
 
 
+def test_a_second_signal_waits_until_nothing_is_left_half_written(tmp_path, monkeypatch):
+    """As it comes where Ctrl-C is pressed twice, or a shell and its job are both told to end."""
+    remove = os.rmdir
+
+    def interrupted(*place, **more):
+        signal.raise_signal(signal.SIGINT)
+        remove(*place, **more)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr(files.Path, "write_bytes", mock.Mock(side_effect=KeyboardInterrupt))
+    monkeypatch.setattr(os, "rmdir", interrupted)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            files.write_together(tmp_path, dict.fromkeys("ab", "new"))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert not any(tmp_path.iterdir())
+
+
 def test_two_processes_at_once_leave_one_whole_set(tmp_path):
     with ThreadPoolExecutor(2) as pool:
         ended = pool.map(lambda name: script(FORTY, tmp_path, name), ("one", "two"))

@@ -36,7 +36,9 @@ def write_together(folder, contents):
                     else:
                         left.unlink()
         aside = [TemporaryDirectory(end, UNFINISHED, folder) for end in ("-new", "-old")]
-        new, old = (Path(stack.enter_context(place)) for place in aside)
+        for place in aside:
+            stack.callback(undisturbed()(place.cleanup))  # a second Ctrl-C waits for it, too
+        new, old = (Path(place.name) for place in aside)
         for name, content in contents.items():
             with naming(folder / name):
                 if content is not None:
