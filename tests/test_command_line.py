@@ -228,6 +228,16 @@ def test_an_end_to_be_expected_is_one_line(lines, shell, status, printed, said):
 
 
 @posix
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_that_comes_when_all_is_done_has_nothing_to_tell(name):
+    """As the second of two, or while Python shuts down."""
+    heed = partial(signal.signal, getattr(signal, name), signal.SIG_DFL)
+    late = f"import atexit; atexit.register(os.kill, os.getpid(), signal.{name})"
+    done = script(late, preexec_fn=heed)
+    assert (done.returncode, done.stdout, done.stderr) == (-getattr(signal, name), "", "")
+
+
+@posix
 def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
     pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
     command = ["-u", c.__file__, "--no-rerun", "--out", tmp_path / "x", "--steps"]

@@ -182,14 +182,18 @@ def mistake(error):
     return "".join(shown.format(chain=False)).rstrip()
 
 
+def give_up(number, frame):
+    """Exit as a signal asks for: so no temporary file is left."""
+    sys.exit(128 + number)
+
+
 def run_script(main):
     """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     if signal.getsignal(signal.SIGINT) is leave:  # all modules are loaded
         signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
         if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
-            # an exit leaves no temporary file
-            signal.signal(getattr(signal, name), lambda number, _: sys.exit(128 + number))
+            signal.signal(getattr(signal, name), give_up)
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
     prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:  # those that are open; what a terminal cannot show is an escape
@@ -222,6 +226,8 @@ def run_script(main):
     except Exception as error:
         status = mistake(error)
     gc.freeze()  # an exit need not look for what is not used: all goes with the process
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done: nothing is left to be told
+    for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
+        number = getattr(signal, name)
+        if signal.getsignal(number) in (signal.default_int_handler, give_up):
+            signal.signal(number, signal.SIG_DFL)  # all is done: nothing is left to be told
     sys.exit(status)
