@@ -303,6 +303,17 @@ def test_what_questions_say_is_seen(visit):
     assert "cliff" not in asked and "grow" not in asked
 
 
+def test_where_there_is_no_time_for_a_question_no_more_is_said_than_was_tried(visit):
+    tab = visit("double")
+    slow = "(ms) => { let now = 0; performance.now = () => (now += ms); }"  # each time it is asked
+    tab.evaluate(slow, 1)
+    tab.click("text=Where is w's cliff?")
+    assert " holds for 2 s, " in tab.inner_text("#say")
+    tab.evaluate(slow, 50)
+    tab.click("text=Half the step?")
+    assert tab.evaluate("before[0].errors.length * before[0].bin") > 0.9  # s, to be seen
+
+
 @pytest.mark.parametrize("wide", [360, 701, 900])
 def test_a_small_screen_shows_what_is_asked_for_and_no_number_wraps(wide, visit):
     tab = visit("double", (wide, 844))
