@@ -314,6 +314,15 @@ def test_where_there_is_no_time_for_a_question_no_more_is_said_than_was_tried(vi
     assert tab.evaluate("before[0].errors.length * before[0].bin") > 0.9  # s, to be seen
 
 
+def test_a_question_that_is_asked_is_read_whole(visit):
+    """On a phone the row of questions fades out to the right, over its last seventh."""
+    tab = visit("double", (390, 844))
+    for button in tab.query_selector_all("#questions button")[:-1]:
+        button.click()
+        box = button.bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= 390 * 0.86
+
+
 @pytest.mark.parametrize("wide", [360, 701, 900])
 def test_a_small_screen_shows_what_is_asked_for_and_no_number_wraps(wide, visit):
     tab = visit("double", (wide, 844))
