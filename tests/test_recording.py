@@ -358,6 +358,18 @@ def test_a_drawing_is_what_its_script_makes_in_colours_of_the_palette_with_a_tit
     assert sum((FOLDER / f"{name}.svg").stat().st_size for name in PICTURES) < 1_500_000
 
 
+def test_the_file_of_a_scene_may_be_called_anything(tmp_path, capfd):
+    """A name that no picture can hold, and one that rerun renames, which it warns of."""
+    for name in ("\x01.json", "Kette (2), 50%.json", "\u00e9.json"):
+        scene = tmp_path / name
+        scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
+        flags = ["--system", str(scene), "--steps", "2", "--out", str(tmp_path)]
+        c.main([*flags, "--rerun", "--stabilization", "none"])
+        assert capfd.readouterr().err == ""
+        title = ElementTree.parse(tmp_path / publish.PICTURE).find(f"{SVG}title").text
+        assert scene.stem.replace("\x01", "?") in title
+
+
 def test_ctrl_c_while_it_is_recorded_is_no_warning_of_reruns(tmp_path, capfd):
     interrupted = mock.patch.object(recording, "dashed", side_effect=KeyboardInterrupt)
     with interrupted, pytest.raises(KeyboardInterrupt):

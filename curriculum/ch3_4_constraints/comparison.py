@@ -1,5 +1,6 @@
 """What a run of the program has found: one record for its table, metrics, picture and recording."""
 
+import re
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ FRAME_RATE = 60.0  # states shown in a simulated second
 FRAMES = 3600  # at most, in all
 POSITIONS = 300_000  # of particles, at most, in all frames of a mode
 FEW = 50  # steps in which a short run is shown step by step
+NO_TEXT = r"[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"  # what XML cannot hold
 
 
 class Comparison(NamedTuple):
@@ -40,7 +42,7 @@ class Comparison(NamedTuple):
     @property
     def scene(self):
         """The system's name, without what is no text: a file may be called anything."""
-        return Path(self.args.system).stem.encode(errors="replace").decode()
+        return re.sub(NO_TEXT, "?", Path(self.args.system).stem)
 
     @property
     def title(self):

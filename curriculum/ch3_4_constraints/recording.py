@@ -1,5 +1,6 @@
 """A Rerun recording of a comparison: a tile a mode, and plots of the pull, the rods, the energy."""
 
+import re
 import zlib
 
 from curriculum.ch3_4_constraints import svg
@@ -86,7 +87,8 @@ def record(found):
     """
     checksum = zlib.crc32(repr((found.dt, found.rows)).encode())
     settings = {"recording_id": f"{found.scene}-{checksum:08x}", "send_properties": False}
-    recording = rr.RecordingStream(f"constraints: {found.scene}", **settings)
+    plain = re.sub("[^A-Za-z0-9 _-]", "-", found.scene)[:100]  # or rerun warns that it renames it
+    recording = rr.RecordingStream(f"constraints: {plain}", **settings)
     memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
     try:
         fill(recording, found)
