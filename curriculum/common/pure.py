@@ -248,7 +248,8 @@ class Memory:
             yield x(), name
         elif callable(x) or isinstance(x, np.random.Generator | property | classmethod):
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
-            if type(x).__dictoffset__:  # a polynomial has its own; a method shows its function's
+            traced = str(type(x).__module__).startswith("curriculum.")  # a Routine keeps a trace
+            if type(x).__dictoffset__ and not traced:  # as a polynomial's; a method has none
                 yield from self.note(kept, name, f"the attribute {{}} of {name}")
         elif not isinstance(x, WeakKeyDictionary):  # a Namespace, a UserDict
             yield from self.note(kept, name, f"the attribute {{}} of {name}")
