@@ -89,7 +89,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "functions": lambda x: np.sin(x) * np.exp(-x) + np.sqrt(abs(x)) - np.tanh(-x) - np.log(abs(x)),
     "powers": lambda x: (abs(x) ** 1.5) ** 0.2 + 2.0 ** (x**2.0) / 9.0 + (-x) ** 3.0 - -(x**2.0),
     "differences": lambda x: 2.0 / (x[::-1] * x[::-1] + 1.0) - (x - x[::-1]) - (1.0 - (2.0 - x)),
-    "both signs": lambda x: np.stack([-(x[0] * x[1]), x[0] * x[1]]),
+    "both signs": lambda x: np.stack([-(x[0] * x[1]), +(x[0] * x[1])]),
     "infinite": lambda x: 1.0 + x / np.inf + 1e-5 * x,
     "comparisons": lambda x: np.where(x < x[::-1], x * x, 1.0 - x) + 2.0 * (x[0] <= 0.7),
     "limits": lambda x: np.maximum(x, 0.3) - np.minimum(0.5, x[::-1]) * x.max() + x.min(axis=1)[0],

@@ -202,6 +202,9 @@ class Symbol:
     def __neg__(self):
         return Symbol(self.tape, self.x, not self.minus)
 
+    def __pos__(self):  # as where a minus has been turned round, to see what it does
+        return self
+
     def __abs__(self):
         return self.note("abs")
 
