@@ -73,7 +73,7 @@ def build_system(name, rng=0, links=10):
         "m": np.ones((count, 1)),
         "pairs": [(k, k - 1) for k in range(count)],  # rod 0 hangs on anchor -1
         "lengths": np.ones(count),
-        "anchors": PIVOT[None],
+        "anchors": np.array([PIVOT]),
     }
 
 

@@ -151,6 +151,14 @@ def test_a_system_without_anchors_hangs_on_the_pivot_wherever_that_is(monkeypatc
         c.simulate(c.rk4_step, elsewhere, c.make_force(bare, "none"), 0.1, 9)
 
 
+def test_a_system_whose_anchor_is_moved_leaves_the_pivot_of_others_where_it_is():
+    usual, moved = c.build_system("double"), c.build_system("double")
+    for key in ("q0", "anchors"):
+        moved[key] += [0.0, 5.0, 0.0]
+    other = c.build_system("double")
+    assert all(np.array_equal(other[key], usual[key]) for key in usual)
+
+
 def test_a_force_of_another_system_is_refused_whatever_differs():
     double = c.build_system("double")
     others = {"m": [[1.0], [2.0]], "lengths": [1.0, 1.01], "anchors": [[0.0, 0.01, 0.0]]}
