@@ -280,6 +280,23 @@ def test_a_reader_who_leaves_no_streams_at_all_and_a_python_without_numpy(tmp_pa
     assert done.returncode == 1 and re.fullmatch("numpy is not installed: [^\n]+\n", done.stderr)
 
 
+def test_a_python_or_a_numpy_that_is_too_old_or_broken_is_one_line(tmp_path):
+    code = "import sys; sys.version_info = (3, 10, 13); import constraints"
+    done = python("-c", code)
+    assert done.stderr == "Python 3.10 is too old: take 3.11 or later\n"
+    told = {
+        '__version__ = "1.26.4"': "numpy 1.26.4 is too old: pip install -e '.', or run .venv",
+        r"raise ImportError('Read\n\nError: x\n')": "numpy does not load: Error: x; try pip ",
+        "raise MemoryError": "numpy does not load: MemoryError; try pip ",
+    }
+    for lines, words in told.items():
+        (tmp_path / "numpy.py").write_text(lines)
+        done = python(c.__file__, variables={"PYTHONPATH": str(tmp_path)})
+        assert done.returncode == 1 and done.stderr.startswith(words)
+        assert done.stderr.count("\n") == 1
+    assert "numpy>=2.0" in PROJECT["dependencies"]
+
+
 # --- the banner, and what takes long ---
 def test_only_a_default_run_begins_with_how_long_one_took(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(c.run_checks, "fitting", mock.Mock(side_effect=InterruptedError))
