@@ -85,13 +85,17 @@ def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_a
     done = python("-c", code, *SHORT, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("[]\nch3.4 ")
     assert not any(tmp_path.rglob(publish.RECORDING))
-    (tmp_path / "rerun.py").write_text("raise OSError('no driver')")
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import constraints as c; c.command()"
     )
-    done = python("-c", code, "--steps", "2", "--rerun", "--out", tmp_path)  # it does not load
-    assert f"\n{publish.RECORDING} left out: no driver" in done.stdout and done.returncode == 0
-    assert (tmp_path / publish.METRICS).exists()
+    broken = {r"raise OSError('no\ndriver')": "no driver", "raise MemoryError": "MemoryError"}
+    old = "import sys; blueprint = sys.modules['rerun.blueprint'] = sys; __version__ = '0.22.1'"
+    broken[old] = "rerun 0.22.1 is too old: pip install -e '.'"
+    for lines, why in broken.items():  # it does not load, or is another
+        (tmp_path / "rerun.py").write_text(lines)
+        done = python("-c", code, *NUMBERS, "--rerun", "--out", tmp_path)
+        assert f"\n{publish.RECORDING} left out: {why}\n" in done.stdout and done.returncode == 0
+        (tmp_path / publish.METRICS).unlink()
     monkeypatch.setattr(cli, "find_spec", lambda name: None)  # as if it were not installed
     assert not c.parse(["--out", str(tmp_path)])[1].rerun
     line = complaint(capsys, "--rerun")  # told before the run, not after it

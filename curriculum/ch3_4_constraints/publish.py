@@ -13,7 +13,7 @@ from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.tables import WIDTH
 from curriculum.common.banner import work
-from curriculum.common.cli import writable
+from curriculum.common.cli import in_a_line, writable
 from curriculum.common.files import as_json, write_together
 from curriculum.common.tape import Untraceable
 
@@ -74,7 +74,7 @@ def publish(found, chapter, step_fn):
         try:
             from curriculum.ch3_4_constraints import recording  # here: it loads the viewer
         except Exception as why:  # which is there, and does not load
-            more += f"\n{RECORDING} left out: {why}"
+            more += f"\n{RECORDING} left out: {in_a_line(why)}"
         else:
             files[RECORDING] = recording.record(found)
             more += f"\nlook: {look(args.out / RECORDING)}"

@@ -10,6 +10,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+if [int(part) for part in rr.__version__.split(".")[:2]] < [0, 38]:  # as pyproject.toml has it
+    raise ImportError(f"rerun {rr.__version__} is too old: pip install -e '.'")
 TIMELINE, BACKGROUND = "sim_time", [16, 16, 20]  # seconds; dark
 WINDOW, TITLE = (840, 800), 28  # pixels that tiles share, as most open it; a tile's title
 SLOPE, MARGIN = 0.52, 1.12  # Rerun's eye sees so much up per metre ahead; room around

@@ -29,6 +29,11 @@ def shorten(text):
     return text if len(text) < 60 else text[:57] + "..."
 
 
+def in_a_line(error):
+    """What an exception says, without its line breaks."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 def nearest(name, known):
     """The one of the `known` names that was meant by a wrong one, in a list; or an empty list."""
     from difflib import get_close_matches  # here: few runs end so

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from itertools import count
 
 from curriculum.common.arrays import BINARY, FUNCTIONS
-from curriculum.common.cli import shorten
+from curriculum.common.cli import in_a_line, shorten
 
 ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 OF_TWO = BINARY | {"**": "pow"}
@@ -155,8 +155,7 @@ def compiled(text, arguments, best=True):
         engine = llvm.create_mcjit_compiler(module, machine)
         engine.finalize_object()
     except Exception as why:
-        text = " ".join(str(why).split()) or type(why).__name__
-        FAILED[:] = [f"llvmlite fails: {shorten(text)}"]
+        FAILED[:] = [f"llvmlite fails: {shorten(in_a_line(why))}"]
         raise Unavailable(FAILED[0]) from why
     function = ctypes.CFUNCTYPE(WORD, *arguments)(engine.get_function_address("run"))
     function.engine = engine  # which keeps it in memory
