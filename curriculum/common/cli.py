@@ -77,8 +77,10 @@ class Parser(argparse.ArgumentParser):
     def error(self, message):
         """Print the line to stderr and exit with status 2."""
         message = r"\n".join(message.splitlines())  # a value may hold a line break
+        message = re.sub(r"arguments:\s*$", "arguments: ''", message)  # words that are empty
+        message = message.replace("ignored explicit argument", "takes no value, not")
         wrong = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message)
-        stray = re.search(r"unrecognized arguments: (\S+)", message)
+        stray = re.search(r"unrecognized arguments:\s+(\S+)", message)
         if wrong:
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         elif stray:
