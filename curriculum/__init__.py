@@ -3,15 +3,22 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 
 INTERRUPTED = "interrupted; files are as they were, or whole"
 COMMAND = "constraints-chapter"  # the entry point that pyproject.toml names
 
 
+def program():
+    """The name of what was started: a script, or a package by its __main__.py."""
+    folder, name = os.path.split(sys.argv[0])
+    return os.path.basename(folder) if name == "__main__.py" else name
+
+
 def leave(number, frame):
     """End as Ctrl-C ends a program, after one line."""
-    print(f"\n{os.path.basename(sys.argv[0])}: {INTERRUPTED}", file=sys.stderr, flush=True)
+    print(f"\n{program()}: {INTERRUPTED}", file=sys.stderr, flush=True)
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)
 
@@ -34,7 +41,9 @@ def unfit():
 
 # While modules are loaded: some swallow a KeyboardInterrupt. Later run_script has its own answer.
 # A program of chapters is a script beside this package, a module of it (-m), or the entry point.
-here, started = os.path.dirname(__file__), os.path.abspath(sys.argv[0])
+here, started = os.path.dirname(__file__), ""
+with suppress(FileNotFoundError):  # of the folder that it is started in, which may be gone
+    started = os.path.abspath(sys.argv[0])
 beside = os.path.dirname(started) == os.path.dirname(here) and os.path.isfile(started)
 of_chapters = beside or sys.argv[0] == "-m" or os.path.basename(sys.argv[0]).startswith(COMMAND)
 if of_chapters and signal.getsignal(signal.SIGINT) is signal.default_int_handler:

@@ -251,6 +251,8 @@ def test_a_run_that_is_interrupted_or_outgrows_memory_leaves_nothing(tmp_path):
         _, said = process.communicate(timeout=60)
     assert process.returncode == -signal.SIGINT  # a loop of the shell ends, too
     assert re.fullmatch(r"\n?constraints\.py: interrupted[^\n]*\n", said)
+    done = script("sys.argv[0] = 'a/studies/__main__.py'\nraise KeyboardInterrupt")
+    assert done.stderr.startswith("\nstudies: interrupted")  # all packages have such a file
     done = python(*command, "100000000000", shell='ulimit -v 4000000; "$@"')
     assert "not enough memory" in done.stderr and done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())

@@ -13,7 +13,7 @@ from curriculum.ch3_4_constraints import publish, recording
 from curriculum.common import banner, files
 
 import pytest
-from conftest import complaint, script
+from conftest import complaint, python, script
 
 NAMES = publish.METRICS, publish.PICTURE, publish.PAGE, publish.RECORDING
 FULL = OSError(28, "No space left on device", "a temporary name")
@@ -177,6 +177,9 @@ def test_a_working_folder_that_is_gone_is_told_of(tmp_path, monkeypatch, capsys)
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
+    there = {"PYTHONPATH": str(c.HERE)}
+    done = python("-m", "curriculum.ch3_4_constraints.studies", cwd=None, variables=there)
+    assert done.stderr.count("\n") == 1 and " a NAME is missing, " in done.stderr
     line = complaint(capsys, "--out", "outputs")
     assert line.endswith("the folder you are in is gone; cd to one that is there\n")
     c.main(["--steps", "1", "--rerun", "--out", str(out)])

@@ -14,7 +14,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from curriculum import leave
+from curriculum import leave, program
 from curriculum.common.banner import work
 from curriculum.common.files import check_writable
 from curriculum.common.pure import foreign
@@ -202,7 +202,7 @@ def run_script(main):
         if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
             signal.signal(getattr(signal, name), give_up)
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
-    prog, streams = Path(sys.argv[0]).name, list(filter(None, (sys.stdout, sys.stderr)))
+    prog, streams = program(), list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:  # those that are open; what a terminal cannot show is an escape
         stream.reconfigure(errors="backslashreplace")
     gc.set_threshold(100_000)  # what is traced is many small things that all last
