@@ -171,6 +171,9 @@ def test_a_guess_is_understood_as_it_is_written_and_counts_as_it_was_before_the_
         CHECKS[ONE](exercise, ran)
     for factor in (2, 16):  # a wrong guess counts, however right the one that stands there later
         assert first_guess(tmp_path / "note.json", {"factor": factor}) == {"factor": 2}
+    for guess, noted in ((np.inf, np.inf), (np.int64(3), "3"), ({"later"}, "{'later'}")):
+        (tmp_path / "note.json").unlink()
+        assert first_guess(tmp_path / "note.json", {"rk4": guess}) == {"rk4": noted}
 
 
 @unedited

@@ -14,7 +14,7 @@ from curriculum.ch3_4_constraints.studies._runs import make_system
 from curriculum.ch3_4_constraints.systems import SceneError
 from curriculum.common.cli import run_script
 from curriculum.common.elimination import has_loop
-from curriculum.common.files import as_json, write_whole
+from curriculum.common.files import write_whole
 
 import numpy as np
 
@@ -210,7 +210,7 @@ CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
 def first_guess(note, guess):
     """What was guessed before the first run: the file `note` keeps it, whatever follows."""
     if not note.exists():
-        write_whole(note, as_json(guess))
+        write_whole(note, json.dumps(guess, default=str))  # be it inf, or of numpy's
     return json.loads(note.read_text(encoding="utf-8"))
 
 
