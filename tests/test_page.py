@@ -17,7 +17,7 @@ from curriculum.common.tape import Untraceable
 
 import numpy as np
 import pytest
-from conftest import feel
+from conftest import complaint, feel
 
 DT = 0.005
 USUAL = DT, (20.0, 0.02, 0.95)
@@ -180,7 +180,10 @@ def test_a_page_needs_nothing_else_and_is_the_same_each_time():
         assert re.search("<noscript>[^<]*allow JavaScript", text)
 
 
-def test_pages_of_scenes_are_written_with_an_index(tmp_path):
+def test_pages_of_scenes_are_written_with_an_index(tmp_path, capsys):
+    assert "no scene 'spim'; did you mean 'spin'?" in complaint(capsys, "spim", main=pages.main)
+    line = complaint(capsys, "x", main=pages.main)
+    assert "no scene 'x'; take pendulum, double, " in line and "[]" not in line
     pages.main(["pendulum", "spin", "--out", str(tmp_path)])
     index = (tmp_path / pages.INDEX).read_text()
     assert re.findall('href="(.*?)"', index) == ["pendulum.html", "spin.html"]

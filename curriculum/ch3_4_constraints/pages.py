@@ -4,6 +4,7 @@ python -m curriculum.ch3_4_constraints.pages [NAME ...] [--out DIR]
 """
 
 import html
+from argparse import ArgumentTypeError
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.play import page
 from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.systems import SceneError
-from curriculum.common.cli import Parser, run_script, writable
+from curriculum.common.cli import Parser, meant, run_script, writable
 from curriculum.common.files import write_together
 from curriculum.common.tape import Untraceable
 
@@ -24,9 +25,17 @@ REMEDIES = 20.0, 0.02, 0.95  # w in rad/s, T in s, impedance
 def main(argv=None):
     """Write the pages of the scenes that `argv` names, or of all, and an index."""
     told = about(c.SYSTEMS, c.HERE / c.CHAPTER)
+    listed = ", ".join(told)
+
+    def scene(name):
+        """An argparse type: the name of a scene."""
+        if name not in told:
+            raise ArgumentTypeError(f"no scene {name!r}{meant(name, told, f'; take {listed}')}")
+        return name
+
     parser = Parser(prog="pages", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*told, []]}
-    parser.add_argument("names", **names, help=f"some of {', '.join(told)}")
+    names = {"nargs": "*", "metavar": "NAME", "type": scene}
+    parser.add_argument("names", **names, help=f"some of {listed}")
     folder_type = partial(writable, names=(INDEX,))
     parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
     args = parser.parse_args(argv)
@@ -47,7 +56,8 @@ def main(argv=None):
             lines.append(f'<li><a href="{shown}.html">{shown}</a>: {text}')
     files[INDEX] = "\n".join([*lines, "</ul>\n"])
     write_together(args.out, files)
-    print(f"wrote {args.out / INDEX} and {len(files) - 1} pages")
+    count = len(files) - 1
+    print(f"wrote {args.out / INDEX} and {count} page{'s' * (count != 1)}")
 
 
 if __name__ == "__main__":
