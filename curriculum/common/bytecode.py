@@ -12,7 +12,6 @@ from functools import cache
 from itertools import chain, count
 
 from curriculum.common import llvm
-from curriculum.common.programs import Calls
 
 import numpy as np
 
@@ -91,10 +90,8 @@ class Assembler:
         rows, register = self.rows, self.register  # as many times as there are operations
         for name in names:
             sign, *operands = tape.nodes[name]
-            if sign == "part":
-                part = tape.parts[name]
-                write = self.calls if isinstance(part, Calls) else self.loop
-                write(part)
+            if name in tape.parts:
+                getattr(self, sign)(tape.parts[name])
             elif sign != "of":
                 unused = UNUSED[len(operands)]
                 rows.append([NUMBER[sign], register(name), *map(register, operands), *unused])

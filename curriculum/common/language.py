@@ -2,8 +2,6 @@
 
 from collections import Counter
 
-from curriculum.common.programs import Calls
-
 WIDTH = 80  # characters of what is used once and has no line of its own, at most
 # How tightly an operator binds; a choice, a product, a sign; names, numbers and calls.
 BINDS = {"<": 1, "<=": 1, "+": 2, "-": 2, "*": 3, "/": 3}
@@ -41,10 +39,8 @@ class Language:
                     continue
                 done.add(name)
                 sign, *operands = tape.nodes[name]
-                if sign == "part":
-                    part = tape.parts[name]
-                    written = self.calls if isinstance(part, Calls) else self.loop
-                    lines += written(part, signed)
+                if name in tape.parts:
+                    lines += getattr(self, sign)(tape.parts[name], signed)
                 elif sign != "of":
                     expression, bound = self.operation(sign, operands, text)
                     if used[name] == 1 and len(expression) < WIDTH:

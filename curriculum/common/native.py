@@ -78,10 +78,8 @@ class Writer(Function):
         """Operations of a tape; `env` {name: value} learns what they make."""
         for name in names:
             sign, *operands = tape.nodes[name]
-            if sign == "part":
-                part = tape.parts[name]
-                write = self.calls if isinstance(part, Calls) else self.loop
-                write(part, env)
+            if name in tape.parts:
+                getattr(self, sign)(tape.parts[name], env)
             elif sign != "of":
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 

@@ -93,7 +93,8 @@ class Program:
         known, lasting = set(self.knobs), []
         for name in self.tape.needed(self.out):
             sign, *operands = self.tape.nodes[name]
-            if sign != "part" and all(x in known or isinstance(x, float) for x in operands):
+            lasts = all(x in known or isinstance(x, float) for x in operands)
+            if lasts and name not in self.tape.parts:
                 known.add(name)
                 lasting.append(Symbol(self.tape, name))
         return lasting
@@ -207,6 +208,8 @@ class Calls:
     row by row. `results`: the arrays that it returns, row by row.
     """
 
+    sign = "calls"  # of its node: what writes it has a method of that name
+
     def __init__(self, program, rows):
         self.program, self.rows, tape = program, rows, current.tape
         self.names = [tape.new_names(len(program.made)) for _ in rows]
@@ -244,6 +247,8 @@ class Loop:
     needs the numbers `taken` from around it. `test` names the operations that size comes from,
     `rest` those besides that `following` comes from.
     """
+
+    sign = "loop"
 
     def __init__(self, body, x, most, complaint, nearly):
         self.most, self.complaint, self.nearly, outer = most, complaint, nearly, current.tape

@@ -87,8 +87,8 @@ effort = Effort()  # of the one thread that traces
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
-    Two signs are no arithmetic: a "part" is a Loop or Calls, found in `parts`; and ("of",
-    part) is one of the numbers that it makes. Its operands are all that it needs from this tape.
+    Three signs are no arithmetic: a "loop" and "calls" are parts, found in `parts`, whose operands
+    are all that they need from this tape; and ("of", part) is one of the numbers that one makes.
     `outer`: the tape on which a loop or rows stand, whose names its body may use. `names`: what an
     operation is called that is there already. `numbers`, of new names, `refused`, why all this
     cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
@@ -117,7 +117,7 @@ class Tape:
         """Note a Loop or Calls, which makes numbers of these names."""
         name = f"part{next(self.numbers)}"
         self.parts[name] = part
-        self.nodes[name] = "part", *operands
+        self.nodes[name] = part.sign, *operands
         self.nodes |= dict.fromkeys(names, ("of", name))
 
     def new_names(self, many):

@@ -20,7 +20,7 @@ import numpy as np
 UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power}
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
 UFUNCS |= {"<": np.less, "<=": np.less_equal}
-EXACT = set(UFUNCS) - {"**"} | {"sqrt", "part", "of"}  # so far all are rounded alike everywhere
+EXACT = set(UFUNCS) - {"**"} | {"sqrt", "calls", "loop", "of"}  # so far all are rounded alike
 UFUNCS |= {name: getattr(np, name) for name in FUNCTIONS | BINARY}
 CALLED = {name: getattr(math, c) for name, c in (FUNCTIONS | BINARY).items()}
 
