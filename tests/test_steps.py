@@ -142,8 +142,7 @@ class Heir(Turns):
 class Shown:
     """It counts what is asked of it besides, which is no matter of its force."""
 
-    def __init__(self):
-        self.frames = 0
+    frames = 0
 
     def on_frame(self):
         self.frames += 1
@@ -594,28 +593,27 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
         global WIND
         WIND = 0.01 * max(0, k - begin)
 
-    found = taken(Compiled, partial(ticking, -1))
-    ticking(0, 0)
-    assert "slower: the loop changes the global WIND" in found.way and found.step.lies
-    assert np.array_equal(found.tip, taken(Plain, partial(ticking, -1)).tip)
-    for begin in (3, 30, 58):
+    def blown(way, begin):
         ticking(0, 0)
-        with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
-            taken(Compiled, partial(ticking, begin))
-    assert taken(Plain, partial(ticking, 3)).way == Plain.way
+        return taken(way, partial(ticking, begin))
+
+    late = pytest.raises(ValueError, match="the global WIND was changed while steps were")
+    found, plain = (blown(way, -1) for way in (Compiled, Plain))
+    assert "slower: the loop changes the global WIND" in found.way and found.step.lies
+    assert np.array_equal(found.tip, plain.tip)
+    for begin in (3, 30, 58):
+        with late:
+            blown(Compiled, begin)
+    assert blown(Plain, 3).way == Plain.way
     ticking(0, 0)
     shown = Shown()
     monkeypatch.setattr(c, "external_force", shown)
     assert taken(Compiled, lambda k, v: shown.on_frame()).way.startswith("compiled")
     usual = c.energy
     monkeypatch.setattr(c, "energy", lambda *state: usual(*state) + WIND)
-    with pytest.raises(ValueError, match="the global WIND was changed while steps were"):
-        taken(Compiled, partial(ticking, 3))
-    ends = []
-    for way in (Compiled, Plain):
-        ticking(0, 0)
-        ends.append(taken(way, partial(ticking, -1)).energies)
-    assert np.array_equal(*ends)
+    with late:
+        blown(Compiled, 3)
+    assert np.array_equal(*(blown(way, -1).energies for way in (Compiled, Plain)))
     monkeypatch.setitem(DOUBLE, "m", DOUBLE["m"].copy())
 
     def lighter(k, v):
