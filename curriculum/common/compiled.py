@@ -21,8 +21,7 @@ FIRST = 16  # steps of the first two blocks, which tell what a step costs
 SHORT, LONG = 75_000, 3_000_000
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
-# machine code is made if the steps that are left take so many times as long as that: the quick,
-# and then the best
+# machine code is made if the steps left take so many times as long: the quick, then the best
 QUICK, BEST = 1.5, 6.0
 OFTEN = 4  # times as many steps: then what is compiled is compared again
 SHORTER = 1e-3  # times as long: a step that is only compared

@@ -13,8 +13,7 @@ from curriculum.common.trace import Symbol
 import numpy as np
 
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
-# of a single member: whether all loops have come to an end; whether one did not, though its size
-# is finite
+# of a single member: whether all loops have ended; whether one did not, though its size is finite
 ENDED, UNSETTLED = "@ended", "@unsettled"
 
 # a number in a vector, of which the first `many` count
