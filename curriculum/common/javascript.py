@@ -26,16 +26,6 @@ def words(texts):
     return dict.fromkeys(word for text in texts for word in WORD.findall(TEXT.sub("", text)))
 
 
-def unpacked(names, call):
-    """A text that names the numbers of the array which a call returns.
-
-    One by one: a browser makes ten times as much of `const [a, b, c] = ...`, and runs it slowly.
-    """
-    whole = f"all_{names[0]}"
-    each = (f"const {name} = {whole}[{k}];" for k, name in enumerate(names))
-    return "\n".join([f"const {whole} = {call};", *each])
-
-
 class Writer(Language):
     """Functions of JavaScript, `made` {text: name}; those with the same text are one function."""
 
@@ -77,20 +67,21 @@ class Writer(Language):
         return self.function(parameters, head + lines, results)
 
     def calls(self, calls, signed):
-        """Calls of a function, one a row of arguments."""
+        """Calls of a function, one a row of arguments. What one returns is named one by one: a
+        browser makes ten times as much of `const [a, b, c] = ...`, and runs it slowly."""
         program = calls.program
         if program not in self.inner:
             ((lines, results),) = self.write(program.tape, program.made)
             used = words([*lines, *results])
             knobs = (x for x in self.given if x in used and x not in calls.taken)
             around = [*calls.taken, *knobs]
-            inputs = [*program.inputs, *around]
-            name = self.function(inputs, lines, results)
+            name = self.function([*program.inputs, *around], lines, results)
             self.inner[program] = name, around
         name, around = self.inner[program]
-        given = (", ".join([*map(signed, row), *around]) for row in calls.rows)
-        each = (unpacked(made, f"{name}({x})") for made, x in zip(calls.names, given, strict=True))
-        return ["\n".join(each)]
+        for names, row in zip(calls.names, calls.rows, strict=True):
+            whole = f"all_{names[0]}"
+            yield f"const {whole} = {name}({', '.join([*map(signed, row), *around])});"
+            yield from (f"const {x} = {whole}[{k}];" for k, x in enumerate(names))
 
     def loop(self, loop, signed):
         """A loop, which throws a Stop if it comes to no end."""
@@ -99,7 +90,7 @@ class Writer(Language):
         (test, (now,)), (rest, following) = self.write(loop.tape, [loop.size], loop.following)
         ends = f"{size} <= 1 || ({last} <= {size} && {size} <= {self.number(loop.nearly)})"
         changed = {name: x for name, x in zip(names, following, strict=True) if x != name}
-        lines = [
+        return [
             *(f"let {name} = {x};" for name, x in zip(names, map(signed, loop.start), strict=True)),
             f"let {last} = Infinity;",
             f"for (let {turn} = 0; ; {turn}++) {{",
@@ -113,7 +104,6 @@ class Writer(Language):
             *(f"{name} = next_{name};" for name in changed),
             "}",
         ]
-        return ["\n".join(lines)]
 
     def operation(self, sign, operands, text):
         if sign != "where":
