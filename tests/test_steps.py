@@ -20,9 +20,11 @@ from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
 from curriculum.common import compiled, llvm, tape
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
 from curriculum.common.gauss import make_gauss
+from curriculum.common.native import Native
 from curriculum.common.programs import repeat
 from curriculum.common.pure import Memory
 from curriculum.common.ruler import once_for_all
@@ -45,18 +47,18 @@ class Python(Compiled):
         if self.alone:
             self.alone.machine = None
             if self.begin and llvm.available():
-                self.begin(self.alone)
+                self.alone.machine = self.begin(self.alone.traced.program)
 
     def improve(self, pace, left):
         pass
 
 
 class Machine(Python):
-    begin = staticmethod(partial(Single.to_machine, best=False))
+    begin = staticmethod(partial(Native, best=False))
 
 
 class Rows(Python):
-    begin = staticmethod(Single.to_bytecode)
+    begin = Bytecode
 
 
 WAYS = Python, Machine, Rows, Plain

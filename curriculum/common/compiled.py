@@ -6,7 +6,7 @@ import sys
 import time
 
 from curriculum.common import llvm
-from curriculum.common.bytecode import LARGE
+from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
@@ -93,7 +93,7 @@ class Compiled:
         self.way = "compiled to Python"
         if self.alone.size > LARGE and llvm.available():
             with contextlib.suppress(llvm.Unavailable):
-                self.alone.to_bytecode()
+                self.alone.machine = Bytecode(self.alone.traced.program)
                 self.way = "compiled to bytecode"
         self.alone.prepare()
 
@@ -228,7 +228,7 @@ class Compiled:
         worth = left * pace > BEST * cost if begun else (left + self.later) * pace > QUICK * cost
         if worth and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
-                self.alone.to_machine(best=begun)
+                self.alone.machine = Native(self.alone.traced.program, best=begun)
                 self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
         if llvm.FAILED and not self.alone.machine:
             self.way = f"compiled to Python; {llvm.FAILED[0]}"

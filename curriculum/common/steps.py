@@ -14,9 +14,7 @@ from pathlib import Path
 from traceback import extract_tb
 
 from curriculum.common.arrays import ordered
-from curriculum.common.bytecode import Bytecode
 from curriculum.common.cli import shorten
-from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory, foreign
 from curriculum.common.python import NUMBERS, compiled, source_of
@@ -268,12 +266,6 @@ class Single:
     def prepare(self):
         """Make the code that steps need, unless there is some: not while they are timed."""
         return self.machine or self.traced.function
-
-    def to_machine(self, best):
-        self.machine = Native(self.traced.program, best=best)
-
-    def to_bytecode(self):
-        self.machine = Bytecode(self.traced.program)
 
     def __call__(self, state, count, dt):
         """Rows (count, entries) after `state` (entries,), or fewer; the Stop that is why; and the

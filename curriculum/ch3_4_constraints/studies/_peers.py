@@ -12,6 +12,7 @@ from unittest.mock import patch
 
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, crowd, make_system
 from curriculum.common import crowds
+from curriculum.common.native import Native
 from curriculum.common.steps import Single, Traced, followed
 
 import numpy as np
@@ -45,7 +46,7 @@ def ours(task, rule, mode="none", machine=NATIVE, best=True):
     step = followed(rule, force.after)
     single = Single(Traced(step, system["m"], force, system["q0"], system["v0"]))
     if machine:
-        single.to_machine(best)
+        single.machine = Native(single.traced.program, best=best)
     start = single.traced.columns(system["q0"], system["v0"])
 
     def go(per):
