@@ -186,7 +186,10 @@ class mapped:  # noqa: N801 - it is called as a function is
         if entry and entry.traced.changed():
             del self.known[key]
         if key not in self.known and len(q) > 1:
-            self.known[key] = self.traced(q, v)
+            self.known[key], turns = None, max(self.turns, len(q))
+            with contextlib.suppress(Untraceable):
+                traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
+                self.known[key] = SimpleNamespace(traced=traced, code=None, asked=0)
         entry = self.known.get(key)  # none for a single state: to trace it would take longer
         code = self.choose(entry, len(q)) if entry else None
         if code is not None:
@@ -199,15 +202,6 @@ class mapped:  # noqa: N801 - it is called as a function is
             rows = [tuple(map(np.array, self.measure(*state))) for state in states]
             made = [np.array(x) for x in zip(*rows, strict=True)]
         return made[0] if self.single else tuple(made)
-
-    def traced(self, q, v):
-        """The function on symbols, of states that are zero in the same places; or None."""
-        turns = max(self.turns, len(q))
-        try:
-            traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
-        except Untraceable:
-            return None
-        return SimpleNamespace(traced=traced, code=None, asked=0)
 
     def choose(self, entry, many):
         """What runs it: None as long as that costs more than it saves; machine code where it is

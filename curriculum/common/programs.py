@@ -133,7 +133,7 @@ class Routine:
     """
 
     def __init__(self, function, often=False):
-        self.function, self.often, self.programs, self.calls = function, often, {}, {}
+        self.function, self.often, self.programs = function, often, {}
 
     def __call__(self, *arrays):
         if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
@@ -142,16 +142,15 @@ class Routine:
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
         shapes = [np.shape(a) for a in arrays]
         key = current.tape.numbers, *zip(shapes, still, strict=True)
-        if key in self.programs:
-            effort.calls += effort.factor * self.calls[key]
-        else:
+        if key not in self.programs:
             tape, before = Tape(), effort.calls
             tape.numbers, tape.refused = current.tape.numbers, current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
             once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
-            self.programs[key] = once
-            self.calls[key] = (effort.calls - before) // effort.factor
-        program = self.programs[key]
+            self.programs[key] = once, (effort.calls - before) // effort.factor
+            effort.calls = before
+        program, calls = self.programs[key]
+        effort.calls += effort.factor * calls
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or current.tape.outer):
