@@ -391,18 +391,14 @@ def test_a_step_may_return_lists_and_no_force_changes_the_state(monkeypatch):
 
 def test_what_is_measured_is_measured_as_the_lines_stand(monkeypatch):
     """Though it remembers, or asks what a symbol answers otherwise than a number."""
-
-    def remembering():
-        seen = []
-        return lambda system, q, v: seen.append(1) or float(len(seen))
-
-    def asking():
-        return lambda system, q, v: q[1, 1] * (1.0 if q.dtype == float else 2.0)
-
-    for made in (remembering, asking):
+    seen, energies = [], {}
+    energies["remembers"] = lambda system, q, v: seen.append(1) or float(len(seen))
+    energies["asks"] = lambda system, q, v: q[1, 1] * (1.0 if q.dtype == float else 2.0)
+    for energy in energies.values():
+        monkeypatch.setattr(c, "energy", energy)
         found = []
         for way in (Compiled, Plain):
-            monkeypatch.setattr(c, "energy", made())
+            seen.clear()
             found.append(run(DOUBLE, steps=40, way=way).energies)
         assert np.array_equal(*found)
 
@@ -899,11 +895,9 @@ def test_a_step_that_does_not_return_q_and_v_is_told_of_by_its_line(way, returne
         return None if returned is None else (q, v, 0)
 
     line = mine.__code__.co_firstlineno
-    with pytest.raises(ValueError, match=rf"mine \(test_steps.py, line {line}\) returned"):
-        c.simulate(mine, DOUBLE, force, 0.1, 9, (), way)
-    force = force._replace(after=mine)
-    with pytest.raises(ValueError, match=rf"mine \(test_steps.py, line {line}\) returned"):
-        c.simulate(c.rk4_step, DOUBLE, force, 0.1, 9, (), way)
+    for rule, after in ((mine, None), (c.rk4_step, mine)):
+        with pytest.raises(ValueError, match=rf"mine \(test_steps.py, line {line}\) returned"):
+            c.simulate(rule, DOUBLE, force._replace(after=after), 0.1, 9, (), way)
 
 
 @pytest.mark.parametrize("name", ["energy", "constraint_violation"])
