@@ -150,11 +150,6 @@ def differs(traced, start, made, dt):
     return not alike(last, expected, equal_nan=True)
 
 
-def stay(q, v, m, force, dt):
-    """A step that leaves everything where it is."""
-    return q, v
-
-
 class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), or function(q), for many: q, v (K, N, 3).
 
@@ -186,9 +181,10 @@ class mapped:  # noqa: N801 - it is called as a function is
         if entry and entry.traced.changed():
             del self.known[key]
         if key not in self.known and len(q) > 1:
-            self.known[key], turns = None, max(self.turns, len(q))
-            with contextlib.suppress(Untraceable):
-                traced = Traced(stay, None, None, q, v, self.measure, turns=turns)
+            self.known[key] = None
+            how = {"measure": self.measure, "turns": max(self.turns, len(q))}
+            with contextlib.suppress(Untraceable):  # as a step that leaves all where it is
+                traced = Traced(lambda q, v, *_: (q, v), None, None, q, v, **how)
                 self.known[key] = SimpleNamespace(traced=traced, code=None, asked=0)
         entry = self.known.get(key)  # none for a single state: to trace it would take longer
         code = self.choose(entry, len(q)) if entry else None
