@@ -292,9 +292,7 @@ def forces():
         "compiled: formatted": lambda q, v: -v if f"{q[0, 0]:.3f}" else v,
         "compiled: masks": lambda q, v: -v * np.maximum(q < -0.06, True * (v < -0.1)) * abs(q < 1),
         "adds what comparisons made: bools": lambda q, v: -v * (True + (q < -0.06)),
-        "adds what comparisons made: a choice": lambda q, v: (
-            -v * (np.where(q < -0.06, v < 0.0, q < 0.0) + (v < -0.1))
-        ),
+        "adds what comparisons made: if": lambda q, v: v * (np.where(q < 0, v < 0, True) + (v < 0)),
         "decided by its sign": lambda q, v: -v * np.arctan2(q[0, 2], q[0, 0]),
         "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
         "compiled: objects": lambda q, v: np.full(q.shape, 0.5, object) * -v,
