@@ -213,6 +213,10 @@ def forces():
         options.gain *= 0.99
         return -options.gain * v
 
+    def reading(q, v):
+        with open(__file__) as file:
+            return 0.1 * (file.read(1) == "'") * v
+
     def lottery(q, v):
         import secrets
 
@@ -239,6 +243,8 @@ def forces():
         "asks for the time": lambda q, v: -v if datetime.now() else v,
         "asks for the time: wrapped": lambda q, v: 0.0 * CLOCK() * q,
         "asks for chance": lottery,
+        "asks for a file": reading,
+        "asks for lines of a text": lambda q, v: eval("-v", {"v": v}),
         "takes from ticks, which cannot be put back": lambda q, v: -0.01 * next(ticks) * v,
         "uses slotted, which cannot be put back": lambda q, v: slotted(q, v),
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
@@ -641,11 +647,20 @@ def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
         many.put(q, 0.0 * q + 1.0)
 
 
+GUSTS = [0.0]
+
+
 class Calm:
     speed = 0.0
 
     def wind(self):
         return self.speed
+
+    def told(self):
+        return getattr(self, "by_" + "wind")()
+
+    def by_wind(self):
+        return GUSTS[0]
 
 
 class Stormy(Calm):
@@ -656,6 +671,7 @@ class Stormy(Calm):
 def kept():
     """Where a force may have its wind from, made anew: how it asks there, and how a loop changes
     it."""
+    GUSTS[:] = [0.0]
     row, number = np.zeros(1, [("speed", float)])[0], ctypes.c_double(0.0)
     fit, winds, calm, turned = np.polynomial.Polynomial([0.0]), {"now": 0.0}, Calm(), Calm()
     shown, values, far, place = MappingProxyType(winds), winds.values(), weakref.ref(calm), Calm()
@@ -675,6 +691,7 @@ def kept():
             lambda: getattr(place, mill).speed,
             lambda: setattr(calm, "speed", 9.0),
         ),
+        "a method's name in a variable": (lambda: calm.told(), lambda: GUSTS.__setitem__(0, 9.0)),
         "a class": (lambda: turned.wind(), lambda: setattr(turned, "__class__", Stormy)),
         "a default": (lambda: blow(), lambda: setattr(blow, "__defaults__", (9.0,))),
     }

@@ -21,6 +21,7 @@ import numpy as np
 
 PLAIN = {int, float, complex, bool, str, bytes, type(None)}
 ASKED = {"time": "the time", "datetime": "the time", "random": "chance", "secrets": "chance"}
+ASKED |= {"open": "a file", "input": "a line", "eval": "lines of a text", "exec": "lines of a text"}
 # where partials, methods, wrappers and generators keep what they lead to
 INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
 INSIDE += "__func__", "__self__", "__wrapped__", "function"
@@ -155,8 +156,8 @@ class Memory:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             found = [pair for x, name in todo for pair in self.look(x, name)]
             for (_, kind), (space, names) in self.spaces.items():  # only what is named
-                every = kind == "own" and names & EVERY
-                asked = [*space] if every else sorted(names & space.keys())
+                own = kind == "own" or isinstance(space, MappingProxyType)  # an object's, a class's
+                asked = [*space] if own and names & EVERY else sorted(names & space.keys())
                 found += [(space[name], name) for name in asked]
             todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
 
