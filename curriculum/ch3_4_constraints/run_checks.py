@@ -22,7 +22,7 @@ def chosen(hold, table):
     -> {name: Hold}. Raises ValueError if there is none of that name."""
     if hasattr(hold, "softness"):
         return hold
-    if isinstance(hold, Real) and 0.0 <= hold < np.inf:
+    if isinstance(hold, Real) and not isinstance(hold, bool) and 0.0 <= hold < np.inf:
         return table(baumgarte=hold)["baumgarte"]
     if not isinstance(hold, str):
         must = "must be a Hold, a mode's name, or a finite w >= 0 in rad/s"
