@@ -241,6 +241,12 @@ def test_a_page_fits_its_screen_and_runs_without_an_error(name, theme, size, vis
     assert wide <= size[0] and tall <= size[1] + 40
 
 
+def test_a_scene_may_be_called_like_a_blank_of_the_template(visit):
+    odd, system = "<i>{{policy}} /* data */ {{name}}", c.build_system("pendulum")
+    text = play.page(c, odd, system, "semi_implicit", c.semi_implicit_step, *USUAL)
+    assert visit("odd", text=text).inner_text("h1").startswith(f"{odd}: five ways")
+
+
 def test_the_clock_is_the_walls(visit):
     tab = visit("double")
     for dt in (0.0025, 0.005, 0.01, 0.02):

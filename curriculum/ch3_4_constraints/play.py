@@ -225,12 +225,12 @@ def filled(lines, data):
         "/* lines */": lines,
         "/* data */": f"const data = {shown};",
     }
-    for blank, content in blanks.items():
-        text = text.replace(blank, content)
+    # all at once: what fills a blank may look like another
+    text = re.sub("|".join(map(re.escape, blanks)), lambda blank: blanks[blank[0]], text)
     policy = "default-src 'none'"
     for tag in ("script", "style"):
         policy += f"; {tag}-src"
         for part in re.findall(f"(?s)<{tag}>(.*?)</{tag}>", text):
             made = base64.b64encode(hashlib.sha256(part.encode()).digest()).decode()
             policy += f" 'sha256-{made}'"
-    return text.replace("{{policy}}", policy)
+    return text.replace("{{policy}}", policy, 1)
