@@ -181,9 +181,11 @@ def test_a_page_needs_nothing_else_and_is_the_same_each_time():
 
 
 def test_pages_of_scenes_are_written_with_an_index(tmp_path, capsys):
-    assert "no scene 'spim'; did you mean 'spin'?" in complaint(capsys, "spim", main=pages.main)
+    assert "'spim'; did you mean 'spin'?" in complaint(capsys, "spim", main=pages.main)
     line = complaint(capsys, "x", main=pages.main)
-    assert "no scene 'x'; take pendulum, double, " in line and "[]" not in line
+    assert "none is called 'x'; there are pendulum, double, " in line and "[]" not in line
+    line = complaint(capsys, "spin", "--out", tmp_path, "double", main=pages.main)
+    assert "unrecognized arguments: double; " in line
     pages.main(["pendulum", "spin", "--out", str(tmp_path)])
     index = (tmp_path / pages.INDEX).read_text()
     assert re.findall('href="(.*?)"', index) == ["pendulum.html", "spin.html"]

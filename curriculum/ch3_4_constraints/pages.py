@@ -4,7 +4,6 @@ python -m curriculum.ch3_4_constraints.pages [NAME ...] [--out DIR]
 """
 
 import html
-from argparse import ArgumentTypeError
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.play import page
 from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.systems import SceneError
-from curriculum.common.cli import Parser, meant, run_script, writable
+from curriculum.common.cli import Parser, one_of, run_script, writable
 from curriculum.common.files import write_together
 from curriculum.common.tape import Untraceable
 
@@ -25,17 +24,9 @@ REMEDIES = 20.0, 0.02, 0.95  # w in rad/s, T in s, impedance
 def main(argv=None):
     """Write the pages of the scenes that `argv` names, or of all, and an index."""
     told = about(c.SYSTEMS, c.HERE / c.CHAPTER)
-    listed = ", ".join(told)
-
-    def scene(name):
-        """An argparse type: the name of a scene."""
-        if name not in told:
-            raise ArgumentTypeError(f"no scene {name!r}{meant(name, told, f'; take {listed}')}")
-        return name
-
     parser = Parser(prog="pages", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "type": scene}
-    parser.add_argument("names", **names, help=f"some of {listed}")
+    names = {"nargs": "*", "metavar": "NAME", "type": one_of(told)}
+    parser.add_argument("names", **names, help=f"some of {', '.join(told)}")
     folder_type = partial(writable, names=(INDEX,))
     parser.add_argument("--out", type=folder_type, default=Path("outputs/pages"), help="a folder")
     args = parser.parse_args(argv)

@@ -125,6 +125,18 @@ def number(kind=float, low=1e-12, high=1e12):
     return parse
 
 
+def one_of(known):
+    """An argparse type: one of the `known` names. Unlike choices, it allows a list to be empty."""
+
+    def parse(name):
+        if name not in known:
+            end = meant(name, known, f"; there are {', '.join(known)}")
+            raise argparse.ArgumentTypeError(f"none is called {name!r}{end}")
+        return name
+
+    return parse
+
+
 def writable(text, names=("",)):
     """An argparse type: the path of a file that can be written, or of a folder for such `names`."""
     try:

@@ -20,7 +20,7 @@ from curriculum.ch3_4_constraints.studies import hard_cases as hard
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.ch3_4_constraints.studies.shown import swinging
 from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PULL, Drawing
-from curriculum.common.cli import Parser, run_script
+from curriculum.common.cli import Parser, one_of, run_script
 from curriculum.common.files import write_whole
 
 import numpy as np
@@ -183,7 +183,7 @@ PICTURES |= {name: partial(moving, name) for name in (*c.SYSTEMS, "chain", *_run
 def main(argv=None):
     """Make the pictures that `argv` names, or all."""
     parser = Parser(prog="make_pictures", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "choices": [*PICTURES, []]}
+    names = {"nargs": "*", "metavar": "NAME", "type": one_of(PICTURES)}
     parser.add_argument("names", **names, help=f"some of {', '.join(PICTURES)}")
     for name in parser.parse_args(argv).names or PICTURES:
         made = PICTURES[name]().encode()

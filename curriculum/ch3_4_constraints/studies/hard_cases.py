@@ -18,7 +18,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, run, study_parser
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common.banner import work
-from curriculum.common.cli import number
+from curriculum.common.cli import number, one_of
 from curriculum.common.compiled import Compiled
 from curriculum.common.ruler import once_for_all
 
@@ -85,7 +85,7 @@ def main(argv=None):
     quick = {"starts": 2, "seconds": 1.0, "names": ["cable", "spin", "windows"]}
     parser = study_parser("hard_cases", __doc__, quick, names=NAMES)
     add, scenes = parser.add_argument, f"only these, of {', '.join(NAMES)}"
-    add("scenes", nargs="*", choices=[*NAMES, []], metavar="SCENE", help=scenes)
+    add("scenes", nargs="*", type=one_of(NAMES), metavar="SCENE", help=scenes)
     add("--starts", type=number(int, 1, 10**4), default=40, help="of each scene (40)")
     add("--seconds", type=number(float, 0.1, 1e4), default=10.0, help="to be held (10)")
     add("--methods", default="", metavar="WORD", help="only those that contain this word")
