@@ -239,6 +239,14 @@ def test_a_signal_that_comes_when_all_is_done_has_nothing_to_tell(name):
     late = f"import atexit; atexit.register(os.kill, os.getpid(), signal.{name})"
     done = script(late, preexec_fn=heed)
     assert (done.returncode, done.stdout, done.stderr) == (-getattr(signal, name), "", "")
+    lines = f"""class Held:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{name})
+held = Held()
+held.__del__()"""  # and once more as it is let go
+    done = script(lines, preexec_fn=heed)
+    said = f"\n-c: {curriculum.INTERRUPTED}\n" if name == "SIGINT" else ""
+    assert done.returncode != 0 and (done.stdout, done.stderr) == ("", said)
 
 
 @posix

@@ -203,6 +203,8 @@ def mistake(error):
 
 def give_up(number, frame):
     """Exit as a signal asks for: so no temporary file is left."""
+    # what is torn down half made, or in a __del__ by a second signal, has nothing to tell
+    sys.unraisablehook = lambda unraisable: None
     sys.exit(128 + number)
 
 
