@@ -30,7 +30,7 @@ CALL = 5  # a call of numpy counts as so many of them
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
-class Compiled:
+class Compiled(Plain):
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
@@ -46,9 +46,9 @@ class Compiled:
     def __init__(
         self, step_fn, m, force, dt, measure, steps=0, watch=None, only=False, halvings=HALVINGS
     ):
-        self.given, self.only, self.lies = (step_fn, m, force), only, None
-        self.plain, self.alone, self.way = Plain(*self.given, dt, measure), None, ""
-        self.plain.halvings = halvings
+        super().__init__(step_fn, m, force, dt, measure)
+        self.given, self.only, self.halvings = (step_fn, m, force), only, halvings
+        self.alone, self.way = None, ""
         self.turns = steps or math.inf  # if that is not known yet
         self.ask, self.compared = mapped(measure, turns=steps), False
         self.watch = mapped(watch, turns=steps) if watch else None
@@ -58,17 +58,12 @@ class Compiled:
 
     def start(self, dt, steps):
         """Begin a run of so many steps of so many seconds, of the same system."""
-        self.dt = self.plain.dt = float(dt)  # Python's own are quicker than numpy's
+        self.dt = float(dt)  # Python's own are quicker than numpy's
         self.later += self.done  # where there were runs before, others will follow
         self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
         self.state, self.ahead, self.block = NONE, iter(()), None
         self.most = math.inf
-        self.plain.halved = 0
-
-    @property
-    def halved(self):
-        """How many plain steps of this run were taken in halves; a Block knows its own."""
-        return self.plain.halved
+        self.halved = 0  # plain steps; a Block knows its own
 
     @property
     def source(self):
@@ -87,7 +82,7 @@ class Compiled:
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.alone = Single(Traced(*self.given, q, v, turns=self.turns), self.plain.halvings)
+            self.alone = Single(Traced(*self.given, q, v, turns=self.turns), self.halvings)
         except Untraceable as why:
             self.give_up(why)
             return
@@ -104,6 +99,7 @@ class Compiled:
         self.alone, self.why = None, str(why)
         self.way = f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
+        self.taken, self.seconds = 0, 0.0
 
     def confirm(self):
         """Go on plainly if what the step depends on was changed by the loop that takes the steps.
@@ -132,9 +128,7 @@ class Compiled:
         if not self.alone and self.only:
             raise Untraceable(f"steps are not compiled: {self.why}")
         if not self.alone:
-            state = self.plain(q, v)
-            self.taken, self.seconds = self.plain.taken, self.plain.seconds
-            return state
+            return super().__call__(q, v)
         if not self.alone.traced.fits(q, v):  # the loop has moved what stood still
             self.compared = False
             self.due = 0
