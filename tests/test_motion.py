@@ -357,49 +357,34 @@ def test_a_start_alone_is_no_true_motion():
     assert not found.size
 
 
-def test_where_no_mode_gets_through_no_step_is_chosen():
-    def lost(*_):
-        return SimpleNamespace(stopped="diverged at step 1", halved=0)
+def ending(far):
+    """A run whose particle ends far(dt) m from where it should; if that is NaN, it has stopped."""
 
+    def run(rule, dt, steps, keep, way):
+        ends = np.zeros((2, 1, 3))
+        ends[-1, 0, 0] = far(dt)
+        return SimpleNamespace(stopped=math.isnan(far(dt)), q=ends, v=ends)
+
+    return run
+
+
+def test_where_no_mode_gets_through_no_step_is_chosen():
+    lost = ending(lambda dt: math.nan)
     with pytest.raises(ArgumentTypeError, match="no mode gets through 2 s whole, in steps of"):
-        ruler.step_for(1e-6, 2.0, None, [lost, lost], {"gauss:6": None})
+        ruler.step_for(1e-6, 2.0, np.zeros((1, 3)), [lost, lost], {"gauss:6": None})
 
 
 def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
-    def run(
-        rule, dt, steps, keep, way
-    ):  # of order 1.2: what is half as long is less than half as wrong
-        ends = np.zeros((2, 1, 3))
-        ends[-1, 0, 0] = dt**1.2
-        return SimpleNamespace(stopped=None, halved=0, q=ends, v=ends)
+    def slow(dt):  # of order 1.2: half as long is less than half as wrong
+        return dt**1.2
 
-    error, dt, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [run], None)
-    assert reached and dt**1.2 == error <= 1e-4
-
-    def rough(*given):  # it is lost at first
-        end = run(*given)
-        end.q[-1] += 3.0 * (given[1] > 0.05)
-        return end
-
-    def biased(*given):  # and this one soon as near as it gets
-        return SimpleNamespace(**vars(run(*given)) | {"q": np.full((2, 1, 3), 0.1)})
-
-    error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [biased, rough], None)
-    assert error <= 1e-4 and reached[0] is rough
-
-    def stalled(*given):  # nearer at first, and no nearer then
-        return SimpleNamespace(**vars(run(*given)) | {"q": np.full((2, 1, 3), 1e-3)})
-
-    def lucky(*given):  # once it is near by chance
-        end = run(*given)
-        end.q[-1] *= 0.1 if 0.004 < given[1] < 0.005 else 1.0
-        return end
-
-    def failing(*given):  # some of its steps would have to be taken in halves
-        end = run(*given)
-        end.stopped = "stopped at step 9" if 0.003 < given[1] < 0.005 else None
-        return end
-
-    for late in (lucky, failing):
-        error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [stalled, late], None)
+    error, dt, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [ending(slow)], None)
+    assert reached and slow(dt) == error <= 1e-4
+    biased = ending(lambda dt: 0.1)  # it is soon as near as it gets
+    stalled = ending(lambda dt: 1e-3)  # nearer at first, and no nearer then
+    rough = ending(lambda dt: slow(dt) + 3.0 * (dt > 0.05))  # lost at first
+    lucky = ending(lambda dt: slow(dt) * (0.1 if 0.004 < dt < 0.005 else 1.0))  # once by chance
+    failing = ending(lambda dt: math.nan if 0.003 < dt < 0.005 else slow(dt))  # at some steps
+    for other, late in ((biased, rough), (stalled, lucky), (stalled, failing)):
+        error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [other, late], None)
         assert error <= 1e-4 and reached[0] is late
