@@ -100,9 +100,7 @@ def test_a_force_may_be_written_in_other_ways_and_one_that_does_not_fit_is_told(
         assert np.array_equal(c.constraint_force(*state), expected)
         found = run(DOUBLE, steps=5)
         assert found.way.startswith("compiled") and np.array_equal(found.tip, tip)
-    wrongs = [
-        (np.zeros((2, 2)), r"lambda> \(test_force.py, line \d+\): an array of shape \(2, 2\), m")
-    ]
+    wrongs = [(np.zeros((2, 2)), r"lambda> \(test_force.py, line \d+\): an array of shape \(2, 2")]
     wrongs += [(DOUBLE["m"], r"shape \(2, 1\), must be"), (1j * DOUBLE["q0"], "complex numbers")]
     wrongs += [(None, "None wh"), (-9.81, r"shape \(\), must be \(2, 3\)")]
     for wrong, said in wrongs:

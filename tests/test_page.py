@@ -159,10 +159,8 @@ def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_pa
         assert f"\n{publish.PAGE} left out: it {why}" in capsys.readouterr().out
         assert not (tmp_path / publish.PAGE).exists()
     feel(monkeypatch, lambda q, v: 0.0 * q)
-    for name, value, why in (
-        ("hold_table", own, "changes"),
-        ("applied_force", c.external_force, "has"),
-    ):
+    edits = ("hold_table", own, "changes"), ("applied_force", c.external_force, "has")
+    for name, value, why in edits:
         with monkeypatch.context() as edited:
             edited.setattr(c, name, value)
             with pytest.raises(Untraceable, match=f"it {why}"):

@@ -128,10 +128,8 @@ def test_a_chain_has_links_as_many_as_a_file_may_have():
 
 
 def test_a_length_in_a_file_is_judged_by_its_rods_own():
-    right, wrong = (
-        contextlib.nullcontext(),
-        pytest.raises(SceneError, match="how far apart its ends are"),
-    )
+    right = contextlib.nullcontext()
+    wrong = pytest.raises(SceneError, match="how far apart its ends are")
     for size, (off, told) in product((1e-4, 1.0, 1e4), ((1e-7, right), (1e-5, wrong))):
         rods = [{"pair": [0, -1], "length": size * (1.0 + off)}]
         scene = {"anchors": [[0, 0, 0]], "particles": [{"position": [size, 0, 0]}], "rods": rods}

@@ -204,9 +204,8 @@ def test_a_race_is_won_by_the_least_time_and_its_bars_are_ours_over_theirs(monke
     won = {1e-3: (1.0, 2.0, 1.125), 1e-5: (3.0, 6.0, 3.125)}
     for error, best in won.items():
         rows, bars = real_thing.race(task, racers, error, limits)
-        expected = [
-            (engine, str(x), f"{best[0] / x:.2g}") for engine, x in zip(racers, best, strict=True)
-        ]
+        each = zip(racers, best, strict=True)
+        expected = [(engine, str(x), f"{best[0] / x:.2g}") for engine, x in each]
         assert [(row["engine"], row["setting"], row["ours/it"]) for row in rows] == expected
         if error == 1e-3:
             assert [(share, limit) for _, share, limit in bars] == [(0.5, 0.6), (1.125 / 2.5, 0.4)]

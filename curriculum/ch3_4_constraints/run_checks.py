@@ -65,10 +65,9 @@ def misfit(hold, rule):
 def fitting(modes, holds, rule):
     """Those of the modes that fit the integrator of this name; of each other one it prints why."""
     for mode in modes:
-        if not hasattr(holds[mode], "softness"):
-            raise ValueError(
-                f"{mode} is {shorten(repr(holds[mode]))} in hold_table; must be a Hold"
-            )
+        hold = holds[mode]
+        if not hasattr(hold, "softness"):
+            raise ValueError(f"{mode} is {shorten(repr(hold))} in hold_table; must be a Hold")
     reasons = {mode: misfit(holds[mode], rule) for mode in modes}
     for mode, why in reasons.items():
         if why:

@@ -130,10 +130,8 @@ def plot(sheet, corners, x, y, curves, size=15):
             sheet.line([(left, at), (end, at)], PALE, 1)
             sheet.words(left - 8, at + size / 3, words, GREY, "end", size)
     names = []
-    for name, (color, values, *dash) in curves.items():
-        points = [
-            (position(a, across, left, end), position(b, upward, bottom, top)) for a, b in values
-        ]
+    for name, (color, xy, *dash) in curves.items():
+        points = [(position(a, across, left, end), position(b, upward, bottom, top)) for a, b in xy]
         sheet.line(points, color, 2.5 if size > 13 else 2, *dash)
         names.append([*points[-1], name, color])
     names.sort(key=lambda name: name[1])

@@ -173,9 +173,8 @@ def chapter_parser(prog, folder, out, examples):
     parser = Parser(prog=prog, usage=use, **settings)
     groups = map(parser.add_argument_group, ("which system", "which method", "results", "for CI"))
     system, method, results, ci = (partial(add_flag, group) for group in groups)
-    system(
-        "--seed K", type=number(int, 0), default=0, help="draws the start: a hair becomes metres"
-    )
+    start = "draws the start: a hair becomes metres"
+    system("--seed K", type=number(int, 0), default=0, help=start)
     plain = "run the lines as they stand, in numpy: slow; print, breakpoint, traceback"
     method("--plain", action="store_true", help=plain)
     results("-h --help", action="help", help="these lines")

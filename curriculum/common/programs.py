@@ -102,8 +102,7 @@ class Program:
     def shaped(self, symbols):
         """Arrays like the results, of other Symbols."""
         symbols = iter(symbols)
-        flat = [lifted([next(symbols) for _ in array.flat]) for array in self.results]
-        return [x.reshape(array.shape) for x, array in zip(flat, self.results, strict=True)]
+        return [lifted([next(symbols) for _ in x.flat]).reshape(x.shape) for x in self.results]
 
     def renamed(self, names, tape):
         """The results where what the program makes is called `names`, on a tape around it."""

@@ -235,9 +235,8 @@ class Traced:
 
     def fits(self, q, v):
         """Whether q, v (..., N, 3) are zero in all that is taken to stay zero."""
-        return not any(
-            np.any(x[..., ~moving]) for x, moving in zip((q, v), self.moving, strict=True)
-        )
+        both = zip((q, v), ~self.moving, strict=True)
+        return not any(np.any(x[..., still]) for x, still in both)
 
     def states(self, rows):
         """q, v (count, N, 3) of rows (count, entries), stored components first."""
