@@ -77,9 +77,7 @@ def test_help_fits_a_screen_and_leaves_nothing_out(monkeypatch, capsys):
     c.main(["--show-step", "--system", "pendulum", "--out", "/dev/null/below"])  # it is not needed
 
 
-def test_importing_does_nothing_and_a_run_needs_no_rerun_unless_a_recording_is_asked_for(
-    tmp_path, monkeypatch, capsys
-):
+def test_importing_does_nothing_and_only_a_recording_needs_rerun(tmp_path, monkeypatch, capsys):
     code = f"import os, sys; sys.path.insert(0, {str(c.HERE)!r}); import constraints as c"
     code += "\nprint(os.listdir()); c.main(sys.argv[1:]); assert 'rerun' not in sys.modules"
     done = python("-c", code, *SHORT, cwd=tmp_path)
@@ -111,9 +109,7 @@ def test_a_study_is_run_by_its_name_with_its_flags(tmp_path, capsys):
 
 
 # --- what could stop a run, and does not ---
-def test_where_llvmlite_fails_a_run_goes_on_in_python_and_says_so_once(
-    tmp_path, monkeypatch, capsys
-):
+def test_where_llvmlite_fails_python_goes_on_and_it_is_said_once(tmp_path, monkeypatch, capsys):
     llvmlite = pytest.importorskip("llvmlite", reason="the extra fast brings it")
 
     def metrics():
@@ -164,9 +160,7 @@ def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):
     assert [name for name in ("theirs", "mine", "json", "math") if pure.of_reader(name)] == ["mine"]
 
 
-def test_a_row_of_the_readers_own_in_the_table_of_modes_is_run_printed_and_drawn(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_mode_of_the_readers_own_is_run_printed_and_drawn(tmp_path, monkeypatch, capsys):
     """And nothing that is printed is wider than a narrow terminal."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)

@@ -38,9 +38,7 @@ def contents(folder):
 
 @pytest.mark.parametrize("links", [True, False])
 @pytest.mark.parametrize(("call", "error"), FAILS)
-def test_a_set_that_cannot_be_finished_leaves_all_as_it_was(
-    call, error, links, tmp_path, monkeypatch
-):
+def test_a_set_left_unfinished_leaves_all_as_it_was(call, error, links, tmp_path, monkeypatch):
     """Whatever was written, replaced, made or removed before it; also on a disk without links."""
     usual = getattr(files.Path, call)
     if not links:
@@ -186,9 +184,7 @@ def test_a_working_folder_that_is_gone_is_told_of(tmp_path, monkeypatch, capsys)
     assert {path.name for path in out.iterdir()} == {*NAMES}
 
 
-def test_a_run_leaves_all_its_files_and_none_older_and_none_tells_where_it_was(
-    tmp_path, monkeypatch
-):
+def test_a_run_leaves_its_own_files_only_and_none_tells_where_it_was(tmp_path, monkeypatch):
     scene, out = tmp_path / "mine.json", tmp_path / "out"
     scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
     files.write_together(out, dict.fromkeys(NAMES, "old"))

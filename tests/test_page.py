@@ -426,9 +426,7 @@ def test_60_frames_a_second(name, visit):
     assert visit(name, wall=True).evaluate("hands.frames", 205) < 205  # 200 ms for 12 of them
 
 
-def test_reduced_motion_starts_paused_and_a_force_with_sin_says_that_bits_may_differ(
-    visit, monkeypatch
-):
+def test_reduced_motion_is_paused_and_of_a_sine_bits_may_differ(visit, monkeypatch):
     feel(monkeypatch, lambda q, v: np.sin(q))
     tab = visit("sines", text=page("pendulum"), reduced_motion="reduce")
     tab.clock.run_for(500)

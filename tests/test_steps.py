@@ -250,19 +250,13 @@ def forces():
         "uses DEVICE, which cannot be put back": lambda q, v: 0.0 * DEVICE.random() * v,
         "something else when it is compiled: turns": lambda q, v: len(halving(q)[1]) * -v,
         "something else when it is compiled: no number": lambda q, v: 0.0 * np.exp(800.0 + q),
-        "something else when it is compiled: no number, beside a sine": lambda q, v: (
-            np.sin(1.0 + q) + 0.0 * np.exp(800.0 + q)
-        ),
+        "when it is compiled: no number, a sine": lambda q, v: np.sin(q) + 0.0 * np.exp(800.0 + q),
         "keeps a number from an earlier call": lambda q, v: halving(q)[1][-1] - v,
         # questions that a symbol answers otherwise than a number
         "when it is compiled: float": lambda q, v: -v if isinstance(q[0, 0], float) else 0.0 * q,
-        "when it is compiled: a thousandth": lambda q, v: (
-            np.sin(q) * (1.0 + 1e-3 * isinstance(q[0, 0], float))
-        ),
+        "when it is compiled: a sine": lambda q, v: np.sin(q if q.dtype != float else 1.001 * q),
         "when it is compiled: dtype": lambda q, v: -v if q.dtype == float else 0.0 * q,
-        "when it is compiled: out of its plane": lambda q, v: (
-            np.array([0.0, 0.0, 1e-9 * (q.dtype == float)]) + 0.0 * q
-        ),
+        "when it is compiled: its plane": lambda q, v: 0.0 * q + [0, 0, 1e-9 * (q.dtype == float)],
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # and those that it does not answer
         "branches on a value": branching,
@@ -281,9 +275,7 @@ def forces():
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
-        "compiled: 1 / 0 of constants at times": lambda q, v: (
-            -np.minimum(1.0 / np.maximum(q + 0.05, 0.0), 5.0)
-        ),
+        "compiled: constants": lambda q, v: -np.minimum(1.0 / np.maximum(q + 0.05, 0.0), 5.0),
         "compiled: dry friction": lambda q, v: -v / (1.0 + 1.0 / np.abs(v)),
         "compiled: equal": lambda q, v: np.where((q == 0.0) | ~(v != 0.0), q, 1.0),
         "compiled: between": lambda q, v: -v * np.where((q < -0.05) & (q > -0.1), 1.0, 0.1),
@@ -347,9 +339,7 @@ def filing(system, q, v):
 @pytest.mark.parametrize(
     ("force", "way"), [(filling, "compiled"), (filing, "it changes the dict system")]
 )
-def test_what_a_force_fills_may_come_of_the_masses_and_its_system_cannot_be_filled(
-    force, way, monkeypatch
-):
+def test_a_force_may_fill_what_comes_of_masses_and_not_its_system(force, way, monkeypatch):
     monkeypatch.setattr(c, "external_force", force)
     found, plain = (run(dict(DOUBLE), "rk4", "none", 0.005, 40, way=x) for x in (Compiled, Plain))
     assert way in found.way and np.array_equal(found.tip, plain.tip)
@@ -587,9 +577,7 @@ def test_hardly_more_is_computed_ahead_than_a_loop_takes(change, monkeypatch):
 def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
     """A clock is noticed at the first step; what is changed later has come too late."""
     monkeypatch.setattr(f"{__name__}.WIND", 0.0)
-    monkeypatch.setattr(
-        c, "external_force", lambda system, q: system["m"] * c.GRAVITY + [WIND > 0.1, 0.0, 0.0]
-    )
+    feel(monkeypatch, lambda q, v: 0.0 * q + [WIND > 0.1, 0.0, 0.0])
 
     def ticking(begin, k, v=None):
         global WIND
@@ -628,11 +616,7 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
 def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
     """Also where the last state, which is compared, feels nothing of it."""
     monkeypatch.setattr(f"{__name__}.WIND", 0.0)
-
-    def blowing(system, q):
-        return system["m"] * c.GRAVITY + [WIND * (q[0, 0] > 0.5), 0.0, 0.0]
-
-    monkeypatch.setattr(c, "external_force", blowing)
+    feel(monkeypatch, lambda q, v: 0.0 * q + [WIND * (q[0, 0] > 0.5), 0.0, 0.0])
     q, pulls = np.stack([DOUBLE["q0"]] * 200), mapped(partial(c.tensions, DOUBLE))
     q[-1] *= [-1.0, 1.0, 1.0]
     many = _runs.crowd(DOUBLE | {"q0": q, "v0": 0.0 * q}, "semi_implicit", "none", 0.005)
@@ -871,9 +855,7 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
 
 
 @pytest.mark.parametrize("way", [Compiled, Plain])
-def test_a_run_whose_loop_gets_a_force_that_is_no_number_keeps_its_steps_watched_or_not(
-    way, monkeypatch
-):
+def test_where_a_force_becomes_no_number_steps_are_kept_watched_or_not(way, monkeypatch):
     system = c.build_system("braced")
 
     def lost(q, v):

@@ -82,9 +82,7 @@ def test_the_lines_for_a_notebook_run_and_a_clock_tells_the_time(monkeypatch):
     assert len(space["run"].tip) == 2001 and space["run"].violations.max() < 1e-5
 
 
-def test_figures_goes_on_after_a_failure_and_no_study_does_what_nobody_knows(
-    tmp_path, monkeypatch, capsys
-):
+def test_figures_goes_on_after_a_failure_and_odd_words_are_refused(tmp_path, monkeypatch, capsys):
     block = "<!-- printed by: {0} -->\n```text\n$ {0}\n{1}\n```\n"
     lost = "<!-- listing of: page.md f -->\n```python\nold\n```\n"
     page, fails, works = tmp_path / "page.md", "python -c raise", "python -c print(1)"
@@ -217,9 +215,7 @@ def test_an_answer_of_another_shape_is_told_of_before_a_run_stops_in_a_line_of_i
     assert ended == [1] and capsys.readouterr().out.splitlines()[-1].startswith(says)
 
 
-def test_a_linkage_is_a_scene_ones_own_and_has_a_loop_and_tells_remedies_apart(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_linkage_is_ones_own_has_a_loop_and_tells_remedies_apart(tmp_path, monkeypatch, capsys):
     solution, scene = load(FIVE), (FOLDER / "solutions/my_linkage.json").read_text("utf-8")
     solution.SCENE, rods = tmp_path / "mine.json", json.loads(scene)["rods"]
     for changed, error, says in (
