@@ -2,11 +2,12 @@
 
 A single trajectory may be held by luck. So each scene but two easy ones, and one that is refused,
 is started many times: as it is, by turns with masses and speeds wrong by a rounding error, and with
-other masses (within 30 %) and speeds, all consistent with the rods and drawn by a seed. A start is
-held if no rod is ever off by more than 1 % of the shortest, and the energy by no more than 10 % of
-the larger of its scale, sum m |g| sum L, and the kinetic energy at the start. A cell is the largest
-step of a ladder, 0.02 to 0.0005 s, at which all starts are held; where there is none, how many the
-smallest holds.
+other masses (within 30 %) and speeds, all consistent with the rods and drawn by a seed. What is at
+rest and in line stays at rest: pushes go along axes that a scene uses, and there rods let none
+pass. A start is held if no rod is ever off by more than 1 % of the shortest, and the energy by no
+more than 10 % of the larger of its scale, sum m |g| sum L, and the kinetic energy at the start. A
+cell is the largest step of a ladder, 0.02 to 0.0005 s, at which all starts are held; where there is
+none, how many the smallest holds.
 """
 
 from functools import partial
