@@ -200,10 +200,6 @@ def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
     feel(monkeypatch, lambda q, v: -v if q.dtype == float else 0.0 * q)  # not so when it is traced
     with pytest.raises(Untraceable, match="something else when it is compiled"):
         true_position(true_run("double"), 0.1)
-    # and so where that shows on the way only
-    feel(monkeypatch, lambda q, v: -v if isinstance(q[0, 1], float) and q[0, 1] < -0.5 else 0.0 * q)
-    with pytest.raises(Untraceable, match="something else when it is compiled"):
-        true_position(true_run("double"), 2.0)
 
 
 def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
