@@ -427,7 +427,7 @@ def main(argv=None):
         watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
         runs[mode] = run(mode, rule, plan.dt, plan.steps, keep, partial(usual, watch=watch))
         pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))
-    motion = ruler.true_motion(true_run, system, plan.dt, shown, plan.truth)
+    plan, motion = ruler.believed(true_run, system, plan, shown, runs.values())
     mgl = energy_scale(system, GRAVITY)  # J
     found = Comparison(args, system, *plan, runs, mgl, pulls, shown, motion)
     report(found)

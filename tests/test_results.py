@@ -17,7 +17,7 @@ from curriculum.common.ruler import true_position
 
 import numpy as np
 import pytest
-from conftest import python, true_run
+from conftest import feel, python, true_run
 
 DOUBLE = c.build_system("double")
 
@@ -184,6 +184,18 @@ def test_every_mark_and_dash_in_the_table_has_its_sentence():
         assert {"none", "baumgarte"} <= stopped.keys()
         assert all(marked(lines, f"* {mode} ")[0].endswith(stopped[mode]) for mode in stopped)
     assert marked(results("--dt 5", 5)[1], "none* ")[0].split()[1:4] == ["-", "-", "-"]
+
+
+def test_no_truth_is_believed_where_a_run_finds_that_what_is_compiled_lies(monkeypatch):
+    """As where floats feel on the way what symbols do not: it was found by compiled steps."""
+
+    def drag(q, v):
+        return -v if isinstance(q[0, 1], float) and q[0, 1] < -0.5 else 0.0 * v
+
+    feel(monkeypatch, drag)
+    found, lines = results("--stabilization none", 400)
+    assert found["known"] is found["results"]["none"]["error"] is None
+    assert "the truth at 2 s is not believed:" in marked(lines, "- none: ")[0]
 
 
 VERDICTS = {

@@ -202,6 +202,15 @@ def true_motion(true_run, system, dt, shown, truth):
         last = further
 
 
+def believed(true_run, system, plan, shown, runs):
+    """The Plan, and the true_motion beside its Truth; no Truth where one of `runs` has found that
+    what is compiled does something else than the lines, since it was found by such steps."""
+    lies = [run.step.lies for run in runs if run.step.lies]
+    if lies:
+        plan = plan._replace(truth=Truth(plan.truth.step, unsought=f"not believed: {lies[0]}"))
+    return plan, true_motion(true_run, system, plan.dt, shown, plan.truth)
+
+
 def cost(run, rule, dt, states):
     """How many forces a step of a rule asks for: the mean over steps that begin at `states`."""
     asked = []
