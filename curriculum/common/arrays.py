@@ -215,6 +215,7 @@ def product(a, b):
     if symbols or len(rows) * columns.size > SMALL:
         made = sparse_product(rows, columns)
     else:
+        rows, columns = np.asarray(rows), np.asarray(columns)  # which are numpy's own: quicker
         made = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
     return viewed(made.reshape(a.shape[:-1] + b.shape[1:]))
 
