@@ -437,6 +437,20 @@ def test_reduced_motion_is_paused_and_of_a_sine_bits_may_differ(visit, monkeypat
     assert "uses sin" in tab.inner_text("#notes")
 
 
+def test_a_force_that_comes_to_no_end_stops_what_it_moves_and_not_the_page(visit, monkeypatch):
+    def drag(q, v):  # of slow particles alone
+        return repeat(lambda y: (0.9 * y, 100.0 * np.sum(y * y)), -v, 20, "too fast", 0.0)
+
+    feel(monkeypatch, drag)
+    tab = visit("drag", text=page("pendulum"))
+    tab.click("#run")
+    tab.click("#forces")
+    for _ in range(18):
+        tab.click("#one")
+        tab.clock.run_for(50)  # in which it is drawn
+    assert "too fast at 0.09 s" in tab.inner_text("#tiles")
+
+
 def test_a_scene_that_is_not_flat_turns(visit):
     system = c.build_system("double") | {"v0": np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])}
     text = play.page(c, "turned", system, "semi_implicit", c.semi_implicit_step, *USUAL)
