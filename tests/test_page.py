@@ -370,6 +370,10 @@ def test_only_a_browser_that_is_late_for_seconds_is_said_to_be(visit):
         assert ("only 20 %" in tab.inner_text("#notes")) == said
     tab.evaluate("play(false), tell()")
     assert tab.inner_text("#notes") == ""
+    tab.evaluate(late, 12)  # and after so many the truth is left out
+    assert tab.inner_text("dd.away >> nth=0").startswith("≥ ")
+    tab.evaluate("begin(), tell()")
+    assert tab.inner_text("dd.away >> nth=0") == "–"
 
 
 def test_a_new_step_is_a_new_run_beside_the_pale_one_before(visit):
