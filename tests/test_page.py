@@ -315,14 +315,18 @@ def test_what_questions_say_is_seen(visit):
     assert "cliff" not in asked and "grow" not in asked
 
 
-def test_where_only_no_spring_at_all_holds_the_cliff_says_so(visit):
+def test_where_only_no_spring_at_all_holds_or_each_does_the_cliff_says_so(visit):
     """Of rods of 1 mm, in steps that are long for such."""
     system = c.build_system("double")
     system |= {key: 1e-3 * system[key] for key in ("q0", "lengths")}
     text = play.page(c, "small", system, "semi_implicit", c.semi_implicit_step, *USUAL)
     tab = visit("small", text=text)
     tab.click("text=Where is w's cliff?")
-    assert "here w = 0 (dt w = 0) holds for 10 s, w = 5 " in tab.inner_text("#say")
+    said = tab.inner_text("#say")
+    assert "here w = 0 (dt w = 0) holds for 10 s, w = 5 " in said and "Move w" in said
+    tab = visit("upright")  # where nothing moves: there is no notch to the right of the last w
+    tab.click("text=Where is w's cliff?")
+    assert tab.inner_text("#say").endswith("here w = 396 (dt w = 1.98) holds for 10 s.")
 
 
 def test_where_there_is_no_time_for_a_question_no_more_is_said_than_was_tried(visit):
