@@ -389,6 +389,8 @@ def test_a_new_step_is_a_new_run_beside_the_pale_one_before(visit):
     assert tab.evaluate("[time, marks.length, before.length]") == [0, 0, 5]
     tab.evaluate("hands.pick(['dt', 0.05]), hands.go(40), hands.pick(['dt', 0.005])")
     assert tab.evaluate("before[0].errors.length * before[0].bin") == pytest.approx(2.05)
+    tab.evaluate("hands.pick(['dt', 0.0005]), hands.go(4000)")
+    assert 290 < tab.evaluate("copies[0].trail.length") < 310  # soon drawn, by any step
     tab.click("text=As it was")
     assert tab.evaluate("knobs.dt === data.knobs.dt && knobs.w === data.knobs.w")
 
