@@ -247,13 +247,14 @@ def test_a_scene_may_be_called_like_a_blank_of_the_template(visit):
     assert visit("odd", text=text).inner_text("h1").startswith(f"{odd}: five ways")
 
 
-def test_the_longest_names_stay_on_a_narrow_screen(monkeypatch, visit):
+def test_the_longest_names_and_the_clock_stay_on_a_narrow_screen(monkeypatch, visit):
     table, name = c.hold_table, 9 * "long"
     monkeypatch.setattr(c, "hold_table", lambda *given: {name: table(*given)["none"]})
     system, step_fn = c.build_system("pendulum"), c.semi_implicit_step
     text = play.page(c, 2 * name, system, "semi_implicit", step_fn, *USUAL)
     tab = visit("long", (320, 640), text=text)
     assert tab.evaluate("document.documentElement.scrollWidth") == 320
+    assert tab.evaluate("byId('clock').getBoundingClientRect().right") < 320
     assert tab.evaluate("[...document.querySelectorAll('b')].every((x) => x.offsetWidth < 100)")
 
 
