@@ -357,6 +357,13 @@ def test_where_there_is_no_time_for_a_question_no_more_is_said_than_was_tried(vi
     assert tab.evaluate("before[0].errors.length * before[0].bin") > 0.9  # s, to be seen
 
 
+def test_a_button_that_is_pressed_keeps_its_look_where_colours_are_forced(visit):
+    tab = visit("double")
+    tab.click("#slow")
+    asked = "['slow', 'forces'].map((id) => getComputedStyle(byId(id)).forcedColorAdjust)"
+    assert tab.evaluate(asked) == ["none", "auto"]
+
+
 def test_a_question_that_is_asked_is_read_whole(visit):
     """On a phone the row of questions fades out to the right, over its last seventh."""
     tab = visit("double", (390, 844))
