@@ -294,6 +294,8 @@ def test_a_drag_moves_a_particle_in_every_tile_and_arrow_keys_pull_until_escape(
     assert tab.evaluate("knobs.hand") == held
     tab.press("input >> nth=0", "Escape")
     assert tab.evaluate("hand.particle") is None
+    tab.press("canvas.view >> nth=0", "Alt+ArrowLeft")  # which turns back to another page
+    assert tab.evaluate("hand.particle") is None
     tab.mouse.down(button="right")
     assert tab.evaluate("hand.particle") is None
     tab.mouse.up(button="right")
