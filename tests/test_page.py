@@ -465,6 +465,8 @@ def test_reduced_motion_is_paused_and_of_a_sine_bits_may_differ(visit, monkeypat
     tab.click("#run")
     tab.clock.run_for(500)
     assert "uses sin" in tab.inner_text("#notes")
+    tab.click("text=As it was")
+    assert "but for their last bits" in tab.inner_text("#say")
 
 
 def test_a_force_that_comes_to_no_end_stops_what_it_moves_and_not_the_page(visit, monkeypatch):
