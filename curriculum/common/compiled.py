@@ -34,12 +34,13 @@ class Compiled(Plain):
     """What Plain is, compiled: it computes a block of states ahead, and hands them out.
 
     A state that is not the one handed out last begins a new block. What was compiled is compared
-    with the plain step at first, after OFTEN * FIRST steps, whenever they are OFTEN times as many,
-    and in the end. Where they differ, or the step cannot be traced, steps are plain. With `only`
-    that raises Untraceable, since it would take too long, and only one block is compared. `steps`:
-    how many are to come. `way` says how steps are done; `source` is the code; `taken` steps took
-    `seconds`, counted from zero where the way changes. `lies`: why what was compiled was given up,
-    or None. `halvings`: how often a step that fails is halved; if never, the run stops there.
+    with the plain step at first, after FIRST steps, since a start may be at rest, whenever they are
+    OFTEN times as many, and in the end. Where they differ, or the step cannot be traced, steps are
+    plain. With `only` that raises Untraceable, since it would take too long, and only one block is
+    compared. `steps`: how many are to come. `way` says how steps are done; `source` is the code;
+    `taken` steps took `seconds`, counted from zero where the way changes. `lies`: why what was
+    compiled was given up, or None. `halvings`: how often a step that fails is halved; if never, the
+    run stops there.
     """
 
     def __init__(
@@ -146,7 +147,7 @@ class Compiled(Plain):
         self.done += count
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
-            self.due, self.compared = OFTEN * max(self.done, FIRST), True
+            self.due, self.compared = max(FIRST, OFTEN * self.done), True
             if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
