@@ -118,7 +118,7 @@ def constraint_terms(system, q, v):
             rate = v[i] - v[j]
             jac[k, j] = -d
         jac[k, i] = d
-        length = system["lengths"][k]
+        length = float(system["lengths"][k])
         g[k] = 0.5 * (d @ d - length * length)
         gdot[k] = d @ rate  # = (J v)_k
         jdotv[k] = rate @ rate  # = (Jdot v)_k
@@ -144,7 +144,7 @@ def multipliers(system, q, v, hold, f=None):
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
     if hold.softness > 0.0:  # MuJoCo's error is |d| - L, and its row of J is ours / |d|; gdot stays
-        size = np.sqrt(2.0 * g + np.square(system["lengths"]))  # |d|, for 2 g = |d|^2 - L^2
+        size = np.sqrt(2.0 * g + np.square(system["lengths"], dtype=float))  # |d|, out of g
         g = size * (size - system["lengths"])  # MuJoCo's error, times |d| as its row is
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # entry by entry: A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)

@@ -121,6 +121,15 @@ def test_a_state_may_be_lists_and_one_of_another_shape_is_told():
             function(DOUBLE, q[:1], v[:1])
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.int8])
+def test_lengths_of_a_short_type_are_squared_in_full(kind):
+    short = DOUBLE | {"lengths": np.array([20.1, 30.1]).astype(kind)}
+    full = short | {"lengths": short["lengths"].astype(float)}
+    for hold in TABLE:
+        force, expected = (c.constraint_force(x, x["q0"], x["v0"], hold) for x in (short, full))
+        assert np.array_equal(force, expected)
+
+
 def test_jacobian_is_the_derivative_of_g():
     system, eps = moving(tree(5, 2)), 1e-6
     q, v = system["q0"], system["v0"]
