@@ -35,6 +35,7 @@ UNFIT = MISTAKES["scenes"]["unfit"] | {
     "must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
     "keep can be gone through but once": {"keep": iter([1, 2])},
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
+    "this force does not fit rk4; take gauss": {"mode": c.Hold(1.0, 0.0, 0.0, 0.0, rule="gauss")},
     "hold is None; must be": {"mode": None},
     "hold is 20j; must be": {"mode": 20j},
     "hold is (1, 2); must be": {"mode": (1, 2)},

@@ -58,8 +58,10 @@ def misfit(hold, rule):
     """Why a Hold, if it is one, is nothing for the integrator of this name; None if it fits."""
     if not hold or hold.rule in (None, rule):
         return None
-    step = "which does not end a step at q + dt (v + dt a)"
-    return f"does not fit {rule}, {step}; take {hold.rule}"
+    why = f"does not fit {rule}"
+    if hold.rule == "semi_implicit":  # a row of the reader's own may be for another
+        why += ", which does not end a step at q + dt (v + dt a)"
+    return f"{why}; take {hold.rule}"
 
 
 def fitting(modes, holds, rule):
