@@ -198,6 +198,7 @@ ASKED = {  # what numpy's functions are asked for besides: of numbers, and of sy
     "a count": lambda x: np.array([0.0, 1.5, 3.5, 7.5])[np.sum(x > -1.0)],
     "true or true": lambda x: (x > -1.0) + (x < 1.0),
     "true and true": lambda x: (x > -1.0) * (x < 1.0) + (x > 0.0),
+    "true at true": lambda x: (x > -1.0) @ (x < 1.0) + 2.0 * np.dot((x > -3.0)[None], x < 1.0),
     "true by a number": lambda x: np.where(np.maximum(0.0 * x, 0.5) < 1.0, x, -x),
     "counts of what is known": lambda x: np.sum(0.0 * x <= np.zeros(3)),
     "a mean of some": lambda x: np.mean(x, where=np.asarray([True, False, True])),

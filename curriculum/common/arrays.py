@@ -199,6 +199,8 @@ def product(a, b):
     """a @ b of vectors and matrices, its terms added in order, without those that are zero."""
     if type(a) is not Ordered or type(b) is not Ordered:
         a, b = np.asarray(a), np.asarray(b)
+    if a.dtype.kind == b.dtype.kind == "b":  # whether both are true anywhere: nothing is added
+        return np.dot(np.asarray(a), np.asarray(b))
     if a.ndim == 1 and a.shape == b.shape and 0 < len(a) <= FEW:
         return few_terms(a.tolist(), b.tolist())
     if not a.ndim or not b.ndim:  # as np.dot has it
