@@ -67,7 +67,8 @@ def torn(system, gravity, unit, rate, slow):
     ends = differences(np.eye(len(system["m"])), np.zeros((len(fixed), len(system["m"]))), pairs)
     rows = (ends[..., None] * unit[:, None]).reshape(len(unit), -1)  # J of unit vectors
     bend = np.sum(rate**2, axis=1) / lengths
-    k = strained(rows, bend, 1e-12 * bend.max())
+    still = 3.0 * len(bend) * slow * slow / lengths.min()  # more than rods at rest make of it
+    k = strained(rows, bend, 1e-12 * bend.max() + still)
     rest = np.flatnonzero(np.abs(rate).max(axis=1) < slow)
     if k is not None or not len(rest):
         return k
@@ -77,8 +78,9 @@ def torn(system, gravity, unit, rate, slow):
     wanted = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
     held = np.linalg.lstsq(scaled / size[:, None], wanted, rcond=LOST)[0]
     accel = differences(((free + held) / root).reshape(-1, 3), np.zeros_like(fixed), pairs)
-    floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 / lengths.min()  # of rounding
-    k = strained(rows[rest], np.sum(accel**2, axis=1)[rest] / lengths[rest], floor)
+    floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 + still * still  # of rounding
+    bend = np.sum(accel**2, axis=1) / lengths
+    k = strained(rows[rest], bend[rest], floor / lengths.min())
     return None if k is None else rest[k]
 
 
