@@ -306,7 +306,6 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     It unpacks into tip (steps + 1, 3), the last particle's place, violations in m, energies in J.
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
-    system = {"anchors": PIVOT[None], **system}  # PIVOT, unless the system names anchors
     system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS, PIVOT)
     step_fn = followed(step_fn, getattr(force, "after", None))  # your own force may have none
 
@@ -375,7 +374,7 @@ def parse(argv):
         parser.attempt("--rerun", installed, "rerun")
     links = 10 if args.links is None else args.links
     own = parser.attempt("--system", build_system, args.system, args.seed, links)
-    system = parser.attempt("build_system", run_checks.check_system, {"anchors": PIVOT[None]} | own)
+    system = parser.attempt("build_system", run_checks.check_system, own, PIVOT[None])
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
     return parser, args, system

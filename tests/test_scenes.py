@@ -76,9 +76,11 @@ def test_what_cannot_be_run_is_named_before_it_begins(sentence):
     """A mistake in a typed system, or in what is asked of a run."""
     asked = {"mode": "none", "dt": 0.01, "steps": 9} | UNFIT[sentence]
     system = {key: asked.pop(key, usual) for key, usual in LEVEL.items()}
+    system = {key: x for key, x in system.items() if not isinstance(x, str)}  # left out
+    system, forced = asked.pop("system", system), asked.pop("forced", system)
     mode, rule = asked.pop("mode"), asked.pop("step_fn", c.rk4_step)
     with pytest.raises(ValueError, match=re.escape(sentence)):
-        force = asked.pop("force", None) or c.make_force(system, mode)
+        force = asked.pop("force", None) or c.make_force(forced, mode)
         c.simulate(rule, system, force, **asked)
 
 

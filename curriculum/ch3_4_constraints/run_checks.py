@@ -1,9 +1,10 @@
 """What a run is asked for, checked before it begins: a mistake is answered by a sentence."""
 
+from collections.abc import Mapping
 from numbers import Integral, Real
 from types import MappingProxyType
 
-from curriculum.ch3_4_constraints.systems import check_system
+from curriculum.ch3_4_constraints.systems import check_system, need
 from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import meant, shorten
@@ -147,8 +148,10 @@ def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
         if not (whole and 0 <= x <= steps):
             must = f"must be steps of the run, whole numbers 0 to {steps}"
             raise ValueError(f"keep has {shorten(repr(x))}; {must}")
-    system = check_system(system)
-    own = {"anchors": pivot[None]} | getattr(force, "system", system)
+    system = check_system(system, pivot[None])
+    own = getattr(force, "system", system)
+    need(isinstance(own, Mapping), "the system of this force", own, "a dict, as that of the run")
+    own = {"anchors": pivot[None], **own}
     for key in TIED:
         if not np.array_equal(own[key], system[key]):
             raise ValueError(f"this force is for another system: {key} are not those of the run")

@@ -5,6 +5,7 @@ A system is a dict of arrays, as COLUMNS has them, and of what else its maker pu
 
 import json
 from argparse import ArgumentTypeError
+from collections.abc import Mapping
 from decimal import Decimal, localcontext
 from itertools import accumulate
 from numbers import Integral
@@ -85,10 +86,15 @@ def states(system, *arrays):
     return made
 
 
-def check_system(system):
+def check_system(system, anchors=None):
     """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept. A
-    length may be a tenth off. Raises SceneError."""
-    need(set(COLUMNS) <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
+    length may be a tenth off. `anchors` (K, 3): of a system that names none. Raises SceneError."""
+    allowed = f"a dict with {', '.join(COLUMNS)}"
+    need(isinstance(system, Mapping), "a system", system, allowed)
+    system = {"anchors": anchors, **system}
+    for key in COLUMNS:
+        if key not in system:
+            raise SceneError(f"a system has no {key}; must be {allowed}")
     typed = {}
     for key, (dtype, row, low, shape, _, allowed) in COLUMNS.items():
         try:
