@@ -37,6 +37,9 @@ UNFIT = MISTAKES["scenes"]["unfit"] | {
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
     "this force does not fit rk4; take gauss": {"mode": c.Hold(1.0, 0.0, 0.0, 0.0, rule="gauss")},
     "hold is None; must be": {"mode": None},
+    "step_fn is {'q0': array([[0., 0., 0.], [0., 0., 0.]])}; must be": {
+        "step_fn": {"q0": np.zeros((2, 3))}
+    },
     "hold is 20j; must be": {"mode": 20j},
     "hold is (1, 2); must be": {"mode": (1, 2)},
 }
@@ -79,9 +82,10 @@ def test_what_cannot_be_run_is_named_before_it_begins(sentence):
     system = {key: x for key, x in system.items() if not isinstance(x, str)}  # left out
     system, forced = asked.pop("system", system), asked.pop("forced", system)
     mode, rule = asked.pop("mode"), asked.pop("step_fn", c.rk4_step)
-    with pytest.raises(ValueError, match=re.escape(sentence)):
+    with pytest.raises(ValueError, match=re.escape(sentence)) as told:
         force = asked.pop("force", None) or c.make_force(forced, mode)
         c.simulate(rule, system, force, **asked)
+    assert "\n" not in str(told.value)
 
 
 def test_a_clean_system_is_float64_and_keeps_other_keys_and_lacks_none():

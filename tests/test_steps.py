@@ -898,6 +898,29 @@ def test_a_step_that_does_not_return_q_and_v_is_told_of_by_its_line(way, returne
             c.simulate(rule, DOUBLE, force._replace(after=after), 0.1, 9, (), way)
 
 
+@pytest.mark.parametrize("wrong", [None, -9.81, np.zeros((2, 2)), np.zeros(6)])
+@pytest.mark.parametrize("way", [Compiled, Plain])
+def test_a_force_of_ones_own_that_is_not_three_numbers_a_particle_is_told_of_by_its_line(
+    way, wrong
+):
+    def mine(q, v):
+        return wrong
+
+    said = rf"mine \(test_steps.py, line {mine.__code__.co_firstlineno}\): .* must be"
+    with pytest.raises(ValueError, match=said):
+        c.simulate(c.rk4_step, DOUBLE, mine, 0.1, 9, (), way)
+
+
+def test_a_rule_may_ask_its_force_for_more_than_numbers():
+    def mine(q, v, m, force, dt):
+        assert force.system is not None
+        return c.semi_implicit_step(q, v, m, force, dt)
+
+    force = c.make_force(DOUBLE, "none")
+    found = c.simulate(mine, DOUBLE, force, 0.005, 9)
+    assert np.array_equal(found.tip, run(DOUBLE, steps=9).tip)
+
+
 @pytest.mark.parametrize("name", ["energy", "constraint_violation"])
 def test_a_measure_that_is_no_number_is_told(name, monkeypatch):
     for wrong in (None, np.ones(1)):

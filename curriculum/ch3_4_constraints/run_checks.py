@@ -9,7 +9,7 @@ from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
-from curriculum.common.steps import called, place_of
+from curriculum.common.steps import called, shaped
 from curriculum.common.tape import NoNumber, Stop, current
 
 import numpy as np
@@ -48,10 +48,7 @@ def own_force(function, system, q, v):
         current.tape.refused.pop()
         masses = np.array([[x] for x in np.ravel(system["m"])], object)
         made = called(function, MappingProxyType(system | {"m": ordered(masses)}), q, v)
-    try:
-        made = ordered(made, q.shape)
-    except ValueError as why:
-        raise ValueError(f"{place_of(function)}: {why}") from None
+    made = shaped(made, q.shape, function)
     return made + current.hand(q, v) if current.hand else made
 
 

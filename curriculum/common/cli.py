@@ -25,7 +25,8 @@ FORMS = {int: r"[-+]?\d{1,99}", float: r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"}
 
 
 def shorten(text):
-    """The text, or its beginning."""
+    """The text in a line, or its beginning."""
+    text = " ".join(text.split())
     return text if len(text) < 60 else text[:57] + "..."
 
 

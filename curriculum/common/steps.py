@@ -12,6 +12,7 @@ from itertools import chain
 from operator import length_hint
 from pathlib import Path
 from traceback import extract_tb
+from types import FunctionType
 
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import shorten
@@ -59,6 +60,14 @@ def place_of(function):
     return f"{name} ({Path(code.co_filename).name}, line {code.co_firstlineno})" if code else name
 
 
+def shaped(made, shape, function):
+    """What a function of forces made, as an array; ValueError for another shape names its line."""
+    try:
+        return ordered(made, shape)
+    except ValueError as why:
+        raise ValueError(f"{place_of(function)}: {why}") from None
+
+
 def pair(end, step):
     """The q, v that a step returned, which may be lists, as arrays."""
     if not isinstance(end, (tuple, list)) or len(end) != 2:
@@ -71,7 +80,11 @@ def followed(rule, after):
     """The step `rule`, which may work in place, and then after(q_start, q, v, dt) -> (q, v)."""
 
     def step(q, v, m, force, dt):
-        end = pair(rule(q.copy(), v.copy(), m, force, dt), rule)
+        def asked(q, v):
+            return shaped(force(q, v), np.shape(q), force)
+
+        plain = isinstance(force, FunctionType)  # else it may have more than a rule calls: its own
+        end = pair(rule(q.copy(), v.copy(), m, asked if plain else force, dt), rule)
         return pair(after(q, *end, dt), after) if after else end
 
     return step
