@@ -306,7 +306,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     It unpacks into tip (steps + 1, 3), the last particle's place, violations in m, energies in J.
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
-    system = run_checks.check_run(system, force, dt, steps, keep, step_fn, INTEGRATORS, PIVOT)
+    system = run_checks.check_run(system, force, dt, steps, keep, way, step_fn, INTEGRATORS, PIVOT)
     step_fn = followed(step_fn, getattr(force, "after", None))  # your own force may have none
 
     def measure(q, v):

@@ -117,13 +117,15 @@ def unsought(system, unheld, plain, table):
     return None if answered else "at the start no tensions make what is asked for"
 
 
-def check_run(system, force, dt, steps, keep, step_fn, rules, pivot):
+def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
     """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
     integrators by name. A step_fn that is none of them is the caller's own affair. pivot (3,): the
     anchor of a system that names none."""
     for name, given, such in (("step_fn", step_fn, "rk4_step"), ("force", force, "make_force's")):
         if not callable(given):
             raise ValueError(f"{name} is {shorten(repr(given))}; must be a function, as {such} is")
+    if not callable(way):
+        raise ValueError(f"way is {shorten(repr(way))}; must be Compiled or Plain, without quotes")
     hold = getattr(force, "hold", None)
     if hold and hold.dt not in (None, dt):
         other = f"not of {dt!r} s; make it of hold_table({dt!r})[mode]"
