@@ -127,6 +127,9 @@ def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
     if not callable(way):
         raise ValueError(f"way is {shorten(repr(way))}; must be Compiled or Plain, without quotes")
     hold = getattr(force, "hold", None)
+    if hold and hold.softness < 0.0:  # which would count as none
+        must = "must be >= 0; it is (1 - p) / p of an impedance p, which is at most 1"
+        raise ValueError(f"the softness of this force is {hold.softness:g}; {must}")
     if hold and hold.dt not in (None, dt):
         other = f"not of {dt!r} s; make it of hold_table({dt!r})[mode]"
         raise ValueError(f"this force is for steps of {hold.dt:g} s, {other}")
