@@ -5,8 +5,8 @@ No formula says so: a linear system does, solved again each time an integrator a
 This file derives that system, hides its solution inside `force(q, v)`, hands that to the
 integrators of chapter 3.3, which never learn of it, and measures what becomes of the rods.
 
-Run: python constraints.py --help. The lines you read are the lines that run; why they are fast is
-told in the chapter, and --show-step prints what a step becomes. Change a line, and see.
+Run: python constraints.py --help. The lines you read are the lines that run: on numbers or, to be
+compiled, on symbols (the chapter tells how; --show-step prints the result). Change one, and see.
 """
 
 # --- region: setup ---
