@@ -272,7 +272,7 @@ def rk4_step(q, v, m, force, dt):
 
 
 INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
-INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # order 8; 8 stages: 16
+INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # order 8; 8 stages, order 16
 
 # Baumgarte's spring is stable up to this z = dt w. A step multiplies its error by 1 - z (Euler) or
 # 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4), which must be within -1..1. Semi-implicit: 4 - 4z - z^2 > 0.
