@@ -129,6 +129,17 @@ def test_a_scene_is_named_by_text_or_a_path_and_a_file_here_goes_first(tmp_path)
         assert len(c.build_system("braced")["q0"]) == 2
 
 
+def test_what_is_no_system_is_told_of_by_every_function_of_one():
+    q, v = LEVEL["q0"], LEVEL["v0"]
+    for asked in (
+        lambda: c.make_force("double", "none")(q, v),
+        lambda: c.tensions(q, LEVEL, v),
+        lambda: c.energy(None, q, v),
+    ):
+        with pytest.raises(SceneError, match="a system is .*; must be a dict, as build_system"):
+            asked()
+
+
 def test_a_chain_has_links_as_many_as_a_file_may_have():
     assert len(c.build_system("chain", links=MOST)["m"]) == MOST
     for links in (0, -1, 2.5, MOST + 1, True):

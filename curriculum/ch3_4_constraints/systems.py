@@ -72,6 +72,7 @@ def states(system, *arrays):
     """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
     be lists, and cannot be written into. Raises ValueError for another shape, which would be
     repeated silently."""
+    need(isinstance(system, Mapping), "a system", system, "a dict, as build_system makes it")
     made, shape = [], np.shape(system["m"])
     if shape[1:] != (1,):
         raise ValueError(f"m has the shape {shape}, must have (N, 1)")
