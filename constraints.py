@@ -16,7 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent))  # for python -P and -I, which leave it out
 # To follow the force, know two: `solve` solves a linear system, and `states` makes arrays of q and
 # v whose sums and products with @ add from first to last. (`ordered` makes one such array.)
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
