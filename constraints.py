@@ -338,6 +338,7 @@ def unheld(system, q, v, hold="none"):
     return unanswered(system, jac, A, b, lam, v)
 
 
+# What follows is flags, tables and files: of rods it has nothing to tell.
 def parse(argv):
     """Parser, command line, and the system it names; scene() and method() add flags to --help."""
     parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
