@@ -15,15 +15,12 @@ PRELUDE = """class Stop extends Error {}
 const max = (a, b) => (a >= b || a !== a ? a : b);
 const min = (a, b) => (a <= b || a !== a ? a : b);
 """
-# Names of numbers on a tape, and of all words.
-MADE_UP = re.compile(r"(?<![A-Za-z0-9.])[a-z]+[0-9]+\b")
 WORD = re.compile(r"(?<![\w.])[A-Za-z]\w*")
-TEXT = re.compile(r'("(?:[^"\\]|\\.)*")')  # what a Stop says
 
 
 def words(texts):
     """The words of texts, each once, in order: {word: None}."""
-    return dict.fromkeys(word for text in texts for word in WORD.findall(TEXT.sub("", text)))
+    return dict.fromkeys(word for text in texts for word in WORD.findall(text))
 
 
 class Writer(Language):
@@ -46,14 +43,7 @@ class Writer(Language):
         """The name of a function that returns an array of `results`, which are expressions."""
         body = "".join(f"{line}\n" for line in lines)
         text = f"({', '.join(parameters)}) {{\n{body}return [{', '.join(results)}];\n}}"
-        known = {}  # what the tape calls t831 is t0 here, so that equal functions look equal
-
-        def renamed(match):
-            return known.setdefault(match[0], f"t{len(known)}")
-
-        parts = TEXT.split(text)  # every other one is such a text
-        parts[::2] = [MADE_UP.sub(renamed, part) for part in parts[::2]]
-        return self.made.setdefault("".join(parts), f"F{len(self.made)}")
+        return self.made.setdefault(text, f"F{len(self.made)}")
 
     def program(self, program, parameters, given):
         """The name of a function (*parameters) -> array that does what a program does.
