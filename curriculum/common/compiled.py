@@ -24,7 +24,6 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps left take so many times as long: the quick, then the best
 QUICK, BEST = 1.5, 6.0
 OFTEN = 4  # times as many steps: then what is compiled is compared again
-SHORTER = 1e-3  # times as long: a step that is only compared
 LOOKS, LOOKED = 6, 20_000  # steps that are compared of a block, and operations in all, at most
 CALL = 5  # a call of numpy counts as so many of them
 CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
@@ -147,7 +146,7 @@ class Compiled(Plain):
         self.done += count
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
-            self.due, self.compared = max(FIRST, OFTEN * self.done), True
+            self.due, self.compared = max(FIRST, OFTEN * self.done), not halved
             if self.differs(start, rows):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
@@ -177,14 +176,8 @@ class Compiled(Plain):
 
     def differs(self, start, rows):
         """Whether a step of a block (count, entries) is another than the plain one: the last or, if
-        the last is not finite, the first, and some in between. With `only` it is a shorter one.
-        """
-        dt, last = self.dt, len(rows) - 1
-        if self.only:  # such rules iterate, and a short step needs fewer rounds
-            dt, last = SHORTER * dt, 0
-            rows, why, _ = self.alone(start, 1, dt)
-            if why:
-                return False
+        the last is not finite, the first, and some in between."""
+        last = len(rows) - 1
         if not np.isfinite(rows[last]).all():
             last = 0
         work = max(self.alone.size, CALL * self.alone.traced.calls)  # of a step as it stands
@@ -192,7 +185,7 @@ class Compiled(Plain):
         for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start
             try:
-                if self.another(before, rows[k], self.alone.traced.plain(before, dt)):
+                if self.another(before, rows[k], self.alone.traced.plain(before, self.dt)):
                     return True
             except Stop:  # the step is taken in halves
                 continue
