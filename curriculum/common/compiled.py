@@ -17,8 +17,7 @@ import numpy as np
 
 BLOCK = 1 << 19  # numbers in a block of states
 FIRST = 16  # steps of the first two blocks, which tell what a step costs
-# operations in a block up to step FIRST, and in a later one, at most; a loop counts as one turn
-SHORT, LONG = 75_000, 3_000_000
+LONG = 3_000_000  # operations in a block, at most; a loop counts as one turn
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps left take so many times as long: the quick, then the best
@@ -167,11 +166,8 @@ class Compiled(Plain):
         """How many steps the next block has; never by the clock, so that runs are alike."""
         if not self.done:  # see confirm
             return 1
-        most, work = min(self.steps, self.most), LONG
-        if self.done < FIRST:
-            most, work = min(FIRST - 1, most), SHORT
-        if self.alone.machine:
-            work *= QUICKER
+        most = min(self.steps, self.most, FIRST - 1 if self.done < FIRST else math.inf)
+        work = LONG * QUICKER if self.alone.machine else LONG
         return max(1, min(most, BLOCK // entries, work // self.alone.size))
 
     def differs(self, start, rows):
