@@ -22,15 +22,11 @@ NARROW = 8  # lanes of it: more would be far from the processor
 
 
 @cache
-def pool():
-    """Threads, a processor each."""
+def pool(process):
+    """Threads of a process, a processor each: a child by fork has none of its parent's."""
     from concurrent.futures import ThreadPoolExecutor  # here: it takes its time to load
 
     return ThreadPoolExecutor(CORES)
-
-
-if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads, and makes its own
-    os.register_at_fork(after_in_child=pool.cache_clear)
 
 
 def code_of(traced, kind=None, lanes=1):
@@ -97,7 +93,7 @@ def run(code, program, state, count, *knobs):
         piece = slice(first, first + some)
         code(ends[:, piece], count, made[:, piece], *knobs)
 
-    each = pool().map if beside and some < filled else map
+    each = pool(os.getpid()).map if beside and some < filled else map
     list(each(advance, range(0, members, some)))
     return ends[:, :members], made[:, :members]
 
