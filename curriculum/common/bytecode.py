@@ -41,7 +41,7 @@ class Assembler:
         self.leaps = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
         most = [self.register(f"most {k}") for k in range(len(program.out) - len(state))]
-        for name in [*program.knobs, "endless", "unsettled", "trouble"]:
+        for name in [*program.knobs, "endless", "trouble"]:
             self.register(name)
         self.operations(program.tape, program.tape.needed(program.out))
         self.end(state, most, [self.number(s) for s in program.out])
@@ -139,10 +139,8 @@ class Assembler:
             self.rows[row][1] = len(self.rows)
         for name in names:
             self.row("where", name, done, name, self.register(math.nan))
-        finite = self.made("<=", self.made("-", last, last), zero)  # else it has another cause
-        never, unsettled = self.made("-", one, done), self.register("unsettled")
-        self.row("max", self.register("endless"), self.register("endless"), never)
-        self.row("max", unsettled, unsettled, self.made("*", never, finite))
+        endless = self.register("endless")
+        self.row("max", endless, endless, self.made("-", one, done))
 
 
 def reader_lines(lanes):
@@ -227,7 +225,7 @@ class Bytecode:
         self.state = slice(0, len(program.inputs))
         self.most = slice(len(program.inputs), len(program.out))
         self.knobs = [found.register(name) for name in program.knobs]
-        self.flags = [found.register("unsettled"), found.register("endless")]
+        self.endless = found.register("endless")
         self.trouble = found.register("trouble")
 
     def __call__(self, state, count, out, *knobs):
@@ -236,7 +234,7 @@ class Bytecode:
         places, constants = self.constants
         registers[places] = constants[:, None]
         registers[self.knobs] = np.reshape(knobs, (-1, 1))
-        registers[self.flags] = 0.0
+        registers[self.endless] = 0.0
         entries, measured = len(state), self.most.stop > self.most.start
         rows = None if measured or self.lanes > 1 else out.ctypes.data
         given = self.rows.ctypes.data, rows, count, entries, self.trouble
@@ -249,4 +247,4 @@ class Bytecode:
             state[:, members] = registers[self.state]
             if measured:
                 out[:, members] = registers[self.most]
-        return done, bool(registers[self.flags[0], 0])
+        return done, bool(registers[self.endless, 0])

@@ -13,8 +13,7 @@ from curriculum.common.trace import Symbol
 import numpy as np
 
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
-# of a single member: whether all loops have ended; whether one did not, though its size is finite
-ENDED, UNSETTLED = "@ended", "@unsettled"
+ENDED = "@ended"  # of a single member: whether all loops have
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -184,19 +183,16 @@ class Writer(Function):
         for w, place in zip(writers, places, strict=True):
             ends.append(self.choice(good, w.type, w.load(place), w.constant(np.nan)))
         env |= named(ends)
-        if self.alone:  # a size that is not finite has another cause
+        if self.alone:
             ended = self.new(f"and i1 {self.load(ENDED, 'i1')}, {self.reduced('and', good)}")
             self.store(ended, ENDED, "i1")
-            lost = self.choice(good, truth, "zeroinitializer", self.finite(self.load(last)))
-            never = self.new(f"or i1 {self.load(UNSETTLED, 'i1')}, {self.reduced('or', lost)}")
-            self.store(never, UNSETTLED, "i1")
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, apart, knobs, unsettled): see Native.
+    """i64 run(state, count, out, apart, knobs, ended): see Native.
 
-    `apart`: how far apart the entries are. knobs (knobs, lanes). `unsettled` becomes 1 or 0. Where
-    out is all states it may be null.
+    `apart`: how far apart the entries are. knobs (knobs, lanes). `ended`: 1, or 0 if a loop came to
+    no end. Where out is all states it may be null.
     """
     w, many, whole = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
     found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(whole - many)]
@@ -204,7 +200,6 @@ def assembly(program, lanes):
     places = [w.variable(w.load(end)) for end in ends]
     done = w.variable("0", "i64")
     env = {knob: w.load(w.entry("%knobs", k)) for k, knob in enumerate(program.knobs)}
-    w.store("false", UNSETTLED, "i1")
     w.store("true", ENDED, "i1")
     w.begin("step")
     before = w.load(done, "i64")
@@ -230,11 +225,11 @@ def assembly(program, lanes):
     w.begin("end", f"i1 {more}, label %step, label %end")
     for place, end in zip(places, ends, strict=True):
         w.store(w.load(place), end)
-    w.store(w.new(f"zext i1 {w.load(UNSETTLED, 'i1')} to i64"), "%unsettled", "i64")
+    w.store(w.new(f"zext i1 {w.load(ENDED, 'i1')} to i64"), "%ended", "i64")
     head = "i64 @run(ptr noalias %state, i64 %count, ptr noalias %out, i64 %apart, "
-    head += "ptr noalias %knobs, ptr noalias %unsettled)"
+    head += "ptr noalias %knobs, ptr noalias %ended)"
     lines = w.function(head, f"i64 {w.load(done, 'i64')}")
-    lines += [f"{flag} = internal global i1 false, align 8" for flag in (ENDED, UNSETTLED)]
+    lines.append(f"{ENDED} = internal global i1 false, align 8")
     return "\n".join(sum(w.routines.values(), lines))
 
 
@@ -259,8 +254,8 @@ class Native:
         end is not finite, which is not counted; `unsettled`: since a loop came to no end.
         """
         begin, rows, apart = state.ctypes.data, out.ctypes.data, state.strides[0] // 8
-        given, unsettled = np.repeat(np.array(knobs, float), self.lanes), np.zeros(1, np.int64)
+        given, ended = np.repeat(np.array(knobs, float), self.lanes), np.zeros(1, np.int64)
         for first in range(0, 8 * state.shape[1], 8 * self.lanes):
-            rest = rows + first, apart, given.ctypes.data, unsettled.ctypes.data
+            rest = rows + first, apart, given.ctypes.data, ended.ctypes.data
             done = self.function(begin + first, count, *rest)
-        return done, bool(unsettled)
+        return done, not ended

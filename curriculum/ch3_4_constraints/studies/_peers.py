@@ -55,8 +55,8 @@ def ours(task, rule, mode="none", machine=NATIVE, best=True):
         call = partial(single.easy, start[:, 0], rows, dt)
         if machine:  # addresses are taken once, as a peer's binding does
             place = rows.ctypes.data if task.samples > 1 else None
-            knobs, unsettled = np.array([dt]), np.zeros(1, np.int64)
-            ends = knobs.ctypes.data, unsettled.ctypes.data
+            knobs, ended = np.array([dt]), np.zeros(1, np.int64)
+            ends = knobs.ctypes.data, ended.ctypes.data
             call = partial(single.machine.function, state.ctypes.data, steps, place, 1, *ends)
         seconds = least(lambda: done.append(call()), partial(np.copyto, state, start))
         if machine and task.samples == 1:
