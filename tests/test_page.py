@@ -11,6 +11,7 @@ from pathlib import Path
 import constraints as c
 from curriculum.ch3_4_constraints import pages, play, publish
 from curriculum.ch3_4_constraints.run_checks import misfit
+from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.common import javascript
 from curriculum.common.programs import Program, repeat
 from curriculum.common.tape import Untraceable
@@ -24,10 +25,10 @@ USUAL = DT, (20.0, 0.02, 0.95)
 NODE, HANDS = (Path(__file__).with_name(x) for x in ("run_page.cjs", "hands.js"))
 
 
-def page(name, rule="semi_implicit"):
-    """The page of a scene, as a run of this rule has it."""
-    system, step_fn = c.build_system(name), c.INTEGRATORS[rule]
-    return play.page(c, name, system, rule, step_fn, *USUAL)
+def page(name, rule="semi_implicit", system=None):
+    """The page of a scene, or of a `system` that is called so, as a run of this rule has it."""
+    system = system or c.build_system(name)
+    return play.page(c, name, system, rule, c.INTEGRATORS[rule], *USUAL)
 
 
 def node(*words, lines=b""):
@@ -47,8 +48,7 @@ def compared(folder, name, rule, steps):
     modes = [mode for mode, hold in c.hold_table().items() if not misfit(hold, rule)]
     said = json.loads(node(NODE, file, steps, *modes))
     for mode in modes:
-        force = c.make_force(system, c.hold_table()[mode])
-        run = c.simulate(c.INTEGRATORS[rule], system, force, DT, steps, range(steps + 1))
+        run = _runs.run(system, rule, mode, DT, steps, range(steps + 1))
         count = len(run.q)
         expected = [x[..., :2].reshape(count, -1) for x in (run.q, run.v)]
         found = np.fromfile(f"{file}.{mode}").reshape(said[mode]["done"] + 1, -1)
@@ -159,7 +159,7 @@ def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_pa
             with pytest.raises(Untraceable, match=f"it {why}"):
                 page("double")
     with pytest.raises(Untraceable, match="120 rods"):
-        play.page(c, "x", c.build_system("chain", links=121), "rk4", c.rk4_step, *USUAL)
+        page("x", system=c.build_system("chain", links=121))
 
 
 def test_a_page_needs_nothing_else_and_is_the_same_each_time():
@@ -236,8 +236,9 @@ def test_a_page_fits_its_screen_and_runs_without_an_error(name, theme, size, vis
 
 def test_a_scene_may_be_called_like_a_blank_of_the_template(visit):
     odd, system = "<i>{{policy}} /* data */ {{name}}", c.build_system("pendulum")
-    text = play.page(c, odd, system, "semi_implicit", c.semi_implicit_step, *USUAL)
-    assert visit("odd", text=text).inner_text("h1").startswith(f"{odd}: five ways")
+    assert (
+        visit("odd", text=page(odd, system=system)).inner_text("h1").startswith(f"{odd}: five ways")
+    )
 
 
 def test_the_longest_names_and_the_clock_stay_on_a_narrow_screen(monkeypatch, visit):
@@ -325,8 +326,7 @@ def test_where_only_no_spring_at_all_holds_or_each_does_the_cliff_says_so(visit)
     """Of rods of 1 mm, in steps that are long for such."""
     system = c.build_system("double")
     system |= {key: 1e-3 * system[key] for key in ("q0", "lengths")}
-    text = play.page(c, "small", system, "semi_implicit", c.semi_implicit_step, *USUAL)
-    tab = visit("small", text=text)
+    tab = visit("small", text=page("small", system=system))
     tab.click("text=Where is w's cliff?")
     said = tab.inner_text("#say")
     assert "here w = 0 (dt w = 0) holds for 10 s, w = 5 " in said and "Move w" in said
@@ -478,8 +478,7 @@ def test_a_force_that_comes_to_no_end_stops_what_it_moves_and_not_the_page(visit
 
 def test_a_scene_that_is_not_flat_turns(visit):
     system = c.build_system("double") | {"v0": np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])}
-    text = play.page(c, "turned", system, "semi_implicit", c.semi_implicit_step, *USUAL)
-    tab = visit("turned", text=text)
+    tab = visit("turned", text=page("turned", system=system))
     tab.clock.run_for(500)
     before = tab.evaluate("hands.spot", ["none", 1])
     tab.locator("input[aria-label^=turn]").fill("90")
