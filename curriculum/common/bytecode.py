@@ -206,7 +206,7 @@ def reader_lines(lanes):
 def reader(lanes):
     """What reads rows, for so many lanes."""
     arguments = [llvm.POINTER] * 3 + [llvm.WORD] * 3
-    return llvm.compiled("\n".join(reader_lines(lanes)), arguments)
+    return llvm.machine_code("\n".join(reader_lines(lanes)), arguments)
 
 
 class Bytecode:

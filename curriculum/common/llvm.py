@@ -128,7 +128,7 @@ class Function:
         return [start, "top:", *self.top, *self.lines, f"  ret {result}", "}"]
 
 
-def compiled(text, arguments, best=True):
+def machine_code(text, arguments, best=True):
     """The function @run of a text in LLVM's language, (*arguments) -> WORD, optimized if `best`.
 
     Whatever goes wrong is raised as Unavailable, and no further attempt is made: llvmlite may be of

@@ -6,7 +6,7 @@
 from collections import namedtuple
 from itertools import chain
 
-from curriculum.common.llvm import POINTER, WORD, Function, compiled
+from curriculum.common.llvm import POINTER, WORD, Function, machine_code
 from curriculum.common.programs import INLINE, Calls
 from curriculum.common.trace import Symbol
 
@@ -242,7 +242,7 @@ class Native:
 
     def __init__(self, program, lanes=1, best=True):
         arguments = POINTER, WORD, POINTER, WORD, POINTER, POINTER
-        self.function = compiled(assembly(program, lanes), arguments, best)
+        self.function = machine_code(assembly(program, lanes), arguments, best)
         self.lanes, self.best = lanes, best
 
     def __call__(self, state, count, out, *knobs):

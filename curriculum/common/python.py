@@ -94,7 +94,7 @@ def source_of(program):
     return "\n\n\n".join(functions[::-1]) + "\n"
 
 
-def compiled(source, space):
+def function_of(source, space):
     """The function f of a source: of floats with NUMBERS, of columns with COLUMNS."""
     exec(source, space := dict(space))
     return space["f"]
@@ -106,7 +106,7 @@ class Columns:
     lanes = 1
 
     def __init__(self, source):
-        self.function = compiled(source, COLUMNS)
+        self.function = function_of(source, COLUMNS)
 
     @np.errstate(all="ignore")
     def __call__(self, state, count, out, *knobs):

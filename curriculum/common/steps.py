@@ -18,7 +18,7 @@ from curriculum.common.arrays import ordered
 from curriculum.common.cli import shorten
 from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory, foreign
-from curriculum.common.python import NUMBERS, compiled, source_of
+from curriculum.common.python import NUMBERS, function_of, source_of
 from curriculum.common.tape import Stop, Tape, TooLong, Untraceable, effort
 
 import numpy as np
@@ -229,7 +229,7 @@ class Traced:
     @cached_property
     def function(self):
         """The function that this is, of floats."""
-        return compiled(self.source, NUMBERS)
+        return function_of(self.source, NUMBERS)
 
     @cached_property
     def exact(self):
