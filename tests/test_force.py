@@ -9,7 +9,7 @@ from curriculum.ch3_4_constraints.solving import INSTANT, TURN, turned
 from curriculum.ch3_4_constraints.studies._runs import make_system, run
 from curriculum.ch3_4_constraints.tables import UNHELD
 from curriculum.common.crowds import mapped
-from curriculum.common.elimination import System, refined
+from curriculum.common.elimination import LinearSystem, refined
 
 import numpy as np
 import pytest
@@ -265,7 +265,7 @@ def test_rounds_of_refinement_end_where_1e_15_is_left_or_over_half_of_what_was(s
         rounds.append(left)
         return left * (1.0 - stays)
 
-    x, left = refined(System(lambda x: x, np.ones(2), b, rough, 0.0, "no end"))
+    x, left = refined(LinearSystem(lambda x: x, np.ones(2), b, rough, 0.0, "no end"))
     enough = 1 if stays > 0.5 else math.ceil(math.log(1e-15, stays))
     assert len(rounds) == enough + 1  # the last one finds that it is enough
     assert np.allclose([left, x], [stays**enough * b, b - left], rtol=1e-12)

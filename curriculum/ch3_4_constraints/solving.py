@@ -38,15 +38,15 @@ def solve(system, a, b, v=None, jac=None, rough=False):
             lam[part] = blurred(wanted)
             continue
         times = applied(system, inner, None if jac is None else jac[part])
-        known = times, ordered(np.diagonal(inner)), ordered(wanted), blurred, SLACK
-        asked = elimination.System(*known, "no finite tensions")
-        found, left = elimination.refined(asked)
-        lam[part] = found if jac is None else elimination.conjugated(asked, found, left)
+        terms = times, ordered(np.diagonal(inner)), ordered(wanted), blurred, SLACK
+        problem = elimination.LinearSystem(*terms, "no finite tensions")
+        x, left = elimination.refined(problem)
+        lam[part] = x if jac is None else elimination.conjugated(problem, x, left)
     return ordered(lam)
 
 
-def applied(system, a, jac=None):
-    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) where that is given, since
+def applied(system, a, jac):
+    """The function lambda (C,) -> A lambda of A (C, C), by J (C, 3N) unless that is None, since
     where rods are nearly in line, A has the squares of small numbers beside large ones."""
     if jac is None:
         return lambda lam: ordered(a) @ lam

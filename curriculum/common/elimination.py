@@ -106,7 +106,7 @@ def eliminated(a, order):
     return solve
 
 
-class System(NamedTuple):
+class LinearSystem(NamedTuple):
     """What `refined` needs to know of A x = b. `rough` solves for a matrix near A, A + slack diag A
     + T; A (n, n) and T are positive semidefinite."""
 
@@ -114,7 +114,7 @@ class System(NamedTuple):
     diagonal: np.ndarray  # (n,), of A
     b: np.ndarray  # (n,)
     rough: Callable  # (n,) -> (n,), which solves for the matrix near A
-    slack: float
+    slack: float  # a share of diag A, as above
     complaint: str  # of a Stop, if no round is the last one
 
     def weigh(self, left):
@@ -127,25 +127,25 @@ class System(NamedTuple):
         return size * before / (4.0 * size * size + enough * before + 1e-300)
 
 
-def refined(system):
+def refined(problem):
     """x (n,) with A x = b, and what is left of b, (n,), by rounds that solve for what is left.
 
     They go on until that is 1e-15 of b, or a round does not halve it. Raises Stop if neither comes.
     """
-    b = system.b
+    b = problem.b
 
     def another(state):  # x, what is left, and behind it the size of that a round ago
         x, left = state[:-1].reshape(2, -1)
-        size, more = system.weigh(left), system.rough(left)
-        following = [x + more, left - system.times(more), [size]]
-        return np.concatenate(following), system.end(size, state[-1])
+        size, more = problem.weigh(left), problem.rough(left)
+        following = [x + more, left - problem.times(more), [size]]
+        return np.concatenate(following), problem.end(size, state[-1])
 
-    x = system.rough(b)
-    start = np.concatenate([x, b - system.times(x), [system.weigh(b)]])
-    return repeat(another, start, 100, system.complaint)[:-1].reshape(2, -1)
+    x = problem.rough(b)
+    start = np.concatenate([x, b - problem.times(x), [problem.weigh(b)]])
+    return repeat(another, start, 100, problem.complaint)[:-1].reshape(2, -1)
 
 
-def conjugated(system, x, left):
+def conjugated(problem, x, left):
     """The x that refined() has found, and further, by conjugate gradients, for what is left of b.
 
     Rounds of refinement hardly move x along a vector p where A is far less than the matrix near it.
@@ -156,20 +156,20 @@ def conjugated(system, x, left):
     def another(state):
         x, left, p = state[:-4].reshape(3, -1)
         work_before, stiff_before, before, long_before = state[-4:]
-        size, new = system.weigh(left), system.rough(left)
+        size, new = problem.weigh(left), problem.rough(left)
         work = left @ new  # = new . (A + slack diag A + T) new
         share = work / work_before
         p = new + share * p  # so that A p is orthogonal to the p before
-        pull = system.times(p)
-        stiff, heavy = p @ pull, new @ (system.diagonal * new)
-        turned = work - (stiff + share * share * stiff_before) - system.slack * heavy  # new . T new
-        least = np.maximum(turned, EPS * heavy) + 1e-300
+        image = problem.times(p)
+        stiff, heavy = p @ image, new @ (problem.diagonal * new)
+        rest = work - (stiff + share * share * stiff_before) - problem.slack * heavy  # new . T new
+        least = np.maximum(rest, EPS * heavy) + 1e-300
         step = np.where(stiff < least, 0.0, work / np.maximum(stiff, least))
         before = np.where(stiff < least, 0.0, before)  # then this is the last round
-        following = [x + step * p, left - step * pull, p, [work, stiff, size, before]]
-        return np.concatenate(following), system.end(size, long_before)
+        following = [x + step * p, left - step * image, p, [work, stiff, size, before]]
+        return np.concatenate(following), problem.end(size, long_before)
 
     # a round may leave more, and the next one far less: two together must halve it
-    much = 16.0 * system.weigh(system.b)
+    much = 16.0 * problem.weigh(problem.b)
     start = np.concatenate([x, left, 0.0 * left, [1.0, 0.0, much, much]])
-    return repeat(another, start, 100, system.complaint)[: len(x)]
+    return repeat(another, start, 100, problem.complaint)[: len(x)]
