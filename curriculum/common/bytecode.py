@@ -35,8 +35,8 @@ class Assembler:
 
     def __init__(self, program):
         self.rows = []
-        self.known = defaultdict(count().__next__)  # {a name, or a known number: its register}
-        self.register = self.known.__getitem__
+        self.registers = defaultdict(count().__next__)  # {a name or a number: its own}
+        self.register = self.registers.__getitem__
         self.routines = []  # programs that are called
         self.leaps = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
@@ -48,7 +48,7 @@ class Assembler:
         first = []
         for k, routine in enumerate(self.routines):  # which may call others: the list grows
             first.append(len(self.rows))
-            self.operations(routine.tape, routine.tape.needed(routine.made))
+            self.operations(routine.tape, routine.tape.needed(routine.computed))
             self.row("go", 0, self.register(f"back {k}"))
         for row, k in self.leaps:
             self.rows[row][1] = first[k]
@@ -58,15 +58,15 @@ class Assembler:
         self.rows.append([NUMBER[sign], result, *operands, *UNUSED[len(operands)]])
         return len(self.rows) - 1
 
-    def made(self, sign, *operands):
-        """The register of what an operation makes."""
+    def new(self, sign, *operands):
+        """The register, a new one, of what an operation makes."""
         result = self.register(f"row {len(self.rows)}")
         self.row(sign, result, *operands)
         return result
 
     def number(self, s):
         """The register of a Symbol."""
-        return self.made("minus", self.register(s.x)) if s.minus else self.register(s.x)
+        return self.new("minus", self.register(s.x)) if s.minus else self.register(s.x)
 
     def end(self, state, most, ends):
         """The registers of a step's ends become its state; what else it makes is compared."""
@@ -74,7 +74,7 @@ class Assembler:
         trouble = self.register("trouble")
         self.row("copy", trouble, self.register("endless"))
         for end in ends[: len(state)]:
-            self.row("+", trouble, trouble, self.made("-", end, end))
+            self.row("+", trouble, trouble, self.new("-", end, end))
         for register, end in zip(most, ends[len(state) :], strict=True):
             self.row("max", register, register, end)
         self.exchange(state, ends[: len(state)])
@@ -82,7 +82,7 @@ class Assembler:
 
     def exchange(self, registers, following):
         """Copy all of `following`, some of which may be among the registers, to these."""
-        kept = [self.made("copy", x) for x in following]
+        kept = [self.new("copy", x) for x in following]
         for register, x in zip(registers, kept, strict=True):
             self.row("copy", register, x)
 
@@ -109,7 +109,7 @@ class Assembler:
             back = float(len(self.rows) + 2)  # the row after these two
             self.row("copy", self.register(f"back {k}"), self.register(back))
             self.leaps.append((self.row("unless", None, self.register(0.0)), k))
-            for name, s in zip(names, program.made, strict=True):
+            for name, s in zip(names, program.computed, strict=True):
                 self.row("copy", self.register(name), self.number(s))
 
     def loop(self, loop):
@@ -120,19 +120,19 @@ class Assembler:
         start = [self.number(s) for s in loop.start]
         self.exchange([*names, turn, done, last], [*start, zero, zero, self.register(math.inf)])
         head = len(self.rows)
-        more = self.made("<", turn, self.register(float(loop.most)))
+        more = self.new("<", turn, self.register(float(loop.most)))
         leave = [self.row("unless", None, more)]
         self.row("+", turn, turn, one)
         self.operations(loop.tape, loop.test)
         size = self.number(loop.size)
-        small = self.made("<=", size, self.register(float(loop.nearly)))
-        near = self.made("*", self.made("<=", last, size), small)
-        self.row("max", done, done, self.made("max", self.made("<=", size, one), near))
+        small = self.new("<=", size, self.register(float(loop.nearly)))
+        near = self.new("*", self.new("<=", last, size), small)
+        self.row("max", done, done, self.new("max", self.new("<=", size, one), near))
         self.row("copy", last, size)
-        leave.append(self.row("unless", None, self.made("-", one, done)))
+        leave.append(self.row("unless", None, self.new("-", one, done)))
         self.operations(loop.tape, loop.rest)
         following = [self.number(s) for s in loop.following]
-        kept = [self.made("where", done, *x) for x in zip(names, following, strict=True)]
+        kept = [self.new("where", done, *x) for x in zip(names, following, strict=True)]
         self.exchange(names, kept)
         self.row("unless", head, zero)
         for row in leave:
@@ -140,7 +140,7 @@ class Assembler:
         for name in names:
             self.row("where", name, done, name, self.register(math.nan))
         endless = self.register("endless")
-        self.row("max", endless, endless, self.made("-", one, done))
+        self.row("max", endless, endless, self.new("-", one, done))
 
 
 def reader_lines(lanes):
@@ -219,8 +219,8 @@ class Bytecode:
         self.function = reader(lanes)
         found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
-        self.registers = len(found.known)
-        numbers = [x for x in found.known if isinstance(x, float)]
+        self.count = len(found.registers)
+        numbers = [x for x in found.registers if isinstance(x, float)]
         self.constants = [found.register(x) for x in numbers], np.array(numbers)
         self.state = slice(0, len(program.inputs))
         self.most = slice(len(program.inputs), len(program.out))
@@ -230,7 +230,7 @@ class Bytecode:
 
     def __call__(self, state, count, out, *knobs):
         """See native.Native."""
-        registers = np.empty((self.registers, self.lanes))
+        registers = np.empty((self.count, self.lanes))
         places, constants = self.constants
         registers[places] = constants[:, None]
         registers[self.knobs] = np.reshape(knobs, (-1, 1))

@@ -24,26 +24,26 @@ def words(texts):
 
 
 class Writer(Language):
-    """Functions of JavaScript, `made` {text: name}; those with the same text are one function."""
+    """Functions of JavaScript, `names` {text: name}; those with the same text are one function."""
 
     assigned, minus, number = "const {} = {};", MINUS, staticmethod(json.dumps)
     functions = {name: f"Math.{called}" for name, called in (FUNCTIONS | BINARY).items()}
     functions |= {"abs": "Math.abs", "**": "Math.pow", "max": "max", "min": "min"}
 
     def __init__(self):
-        self.made = {}
+        self.names = {}
         self.inner = {}  # {a program that others call: its function's name, what that needs}
         self.given = {}  # the inputs and knobs of the program that is written: {name: expression}
 
     def source(self):
         """All functions, those that are called before those that call them."""
-        return "".join(f"function {name}{text}\n" for text, name in self.made.items())
+        return "".join(f"function {name}{text}\n" for text, name in self.names.items())
 
     def function(self, parameters, lines, results):
         """The name of a function that returns an array of `results`, which are expressions."""
         body = "".join(f"{line}\n" for line in lines)
         text = f"({', '.join(parameters)}) {{\n{body}return [{', '.join(results)}];\n}}"
-        return self.made.setdefault(text, f"F{len(self.made)}")
+        return self.names.setdefault(text, f"F{len(self.names)}")
 
     def program(self, program, parameters, given):
         """The name of a function (*parameters) -> array that does what a program does.
@@ -61,7 +61,7 @@ class Writer(Language):
         browser makes ten times as much of `const [a, b, c] = ...`, and runs it slowly."""
         program = calls.program
         if program not in self.inner:
-            ((lines, results),) = self.write(program.tape, program.made)
+            ((lines, results),) = self.write(program.tape, program.computed)
             used = words([*lines, *results])
             knobs = (x for x in self.given if x in used and x not in calls.taken)
             around = [*calls.taken, *knobs]

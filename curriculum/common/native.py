@@ -81,18 +81,18 @@ class Writer(Function):
             elif sign != "of":
                 env[name] = self.operation(sign, [self.value(env, x) for x in operands])
 
-    def made(self, program, env):
+    def inlined(self, program, env):
         """What a program makes, written out; `env` has its inputs."""
-        self.operations(program.tape, program.tape.needed(program.made), env)
-        return [self.value(env, s) for s in program.made]
+        self.operations(program.tape, program.tape.needed(program.computed), env)
+        return [self.value(env, s) for s in program.computed]
 
     def routine(self, program, given):
         """The same by a call: it finds its arguments in memory, and leaves its results there."""
-        name, many = f"@r{id(program)}_{self.lanes}", len(program.made)
+        name, many = f"@r{id(program)}_{self.lanes}", len(program.computed)
         if name not in self.routines:
             w = Writer(self.lanes, self.routines, self.alone)
             inner = {x: w.load(w.entry("%in", k)) for k, x in enumerate(program.inputs)}
-            for k, value in enumerate(w.made(program, inner)):
+            for k, value in enumerate(w.inlined(program, inner)):
                 w.store(value, w.entry("%out", k))
             inline = "alwaysinline" if len(program.tape.nodes) <= INLINE else "noinline"
             head = f"internal void {name}(ptr noalias %in, ptr noalias %out) {inline}"
@@ -120,7 +120,7 @@ class Writer(Function):
                 made = self.routine(program, given)
             else:
                 inner = {x: self.gathered(wide, env, [Symbol(None, x)]) for x in calls.taken}
-                made = wide.made(program, inner | dict(zip(program.inputs, given, strict=True)))
+                made = wide.inlined(program, inner | dict(zip(program.inputs, given, strict=True)))
             for value, names in zip(made, zip(*calls.names[piece], strict=True), strict=True):
                 env |= zip(names, wide.spread(value, len(names)), strict=True)
 

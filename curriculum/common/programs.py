@@ -50,7 +50,7 @@ class Program:
         return [s for array in self.results for s in array.flat]
 
     @property
-    def made(self):
+    def computed(self):
         """Those of its results that are no constants."""
         return [s for s in self.out if isinstance(s.x, str)]
 
@@ -202,16 +202,17 @@ def traced_rows(function, rows):
 class Calls:
     """A program called with each of `rows` of Symbols: they can be lanes of one vector register.
 
-    Its tape may use names from around it, those `taken`. `names`: how what it makes is called here,
-    row by row. `results`: the arrays that it returns, row by row.
+    Its tape may use names from around it, those `taken`. `names`: how what it computes is called
+    here, row by row. `results`: the arrays that it returns, row by row.
     """
 
     sign = "calls"  # of its node: what writes it has a method of that name
 
     def __init__(self, program, rows):
         self.program, self.rows, tape = program, rows, current.tape
-        self.names = [tape.new_names(len(program.made)) for _ in rows]
-        self.taken = program.tape.taken(program.made, program.inputs) if program.tape.outer else []
+        computed, inner = program.computed, program.tape
+        self.names = [tape.new_names(len(computed)) for _ in rows]
+        self.taken = inner.taken(computed, program.inputs) if inner.outer else []
         operands = [s.x for row in rows for s in row]
         tape.add_part(self, operands + self.taken, sum(self.names, []))
         self.results = [program.renamed(names, tape) for names in self.names]

@@ -51,7 +51,7 @@ class Python(Language):
             for names, row in zip(calls.names, rows, strict=True):
                 yield f"{', '.join(names)}, = {routine}({row})"
             return
-        ((lines, made),) = self.write(program.tape, program.made)
+        ((lines, made),) = self.write(program.tape, program.computed)
         everything = f"all_{calls.names[0][0]}"
         yield f"{everything} = []"
         lines.append(f"{everything} += {', '.join(made)},")
@@ -88,7 +88,7 @@ def source_of(program):
     head = f"def f({', '.join(['state', 'count', 'keep', *program.knobs])})"
     functions = [block(head, [*first, *begin, block("for _ in range(count)", lines)])]
     for k, called in enumerate(python.routines):  # which may call others: the list grows
-        ((lines, made),) = python.write(called.tape, called.made)
+        ((lines, made),) = python.write(called.tape, called.computed)
         head = f"def routine{k}({', '.join(called.inputs)})"
         functions.append(block(head, [*lines, f"return {', '.join(made)},"]))
     return "\n\n\n".join(functions[::-1]) + "\n"
