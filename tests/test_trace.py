@@ -214,7 +214,7 @@ def test_what_is_asked_of_a_function_besides_is_never_left_out(name):
     with np.errstate(all="ignore"):
         alone = [np.asarray(function(ordered(q[0]))) for q in many]
         assert np.array_equal(alone, [function(np.asarray(q[0])) for q in many])
-        found = mapped(lambda q, v: function(q[0]) * 1.0, turns=10**6)(many, 0.0 * many)
+        found = mapped(lambda q, v: function(q[0]) * 1.0, uses=10**6)(many, 0.0 * many)
     assert np.array_equal(found, alone)
 
 

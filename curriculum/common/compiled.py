@@ -47,9 +47,9 @@ class Compiled(Plain):
         super().__init__(step_fn, m, force, dt, measure)
         self.given, self.only, self.halvings = (step_fn, m, force), only, halvings
         self.alone, self.way = None, ""
-        self.turns = steps or math.inf  # if that is not known yet
-        self.ask, self.compared = mapped(measure, turns=steps), False
-        self.watch = mapped(watch, turns=steps) if watch else None
+        self.uses = steps or math.inf  # if that is not known yet
+        self.ask, self.compared = mapped(measure, uses=steps), False
+        self.watch = mapped(watch, uses=steps) if watch else None
         self.gauges = None
         self.later = self.done = 0
         self.start(dt, steps)
@@ -80,7 +80,7 @@ class Compiled(Plain):
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.alone = Single(Traced(*self.given, q, v, turns=self.turns), self.halvings)
+            self.alone = Single(Traced(*self.given, q, v, uses=self.uses), self.halvings)
         except Untraceable as why:
             self.give_up(why)
             return
@@ -176,7 +176,7 @@ class Compiled(Plain):
         last = len(rows) - 1
         if not np.isfinite(rows[last]).all():
             last = 0
-        work = max(self.alone.size, CALL * self.alone.traced.calls)  # of a step as it stands
+        work = max(self.alone.size, CALL * self.alone.traced.numpy_calls)  # of a step as it stands
         looks = max(1, min(LOOKS, LOOKED // work))
         for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start

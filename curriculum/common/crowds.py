@@ -152,11 +152,11 @@ class mapped:  # noqa: N801 - it is called as a function is
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
     leading axis (K, ...). It is traced once, and the last state of each K compared; or done one by
     one if it cannot be, or while that is soon done, as for few states and few calls of numpy on
-    long arrays. `turns`: how many states are to come, if that is known.
+    long arrays. `uses`: how many states are to come, if that is known.
     """
 
-    def __init__(self, function, turns=0):
-        self.function, self.turns, self.known, self.single = function, turns, {}, False
+    def __init__(self, function, uses=0):
+        self.function, self.uses, self.known, self.single = function, uses, {}, False
         self.kinds = []  # of what it makes of numbers
 
     def measure(self, q, v):
@@ -178,7 +178,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             del self.known[key]
         if key not in self.known and len(q) > 1:
             self.known[key] = None
-            how = {"measure": self.measure, "turns": max(self.turns, len(q))}
+            how = {"measure": self.measure, "uses": max(self.uses, len(q))}
             with contextlib.suppress(Untraceable):  # as a step that leaves all where it is
                 traced = Traced(lambda q, v, *_: (q, v), None, None, q, v, **how)
                 self.known[key] = SimpleNamespace(traced=traced, code=None, asked=0)
@@ -201,9 +201,9 @@ class mapped:  # noqa: N801 - it is called as a function is
         entry.asked += many
         if isinstance(entry.code, (Columns, Bytecode)):
             return entry.code
-        program, states = entry.traced.program, max(self.turns, entry.asked)
+        program, states = entry.traced.program, max(self.uses, entry.asked)
         size = program.size()
-        if entry.traced.calls * states < PRICE * size:
+        if entry.traced.numpy_calls * states < PRICE * size:
             return None
         repaid = size > LARGE or (program.loops() and states * size > REPAID)
         entry.code = code_of(entry.traced, Bytecode if repaid else None, NARROW)

@@ -142,14 +142,14 @@ class Routine:
         shapes = [np.shape(a) for a in arrays]
         key = current.tape.numbers, *zip(shapes, still, strict=True)
         if key not in self.programs:
-            tape, before = Tape(), effort.calls
+            tape, before = Tape(), effort.numpy_calls
             tape.numbers, tape.refused = current.tape.numbers, current.tape.refused
             masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
-            once = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
-            self.programs[key] = once, (effort.calls - before) // effort.factor
-            effort.calls = before
+            program = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
+            self.programs[key] = program, (effort.numpy_calls - before) // effort.factor
+            effort.numpy_calls = before
         program, calls = self.programs[key]
-        effort.calls += effort.factor * calls
+        effort.numpy_calls += effort.factor * calls
         arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or current.tape.outer):

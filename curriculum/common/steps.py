@@ -169,14 +169,14 @@ class Traced:
     """A step as a Program of what does not stay zero: where `moving` (2, N, 3) says so of q and v.
 
     q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
-    function (q, v) -> tuple of arrays, says of a step's end. `turns`: how many steps are to come;
-    `calls`: of numpy, which one takes as it stands.
+    function (q, v) -> tuple of arrays, says of a step's end. `uses`: how many steps are to come;
+    `numpy_calls`: how many one takes as it stands.
     Raises Untraceable, and then what step_fn and force keep is as it was.
     """
 
-    def __init__(self, step_fn, m, force, q, v, measure=None, turns=math.inf):
+    def __init__(self, step_fn, m, force, q, v, measure=None, uses=math.inf):
         with Tape.lock:
-            effort.turns = turns
+            effort.uses = uses
             memory = self.memory = Memory(step_fn, force, measure, m=m)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
@@ -186,7 +186,7 @@ class Traced:
                     why = told(reason)
                 finally:
                     why = memory.restore() or why
-            effort.turns = math.inf
+            effort.uses = math.inf
         if why:
             raise Untraceable(why)
 
@@ -219,7 +219,8 @@ class Traced:
             still = stays
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
-        self.program, self.moving, self.calls = program, ~np.array(still), effort.calls
+        self.program, self.moving = program, ~np.array(still)
+        self.numpy_calls = effort.numpy_calls
 
     @cached_property
     def source(self):

@@ -49,26 +49,26 @@ current = Current()
 class Effort:
     """How much a trace has noted, and how much work that is in plain numpy.
 
-    `noted`: operations written down. `calls`: of numpy in one step, where loops and rows count as
-    often as they turn. `turns`: how many steps are to come. `factor`: how often what is traced now
-    turns.
+    `noted`: operations written down. `numpy_calls`: in one use of what is traced, where loops and
+    rows count as often as they turn. `uses`: how many are to come, a step's or a function's.
+    `factor`: how often what is traced now turns in one.
     """
 
     def __init__(self):
-        self.turns = math.inf
+        self.uses = math.inf
         self.begin()
 
     def begin(self):
-        self.noted, self.calls, self.factor = 0, 0, 1
+        self.noted, self.numpy_calls, self.factor = 0, 0, 1
 
     def call(self):
         """One more call of numpy."""
-        self.calls += self.factor
+        self.numpy_calls += self.factor
 
     def note(self):
         """One more operation. Raises Untraceable where compiling would cost more than it saves."""
         self.noted += 1
-        if self.noted > LONG and self.calls * self.turns < PRICE * self.noted:
+        if self.noted > LONG and self.numpy_calls * self.uses < PRICE * self.noted:
             raise TooLong("it is too long to be compiled for so few steps")
 
     @contextmanager
