@@ -149,14 +149,14 @@ def in_every_code(function, members, count=1, measure=None):
     measured."""
     crowd = Crowd(step_of(function), None, None, 0.0, members, 0.0 * members, measure)
     traced = crowd.traced
-    codes = [crowd.code, OneByOne(traced)]
-    codes += [Bytecode(traced.program, 8)] if llvm.available() else []
-    codes += [] if traced.program.loops() else [Columns(traced.source)]
-    for code in codes:
-        crowd.code = code
+    kernels = [crowd.kernel, OneByOne(traced)]
+    kernels += [Bytecode(traced.program, 8)] if llvm.available() else []
+    kernels += [] if traced.program.loops() else [Columns(traced.source)]
+    for kernel in kernels:
+        crowd.kernel = kernel
         crowd.put(members, 0.0 * members)
         largest = crowd.advance(count)
-        yield code, crowd.states()[0], largest
+        yield kernel, crowd.states()[0], largest
 
 
 @pytest.mark.parametrize(("name", "inline"), INLINED)
@@ -233,8 +233,8 @@ def test_what_is_soon_done_of_few_states_is_compiled_once_there_are_many():
     asked, many = mapped(lambda q, v: np.sum(q * q)), np.repeat(CROWD, 20, axis=0)
     for states, compiled in ((CROWD[:2], False), (many, True), (CROWD[:2], True)):
         asked(states, states)
-        (entry,) = asked.known.values()
-        assert (entry.code is not None) == compiled
+        (entry,) = asked.entries.values()
+        assert (entry.kernel is not None) == compiled
 
 
 @pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
@@ -243,7 +243,7 @@ def test_a_long_function_of_many_states_is_rows_which_are_sooner_made(monkeypatc
     monkeypatch.setattr(crowds, "LARGE", 2)
     asked, many = mapped(lambda q, v: np.sum(q / (1.0 + q * q))), np.repeat(CROWD, 20, axis=0)
     found = asked(many, many)
-    assert isinstance(next(iter(asked.known.values())).code, Bytecode)
+    assert isinstance(next(iter(asked.entries.values())).kernel, Bytecode)
     assert np.array_equal(found, [asked.measure(ordered(q), q)[0] for q in many])
 
 

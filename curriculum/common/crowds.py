@@ -29,8 +29,8 @@ def pool(process):
     return ThreadPoolExecutor(CORES)
 
 
-def code_of(traced, kind=None, lanes=1):
-    """What runs a Traced step for many members: machine code, so many side by side in registers.
+def kernel_of(traced, kind, lanes):
+    """A kernel, which does a Traced step for many members: machine code, `lanes` at a time.
 
     `kind`: Native, or Bytecode, which is made sooner. Where it is None, or machine code cannot be
     had, members go as columns of numpy or, with a loop, one by one.
@@ -73,25 +73,25 @@ class OneByOne:
             most[:] = np.max(np.vstack([most, made]), axis=0)
 
 
-def run(code, program, state, count, *knobs):
-    """`count` steps of members: their ends (entries, members), from `state`, and what was made.
+def iterated(kernel, traced, state, count, *knobs):
+    """`count` steps of members by its kernel, from `state` (entries, members): ends like it, made.
 
-    That is (numbers, members): the largest that the program has made beside the state at any step;
-    after one step just what it makes.
+    What is `made` (numbers, members) is, of all that the program makes beside the state, the
+    largest at any step; after one step just that.
     """
     entries, members = state.shape
-    beside = code.lanes > 1  # threads run side by side: ctypes lets go of the interpreter
-    some = -(-members // (CORES * code.lanes)) * code.lanes if beside else PIECE
-    filled = -(-members // code.lanes) * code.lanes
+    beside = kernel.lanes > 1  # threads run side by side: ctypes lets go of the interpreter
+    some = -(-members // (CORES * kernel.lanes)) * kernel.lanes if beside else PIECE
+    filled = -(-members // kernel.lanes) * kernel.lanes
     ends = np.empty((entries, filled))
     ends[:, :members], ends[:, members:] = state, state[:, -1:]  # copies fill the last register
-    made = np.full((len(program.out) - entries, filled), -np.inf)
+    made = np.full((len(traced.program.out) - entries, filled), -np.inf)
     if not count:
         return state.copy(), made[:, :members]
 
     def advance(first):
         piece = slice(first, first + some)
-        code(ends[:, piece], count, made[:, piece], *knobs)
+        kernel(ends[:, piece], count, made[:, piece], *knobs)
 
     each = pool(os.getpid()).map if beside and some < filled else map
     list(each(advance, range(0, members, some)))
@@ -107,10 +107,10 @@ class Crowd:
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), float(dt)
-        self.code = code_of(self.traced, Native, LANES)
+        self.kernel = kernel_of(self.traced, Native, LANES)
         self.put(q, v)
         first = self.columns[:, :1]
-        if differs(self.traced, first[:, 0], run(self.code, self.traced.program, first, 1, dt), dt):
+        if differs(self.traced, first[:, 0], iterated(self.kernel, self.traced, first, 1, dt), dt):
             raise Untraceable("it does something else when it is compiled")
 
     def put(self, q, v):
@@ -128,7 +128,7 @@ class Crowd:
         changed = self.traced.changed()
         if changed:
             raise ValueError(f"{changed} was changed: make another Crowd, which knows of it")
-        self.columns, most = run(self.code, self.traced.program, self.columns, count, self.dt)
+        self.columns, most = iterated(self.kernel, self.traced, self.columns, count, self.dt)
         return most
 
 
@@ -156,8 +156,9 @@ class mapped:  # noqa: N801 - it is called as a function is
     """
 
     def __init__(self, function, uses=0):
-        self.function, self.uses, self.known, self.single = function, uses, {}, False
-        self.kinds = []  # of what it makes of numbers
+        self.function, self.uses = function, uses
+        self.entries = {}  # by shape and what rests: traced, kernel, states so far; or None
+        self.kinds, self.single = [], False  # dtypes of results; whether the one is in no tuple
 
     def measure(self, q, v):
         """The function's results, as a tuple."""
@@ -173,21 +174,21 @@ class mapped:  # noqa: N801 - it is called as a function is
     def __call__(self, q, v):
         resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
         key, made = (q.shape[1:], resting.tobytes()), None
-        entry = self.known.get(key)
+        entry = self.entries.get(key)
         if entry and entry.traced.changed():
-            del self.known[key]
-        if key not in self.known and len(q) > 1:
-            self.known[key] = None
+            del self.entries[key]
+        if key not in self.entries and len(q) > 1:
+            self.entries[key] = None
             how = {"measure": self.measure, "uses": max(self.uses, len(q))}
             with contextlib.suppress(Untraceable):  # as a step that leaves all where it is
                 traced = Traced(lambda q, v, *_: (q, v), None, None, q, v, **how)
-                self.known[key] = SimpleNamespace(traced=traced, code=None, asked=0)
-        entry = self.known.get(key)  # none for a single state: to trace it would take longer
-        code = self.choose(entry, len(q)) if entry else None
-        if code is not None:
-            made = self.by_code(entry.traced, code, q, v)
+                self.entries[key] = SimpleNamespace(traced=traced, kernel=None, states=0)
+        entry = self.entries.get(key)  # none for a single state: to trace it would take longer
+        kernel = self.choose(entry, len(q)) if entry else None
+        if kernel is not None:
+            made = self.by_kernel(entry.traced, kernel, q, v)
             if made is None:  # a symbol has answered it wrongly
-                self.known[key] = None
+                self.entries[key] = None
         if made is None:
             states = zip(ordered(q), ordered(v), strict=True)
             # copies, at once: the function may fill one array again and again
@@ -196,24 +197,24 @@ class mapped:  # noqa: N801 - it is called as a function is
         return made[0] if self.single else tuple(made)
 
     def choose(self, entry, many):
-        """What runs it: None as long as that costs more than it saves; machine code where it is
-        long or, if there is a loop in it, where there are many states."""
-        entry.asked += many
-        if isinstance(entry.code, (Columns, Bytecode)):
-            return entry.code
-        program, states = entry.traced.program, max(self.uses, entry.asked)
+        """A kernel: None as long as that costs more than it saves; machine code where there is much
+        to do or, if there is a loop in it, where there are many states."""
+        entry.states += many
+        if isinstance(entry.kernel, (Columns, Bytecode)):
+            return entry.kernel
+        program, states = entry.traced.program, max(self.uses, entry.states)
         size = program.size()
         if entry.traced.numpy_calls * states < PRICE * size:
             return None
         repaid = size > LARGE or (program.loops() and states * size > REPAID)
-        entry.code = code_of(entry.traced, Bytecode if repaid else None, NARROW)
-        return entry.code
+        entry.kernel = kernel_of(entry.traced, Bytecode if repaid else None, NARROW)
+        return entry.kernel
 
-    def by_code(self, traced, code, q, v):
+    def by_kernel(self, traced, kernel, q, v):
         """All at once, a state that has trouble by itself; None if that is something else than what
         the lines make of the last."""
         columns, made, first = traced.columns(q, v), [], 0
-        ends, rows = run(code, traced.program, columns, 1, 0.0)
+        ends, rows = iterated(kernel, traced, columns, 1, 0.0)
         for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):
             rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
         if differs(traced, columns[:, -1], (ends, rows), 0.0):
