@@ -44,10 +44,10 @@ class Python(Compiled):
 
     def trace(self, *state):
         super().trace(*state)
-        if self.alone:
-            self.alone.machine = None
+        if self.single:
+            self.single.machine = None
             if self.begin and llvm.available():
-                self.alone.machine = self.begin(self.alone.traced.program)
+                self.single.machine = self.begin(self.single.traced.program)
 
     def improve(self, pace, left):
         pass
@@ -78,7 +78,7 @@ def in_every_way(rule, system, hold, dt, steps):
     ways = [partial(way, watch=lambda q, v: 2.0 + q[0, 1]) for way in WAYS]
     asked = partial(run, system, rule, hold, dt, steps, range(steps + 1))
     runs = [asked(ways[0])]
-    with mock.patch.object(compiled, "Traced", return_value=runs[0].step.alone.traced):
+    with mock.patch.object(compiled, "Traced", return_value=runs[0].stepper.single.traced):
         runs += map(asked, ways[1:])
     assert all(alike(found, runs[0]) for found in runs)
     assert all(found.way.startswith("compiled") for found in runs[:3])
@@ -440,9 +440,9 @@ def test_a_length_of_numpy_costs_no_more_than_one_of_python():
     short = [run(PENDULUM, "rk4", 0.0, np.float32(0.01), 20, way=way) for way in (Plain, Compiled)]
     assert np.array_equal(*(found.tip for found in short))  # dt / 6.0 does not round to so few bits
     found = run(PENDULUM, "rk4", 0.0, np.float64(0.01), 20)
-    given, step = [], found.step.alone
+    given, step = [], found.stepper.single
     step.machine, step.traced.function = None, lambda *given_: given.extend(given_)
-    step(np.ones(4), 1, found.step.dt)
+    step(np.ones(4), 1, found.stepper.dt)
     assert {type(x) for x in (*given[0], given[-1])} == {float}
 
 
@@ -590,7 +590,7 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
 
     late = pytest.raises(ValueError, match="the global WIND was changed while steps were")
     found, plain = (blown(way, -1) for way in (Compiled, Plain))
-    assert "slower: the loop changes the global WIND" in found.way and found.step.lies
+    assert "slower: the loop changes the global WIND" in found.way and found.stepper.lies
     assert np.array_equal(found.tip, plain.tip)
     for begin in (3, 30, 58):
         with late:

@@ -61,7 +61,7 @@ def publish(found, chapter, step_fn):
         from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
 
         scene = found.scene, found.system, found.rule
-        refusals = [run.step.lies for run in found.runs.values() if run.step.lies]
+        refusals = [run.stepper.lies for run in found.runs.values() if run.stepper.lies]
         refusals += ["--plain compiles nothing"] if args.plain else []
         try:
             if refusals:

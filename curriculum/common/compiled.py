@@ -10,7 +10,7 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
-from curriculum.common.steps import HALVINGS, NONE, Block, Plain, Single, Traced
+from curriculum.common.steps import HALVINGS, NO_STATE, Block, Plain, Single, Traced
 from curriculum.common.tape import Stop, Tape, Untraceable
 
 import numpy as np
@@ -46,55 +46,56 @@ class Compiled(Plain):
     ):
         super().__init__(step_fn, m, force, dt, measure)
         self.given, self.only, self.halvings = (step_fn, m, force), only, halvings
-        self.alone, self.way = None, ""
+        self.single, self.way = None, ""  # until the step is traced
         self.uses = steps or math.inf  # if that is not known yet
-        self.ask, self.compared = mapped(measure, uses=steps), False
+        self.measure_all, self.compared = mapped(measure, uses=steps), False
         self.watch = mapped(watch, uses=steps) if watch else None
-        self.gauges = None
-        self.later = self.done = 0
+        self.measure_memory = None  # what `measure` keeps, as it was when a block was measured
+        self.done = self.done_before = 0  # steps computed in this run, and in those before it
         self.start(dt, steps)
 
     def start(self, dt, steps):
         """Begin a run of so many steps of so many seconds, of the same system."""
         self.dt = float(dt)  # Python's own are quicker than numpy's
-        self.later += self.done  # where there were runs before, others will follow
-        self.steps, self.taken, self.seconds, self.done, self.due = steps, 0, 0.0, 0, 0
-        self.state, self.ahead, self.block = NONE, iter(()), None
-        self.most = math.inf
+        self.done_before, self.done = self.done_before + self.done, 0
+        self.steps, self.due = steps, 0  # those left; how many done call for a comparison
+        self.taken, self.seconds = 0, 0.0
+        self.latest, self.ahead, self.block = NO_STATE, iter(()), None
+        self.most = math.inf  # steps of a block: few where the loop changes what it is handed
         self.halved = 0  # plain steps; a Block knows its own
 
     @property
     def source(self):
         """The code that a step has become."""
-        return self.alone.traced.source if self.alone else f"# {self.way}"
+        return self.single.traced.source if self.single else f"# {self.way}"
 
     def __call__(self, q, v):
-        state = self.state
-        if q is state[0] and v is state[1]:  # else the reader has changed it
-            for state in self.ahead:  # the next, if there is one: this is quicker than next()
-                self.state = state
-                return state
-        self.state = self.compute(q, v)
-        return self.state
+        latest = self.latest
+        if q is latest[0] and v is latest[1]:  # else the reader has changed it
+            for latest in self.ahead:  # the next, if there is one: this is quicker than next()
+                self.latest = latest
+                return latest
+        self.latest = self.compute(q, v)
+        return self.latest
 
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.alone = Single(Traced(*self.given, q, v, uses=self.uses), self.halvings)
+            self.single = Single(Traced(*self.given, q, v, uses=self.uses), self.halvings)
         except Untraceable as why:
             self.give_up(why)
             return
         self.way = "compiled to Python"
-        if self.alone.size > LARGE and llvm.available():
+        if self.single.size > LARGE and llvm.available():
             with contextlib.suppress(llvm.Unavailable):
-                self.alone.machine = Bytecode(self.alone.traced.program)
+                self.single.machine = Bytecode(self.single.traced.program)
                 self.way = "compiled to bytecode"
-        self.alone.prepare()
+        self.single.prepare()
 
     def give_up(self, why):
         """Go on plainly."""
-        self.lies = why if self.alone else None
-        self.alone, self.why = None, str(why)
+        self.lies = why if self.single else None
+        self.single, self.why = None, str(why)
         self.way = f"{Plain.way}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
         self.taken, self.seconds = 0, 0.0
@@ -111,7 +112,7 @@ class Compiled(Plain):
         self.steps -= handed
         self.most = math.inf if handed == whole else 2 * handed  # the loop changes the state
         with Tape.lock:  # while others trace, nothing is as it is
-            changed = self.alone.traced.changed() or self.gauges.changed()
+            changed = self.single.traced.changed() or self.measure_memory.changed()
         if changed and handed > 1:
             ahead = "was changed while steps were computed ahead"
             raise ValueError(f"{changed} {ahead}: run them plainly, by way=Plain or --plain")
@@ -123,19 +124,19 @@ class Compiled(Plain):
         self.confirm()
         if not self.way:
             self.trace(q, v)
-        if not self.alone and self.only:
+        if not self.single and self.only:
             raise Untraceable(f"steps are not compiled: {self.why}")
-        if not self.alone:
+        if not self.single:
             return super().__call__(q, v)
-        if not self.alone.traced.fits(q, v):  # the loop has moved what stood still
+        if not self.single.traced.fits(q, v):  # the loop has moved what stood still
             self.compared = False
             self.due = 0
             self.trace(q, v)
             return self.compute(q, v)
         clock = time.perf_counter()
-        start = self.alone.traced.columns(q, v)[:, 0]
+        start = self.single.traced.columns(q, v)[:, 0]
         try:
-            rows, why, halved = self.alone(start, self.count(len(start)), self.dt)
+            rows, why, halved = self.single(start, self.count(len(start)), self.dt)
         except Untraceable as reason:  # found out by the lines as they stand
             self.give_up(reason)
             return self.compute(q, v)
@@ -153,11 +154,11 @@ class Compiled(Plain):
         # the first steps of a long one are slow, and with a Stop the next block begins
         if self.done >= FIRST and not why:
             self.improve(spent / count, self.steps - count)
-        states = self.alone.traced.states(rows)
-        measured = self.ask(*states)
+        states = self.single.traced.states(rows)
+        measured = self.measure_all(*states)
         with Tape.lock:
-            if self.gauges is None or self.gauges.changed():  # else it is as confirm has found it
-                self.gauges = Memory(self.ask.function)  # what the loop changes of it, from here on
+            if self.measure_memory is None or self.measure_memory.changed():  # since confirm
+                self.measure_memory = Memory(self.measure_all.function)  # for the next confirm
         self.block = Block(*states, measured, halved)
         self.ahead = iter(self.block)
         return next(self.ahead)
@@ -167,8 +168,8 @@ class Compiled(Plain):
         if not self.done:  # see confirm
             return 1
         most = min(self.steps, self.most, FIRST - 1 if self.done < FIRST else math.inf)
-        work = LONG * QUICKER if self.alone.machine else LONG
-        return max(1, min(most, BLOCK // entries, work // self.alone.size))
+        work = LONG * QUICKER if self.single.machine else LONG
+        return max(1, min(most, BLOCK // entries, work // self.single.size))
 
     def differs(self, start, rows):
         """Whether a step of a block (count, entries) is another than the plain one: the last or, if
@@ -176,12 +177,12 @@ class Compiled(Plain):
         last = len(rows) - 1
         if not np.isfinite(rows[last]).all():
             last = 0
-        work = max(self.alone.size, CALL * self.alone.traced.numpy_calls)  # of a step as it stands
+        work = max(self.single.size, CALL * self.single.traced.numpy_calls)  # of a plain step
         looks = max(1, min(LOOKS, LOOKED // work))
         for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start
             try:
-                if self.another(before, rows[k], self.alone.traced.plain(before, self.dt)):
+                if self.elsewhere(before, rows[k], self.single.traced.plain(before, self.dt)):
                     return True
             except Stop:  # the step is taken in halves
                 continue
@@ -189,10 +190,10 @@ class Compiled(Plain):
                 return True
         return False
 
-    def another(self, before, end, expected):
+    def elsewhere(self, before, end, expected):
         """Whether a step ends elsewhere than expected, all (entries,). Sums and products are the
         same to the last bit; a sine need not be."""
-        if self.alone.traced.exact:
+        if self.single.traced.exact:
             return not np.array_equal(end, expected, equal_nan=True)
         known = np.isfinite(expected)
         if np.isfinite(end).all() and not known.all():  # 0 * exp(1000): the lines have no number
@@ -204,15 +205,17 @@ class Compiled(Plain):
     def improve(self, pace, left):
         """Machine code, where the steps that are left, of `pace` s, are worth it: first what is
         soon made. The best takes a few times as long to make."""
-        machine = self.alone.machine
+        machine = self.single.machine
         begun = isinstance(machine, Native)
         if begun and machine.best:
             return
-        cost = COMPILING * self.alone.size + LOADING * ("llvmlite.binding" not in sys.modules)
-        worth = left * pace > BEST * cost if begun else (left + self.later) * pace > QUICK * cost
+        cost = COMPILING * self.single.size + LOADING * ("llvmlite.binding" not in sys.modules)
+        if not begun:  # where there were runs before, as many steps will follow
+            left += self.done_before
+        worth = left * pace > (BEST if begun else QUICK) * cost
         if worth and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
-                self.alone.machine = Native(self.alone.traced.program, best=begun)
+                self.single.machine = Native(self.single.traced.program, best=begun)
                 self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
-        if llvm.FAILED and not self.alone.machine:
+        if llvm.FAILED and not self.single.machine:
             self.way = f"compiled to Python; {llvm.FAILED[0]}"

@@ -205,7 +205,7 @@ def true_motion(true_run, system, dt, shown, truth):
 def believed(true_run, system, plan, shown, runs):
     """The Plan, and the true_motion beside its Truth; no Truth where one of `runs` has found that
     what is compiled does something else than the lines, since it was found by such steps."""
-    lies = [run.step.lies for run in runs if run.step.lies]
+    lies = [run.stepper.lies for run in runs if run.stepper.lies]
     if lies:
         plan = plan._replace(truth=Truth(plan.truth.step, unsought=f"not believed: {lies[0]}"))
     return plan, true_motion(true_run, system, plan.dt, shown, plan.truth)

@@ -28,7 +28,7 @@ class Run(SimpleNamespace):
     watched: float  # the largest of what the stepper was to watch
     pace: float  # us a step, of the steps alone
     way: str  # how the steps were computed
-    step: object  # what took the steps
+    stepper: object  # what took the steps, a Plain or a Compiled
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -44,12 +44,12 @@ class Run(SimpleNamespace):
 
     def __reduce__(self):
         """Of what took the steps a copy has the code, and nothing else."""
-        return Run, (), vars(self) | {"step": SimpleNamespace(source=self.source)}
+        return Run, (), vars(self) | {"stepper": SimpleNamespace(source=self.source)}
 
     @property
     def source(self):
         """The code that a step has become."""
-        return self.step.source
+        return self.stepper.source
 
     @property
     def remark(self):
@@ -97,13 +97,13 @@ def number(name, x):
 class Log:
     """What a run is measured to be: `note` every state, and `run` is all of it.
 
-    As a context it takes note of a Stop, which ends the run and not the program. `step`: what hands
+    As a context it takes note of a Stop, which ends the run and not the program. `stepper` hands
     out the states; `steps`: how many are to come; `keep`: those whose states are kept; `far` m:
     what is off by more has flown apart.
     """
 
-    def __init__(self, step, steps, keep, far):
-        self.step, self.steps, self.far = step, steps, far
+    def __init__(self, stepper, steps, keep, far):
+        self.stepper, self.steps, self.far = stepper, steps, far
         self.keep = np.array(sorted(set(keep)), dtype=int)
         self.done, self.stopped = -1, None  # the start is step 0
         self.tip = np.empty((steps + 1, 3))
@@ -122,7 +122,7 @@ class Log:
             why.add_note("States are computed ahead, so none is changed in place: v = 0.9 * v.")
         try:
             self.close()
-            self.step.confirm()
+            self.stepper.confirm()
         finally:
             self.quiet.__exit__(kind, why, trace)
         if isinstance(why, Stop):
@@ -132,12 +132,12 @@ class Log:
 
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
-        state, row = self.step.state, self.row
+        state, row = self.stepper.latest, self.row
         handed = q is state[0] and v is state[1] and violation is state[2] and energy is state[3]
         if handed and energy is self.sane[row]:  # as nearly always: the next row of the block
             self.row = row + 1
             return
-        block = self.step.block if handed else None
+        block = self.stepper.block if handed else None
         if block is not None:  # a loop may leave out some states
             following = row if block is self.block else 0
             block = block if block.handed() == following + 1 else None
@@ -174,18 +174,18 @@ class Log:
         self.done += count
         self.halved += int(np.sum(block.halved < count))
         self.tick(self.done)
-        if self.step.watch:
-            asked = self.step.watch(block.q[:count], block.v[:count])
-            self.watched = max(self.watched, float(np.max(asked)))
+        if self.stepper.watch:
+            seen = self.stepper.watch(block.q[:count], block.v[:count])
+            self.watched = max(self.watched, float(np.max(seen)))
 
     def run(self):
         """All that was noted, as a Run."""
         steps, q, v = (np.concatenate(x) for x in zip(*self.kept, self.last, strict=True))
         once = np.flatnonzero(np.diff(steps, append=math.inf))  # the last may have been kept
         kept = {"kept": steps[once], "q": q[once], "v": v[once]}
-        names, step = ("tip", "violations", "energies"), self.step
+        names, stepper = ("tip", "violations", "energies"), self.stepper
         series = {name: getattr(self, name)[: self.done + 1] for name in names}
         ended = {"stopped": self.stopped, "watched": self.watched}
-        ended["halved"] = self.halved + step.halved
-        pace = 1e6 * step.seconds / max(1, step.taken)
-        return Run(**series, **kept, **ended, pace=pace, way=step.way, step=step)
+        ended["halved"] = self.halved + stepper.halved
+        pace = 1e6 * stepper.seconds / max(1, stepper.taken)
+        return Run(**series, **kept, **ended, pace=pace, way=stepper.way, stepper=stepper)

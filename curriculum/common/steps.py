@@ -24,7 +24,7 @@ from curriculum.common.tape import Stop, Tape, TooLong, Untraceable, effort
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
-NONE = None, None, None, None  # no state that there is, nor what is measured of it
+NO_STATE = None, None, None, None  # instead of q, v and what was measured of them
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
@@ -131,7 +131,7 @@ class Plain:
     """
 
     way = source = "in plain numpy: the lines as they stand"
-    block, state = None, NONE  # there is none: only Compiled computes ahead
+    block, latest = None, NO_STATE  # what was handed out last; only Compiled computes ahead
     lies, halvings = None, HALVINGS
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
