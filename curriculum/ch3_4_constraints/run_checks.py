@@ -7,9 +7,9 @@ from types import MappingProxyType
 from curriculum.ch3_4_constraints.systems import check_system, need
 from curriculum.ch3_4_constraints.tables import UNHELD, say
 from curriculum.common.arrays import ordered
+from curriculum.common.callbacks import called, shaped
 from curriculum.common.cli import meant, shorten
 from curriculum.common.elimination import has_loop
-from curriculum.common.steps import called, shaped
 from curriculum.common.tape import NoNumber, Stop, current
 
 import numpy as np

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 from curriculum.common import llvm
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import LARGE, Bytecode
+from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
-from curriculum.common.steps import Traced, called
+from curriculum.common.steps import Traced
 from curriculum.common.tape import PRICE, Stop, Untraceable
 
 import numpy as np

@@ -6,74 +6,23 @@ A step is a function (q, v, m, force, dt) -> (q, v). One that raises Stop is tri
 import contextlib
 import math
 import time
-from functools import cached_property, lru_cache
-from inspect import signature
+from functools import cached_property
 from itertools import chain
 from operator import length_hint
-from pathlib import Path
-from traceback import extract_tb
 from types import FunctionType
 
 from curriculum.common.arrays import ordered
-from curriculum.common.cli import shorten
+from curriculum.common.callbacks import as_state, explained, shaped
 from curriculum.common.programs import Program, Routine
-from curriculum.common.pure import Memory, foreign
+from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, function_of, source_of
-from curriculum.common.tape import Stop, Tape, TooLong, Untraceable, effort
+from curriculum.common.tape import Stop, Tape, Untraceable, effort
 
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
 NO_STATE = None, None, None, None  # instead of q, v and what was measured of them
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
-
-
-@lru_cache(256)
-def wanted(function, given):
-    """How many of so many arguments a function must have, and whether it takes v by its name."""
-    parameters = signature(function).parameters.values()
-    if any(x.kind == x.VAR_POSITIONAL for x in parameters):
-        return given, False
-    placed = [x for x in parameters if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
-    many = sum(x.default is x.empty for x in placed)
-    if many == given - 1 and [x.name for x in placed[many:]][:1] == ["v"]:
-        return given, False
-    named = [x.name for x in parameters if x.kind != x.POSITIONAL_ONLY and x not in placed[:many]]
-    return many, "v" in named
-
-
-def called(function, *arguments):
-    """function(*arguments), or of as many as are `wanted`. The last is v."""
-    try:
-        many, by_name = wanted(function, len(arguments))
-    except (TypeError, ValueError):  # it has no signature, or no hash
-        many, by_name = len(arguments), False
-    named = {"v": arguments[-1]} if by_name else {}
-    return function(*arguments[:many], **named)
-
-
-def place_of(function):
-    """What a function is called and, of Python's, where it stands."""
-    function = getattr(function, "func", function)  # of a partial
-    name = getattr(function, "__name__", type(function).__name__)
-    code = getattr(function, "__code__", None)
-    return f"{name} ({Path(code.co_filename).name}, line {code.co_firstlineno})" if code else name
-
-
-def shaped(made, shape, function):
-    """What a function of forces made, as an array; ValueError for another shape names its line."""
-    try:
-        return ordered(made, shape)
-    except ValueError as why:
-        raise ValueError(f"{place_of(function)}: {why}") from None
-
-
-def pair(end, step):
-    """The q, v that a step returned, which may be lists, as arrays."""
-    if not isinstance(end, (tuple, list)) or len(end) != 2:
-        what = f"returned {shorten(repr(end))}, where a step returns q and v"
-        raise ValueError(f"{place_of(step)} {what}")
-    return tuple(map(ordered, end))
 
 
 def followed(rule, after):
@@ -84,8 +33,8 @@ def followed(rule, after):
             return shaped(force(q, v), np.shape(q), force)
 
         plain = isinstance(force, FunctionType)  # else it may have more than a rule calls: its own
-        end = pair(rule(q.copy(), v.copy(), m, asked if plain else force, dt), rule)
-        return pair(after(q, *end, dt), after) if after else end
+        end = as_state(rule(q.copy(), v.copy(), m, asked if plain else force, dt), rule)
+        return as_state(after(q, *end, dt), after) if after else end
 
     return step
 
@@ -135,7 +84,7 @@ class Plain:
     lies, halvings = None, HALVINGS
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
-        self.step = lambda state, dt: pair(step_fn(*state, m, force, dt), step_fn)
+        self.step = lambda state, dt: as_state(step_fn(*state, m, force, dt), step_fn)
         self.dt, self.measure = float(dt), measure  # numpy's short numbers would round
         self.watch = (lambda q, v: list(map(watch, q, v))) if watch else None
         self.taken = self.halved = 0
@@ -156,15 +105,6 @@ class Plain:
         return q, v, *self.measure(q, v)
 
 
-def told(reason):
-    """An error in words, and the line of the reader's that raised it, if one did."""
-    words = str(reason) or type(reason).__name__
-    frames = [x for x in extract_tb(reason.__traceback__) if not foreign(x.filename)]
-    if isinstance(reason, TooLong) or not frames:
-        return words
-    return f"{words} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
-
-
 class Traced:
     """A step as a Program of what does not stay zero: where `moving` (2, N, 3) says so of q and v.
 
@@ -183,7 +123,7 @@ class Traced:
                 try:
                     self.trace(step_fn, m, force, q, v, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
-                    why = told(reason)
+                    why = explained(reason)
                 finally:
                     why = memory.restore() or why
             effort.uses = math.inf
@@ -195,7 +135,7 @@ class Traced:
         zero = [np.all(x == 0.0, axis=tuple(range(x.ndim - 2))) for x in (q, v)]
         still, routine = [zero[0] & zero[1]] * 2, Routine(force)
         self.shape = q.shape[-2:]
-        self.as_it_stands = lambda q, v, dt: pair(step_fn(q, v, m, force, dt), step_fn)
+        self.as_it_stands = lambda q, v, dt: as_state(step_fn(q, v, m, force, dt), step_fn)
         self.measure = measure or (lambda q, v: ())
 
         def asked(q, v):  # the same force each time, so no switch may have been thrown
@@ -205,7 +145,7 @@ class Traced:
             return routine(q, v)
 
         def step(q, v, dt):
-            end = pair(step_fn(q, v, m, asked, dt), step_fn)
+            end = as_state(step_fn(q, v, m, asked, dt), step_fn)
             return *end, *self.measure(*end)
 
         while True:  # suppose that zeros stay zero; trace; drop those that do not; again
