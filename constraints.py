@@ -22,7 +22,7 @@ from curriculum.ch3_4_constraints import publish, run_checks, scene_files, stati
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
 from curriculum.ch3_4_constraints.systems import check_links, direction, energy_scale, states
-from curriculum.common import banner, ruler, rules
+from curriculum.common import aim, banner, ruler, rules
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, installed, number, run_script
 from curriculum.common.compiled import Compiled
@@ -419,7 +419,7 @@ def main(argv=None):
     unsought = run_checks.unsought(system, partial(unheld, system), args.plain, hold_table())
     true_run = ruler.truly(partial(run, "project"), unsought)
     tried = [partial(run, mode) for mode in modes]
-    plan = parser.attempt("--tol", ruler.settle, true_run, tried, offered, args.dt, steps, args.tol)
+    plan = parser.attempt("--tol", aim.settle, true_run, tried, offered, args.dt, steps, args.tol)
     rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them
     shown = frames(plan.steps, plan.dt, len(system["q0"]), args.picture or args.rerun)
     keep, runs, pulls = [plan.truth.step, *shown], {}, {}

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, make_system, run
-from curriculum.common import ruler, rules
+from curriculum.common import aim, ruler, rules
 from curriculum.common.compiled import Compiled
 from curriculum.common.gauss import make_gauss
 from curriculum.common.ruler import true_position
@@ -164,8 +164,8 @@ def test_what_is_known_is_not_sought_further_than_it_helps():
     assert by_chance == (None, math.inf) and len(tried) == len(ruler.LADDER)
     exact, starts = {"gauss:12": make_gauss(12, tol=1e-16)}, [held("triple", "none")]
     for tol, known in ((None, 1e-11), (1e-12, 1e-12)):  # a small error wants a truth that is better
-        plan = ruler.settle(true_run("triple"), starts, exact, 0.01, 200, tol)
-        assert plan.truth.known < known
+        plan = aim.settle(true_run("triple"), starts, exact, 0.01, 200, tol)
+        assert plan.truth.uncertainty < known
     many = [1e-8] * len(ruler.LADDER)
     assert run_to(*many) == (None, math.inf) and len(tried) == len(ruler.LADDER)
 
@@ -194,7 +194,7 @@ def test_of_a_force_that_is_another_each_time_no_truth_is_sought(monkeypatch):
     """It would not be found, and looking for it takes minutes without compiled steps."""
     calls = []
     feel(monkeypatch, lambda q, v: calls.append(1) or 1e-6 * len(calls) * c.GRAVITY)
-    plan = ruler.settle(true_run("double"), [], {"rk4": c.rk4_step}, 0.01, 10, None)
+    plan = aim.settle(true_run("double"), [], {"rk4": c.rk4_step}, 0.01, 10, None)
     assert plan.truth.q is None and len(calls) < 100
     assert plan.truth.unsought.endswith("not compiled: it changes the list calls")
     feel(monkeypatch, lambda q, v: -v if q.dtype == float else 0.0 * q)  # not so when it is traced
@@ -215,10 +215,11 @@ def test_a_bob_between_two_long_rods_moves_as_a_pendulum_of_their_sag():
 def test_what_is_settled_covers_what_was_asked_for(steps, dt, at):
     """As many steps; a truth after 2 s or at the end; for an error, a step twice as large fails."""
     true, run_of = true_run("double"), held("double", "none")
-    plan = ruler.settle(true, [], {"rk4": c.rk4_step}, dt, steps, None)
-    assert plan[:3] == ("rk4", dt, steps) and plan.truth.step == at and plan.truth.known < 1e-9
+    plan = aim.settle(true, [], {"rk4": c.rk4_step}, dt, steps, None)
+    assert plan[:3] == ("rk4", dt, steps)
+    assert plan.truth.step == at and plan.truth.uncertainty < 1e-9
     offered = rules.offered("gauss:6", c.INTEGRATORS, 1e-9)
-    name, found, count, truth = ruler.settle(true, [run_of], offered, dt, steps, 1e-9)
+    name, found, count, truth = aim.settle(true, [run_of], offered, dt, steps, 1e-9)
     assert found > dt and 0.0 <= count * found - steps * dt < found
     assert truth.step * found == pytest.approx(at * dt, abs=0.5 * found)
     ends = [run_of(offered[name], h, round(at * dt / h)) for h in (found, 2.0 * found)]
@@ -249,19 +250,19 @@ def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     costs = {}
     for order in (4, 8, 12):
         rule = rules.named(f"midpoint:{order}", c.INTEGRATORS)
-        error, dt, (found, states) = ruler.climb(1e-7, 2.0, q, runs, rule)
-        forces = ruler.cost(found, rule, dt, states)
+        error, dt, (found, states) = aim.climb(1e-7, 2.0, q, runs, rule)
+        forces = aim.cost(found, rule, dt, states)
         assert error <= 1e-7 and forces == (order / 2) ** 2 + 1
         costs[f"midpoint:{order}"] = forces / dt
     table = {name: rules.named(name, c.INTEGRATORS) for name in costs}
     for names in (list(table), list(table)[::-1]):
-        name, dt = ruler.step_for(1e-7, 2.0, q, runs, {name: table[name] for name in names})
+        name, dt = aim.step_for(1e-7, 2.0, q, runs, {name: table[name] for name in names})
         assert name == min(costs, key=costs.get) not in ("midpoint:4", "midpoint:12")
     rule = rules.named("gauss:6:1e-8", c.INTEGRATORS)  # longer steps are near enough, in halves
-    _, dt, _ = ruler.climb(1e-6, 2.0, q, runs, rule)
+    _, dt, _ = aim.climb(1e-6, 2.0, q, runs, rule)
     assert dt < 0.15 and not runs[0](rule, dt, round(2.0 / dt)).halved
     loose, strict = (rules.named(f"gauss:6:{tol}", c.INTEGRATORS) for tol in ("1e-4", "1e-12"))
-    few, many = (ruler.cost(runs[0], rule, 0.02, [(q, 0.0 * q)]) for rule in (loose, strict))
+    few, many = (aim.cost(runs[0], rule, 0.02, [(q, 0.0 * q)]) for rule in (loose, strict))
     assert few < many and few % 6 == many % 6 == 0  # one a stage in every round
 
 
@@ -367,14 +368,14 @@ def ending(far):
 def test_where_no_mode_gets_through_no_step_is_chosen():
     lost = ending(lambda dt: math.nan)
     with pytest.raises(ArgumentTypeError, match="no mode gets through 2 s whole, in steps of"):
-        ruler.step_for(1e-6, 2.0, np.zeros((1, 3)), [lost, lost], {"gauss:6": None})
+        aim.step_for(1e-6, 2.0, np.zeros((1, 3)), [lost, lost], {"gauss:6": None})
 
 
 def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
     def slow(dt):  # of order 1.2: half as long is less than half as wrong
         return dt**1.2
 
-    error, dt, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [ending(slow)], None)
+    error, dt, reached = aim.climb(1e-4, 2.0, np.zeros((1, 3)), [ending(slow)], None)
     assert reached and slow(dt) == error <= 1e-4
     biased = ending(lambda dt: 0.1)  # it is soon as near as it gets
     stalled = ending(lambda dt: 1e-3)  # nearer at first, and no nearer then
@@ -382,5 +383,5 @@ def test_a_slow_rule_is_followed_as_long_as_half_the_step_gains_something():
     lucky = ending(lambda dt: slow(dt) * (0.1 if 0.004 < dt < 0.005 else 1.0))  # once by chance
     failing = ending(lambda dt: math.nan if 0.003 < dt < 0.005 else slow(dt))  # at some steps
     for other, late in ((biased, rough), (stalled, lucky), (stalled, failing)):
-        error, _, reached = ruler.climb(1e-4, 2.0, np.zeros((1, 3)), [other, late], None)
+        error, _, reached = aim.climb(1e-4, 2.0, np.zeros((1, 3)), [other, late], None)
         assert error <= 1e-4 and reached[0] is late

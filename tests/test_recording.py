@@ -14,7 +14,7 @@ from curriculum.ch3_4_constraints.comparison import FRAME_RATE, FRAMES, Comparis
 from curriculum.ch3_4_constraints.pictures.make_pictures import FOLDER, PICTURES
 from curriculum.ch3_4_constraints.studies._runs import energy_scale
 from curriculum.ch3_4_constraints.tables import length
-from curriculum.common import ruler
+from curriculum.common import aim, ruler
 
 import numpy as np
 import pytest
@@ -274,7 +274,7 @@ def compared(mode_names, system, q, shown, motion):
     runs = dict.fromkeys(mode_names, done)
     args = SimpleNamespace(system="\udcff")  # a file's name may be no text
     pulls = dict.fromkeys(runs, lambda q, v: np.zeros((len(q), len(system["pairs"]))))
-    plan = ruler.Plan("rk4", 0.01, len(q) - 1, ruler.Truth(0))
+    plan = aim.Plan("rk4", 0.01, len(q) - 1, ruler.Truth(0))
     return Comparison(args, system, *plan, runs, 1.0, pulls, shown, motion)
 
 

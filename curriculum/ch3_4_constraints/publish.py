@@ -49,7 +49,7 @@ def publish(found, chapter, step_fn):
     used |= {"integrator": found.rule, "dt": found.dt, "steps": found.steps}
     used["rods"] = len(found.system["pairs"])
     used["error_at"] = found.truth.step * found.dt
-    used["known"] = None if found.truth.q is None else float(f"{found.truth.known:.2g}")  # m
+    used["known"] = None if found.truth.q is None else float(f"{found.truth.uncertainty:.2g}")  # m
     files = {METRICS: as_json(used | {"results": found.rows})}
     files |= {PICTURE: None, PAGE: None, RECORDING: None}
     more = ""

@@ -42,8 +42,8 @@ def comparison(found):
         if len(run.tip) == 1:  # not a single step
             worst = end = energy = "-"
         if row["error"] is not None:  # no finer than what is known
-            coarse = row["error"] < truth.known and truth.known >= 1e-12
-            error = f"< {length(truth.known)}" if coarse else length(row["error"])
+            coarse = row["error"] < truth.uncertainty and truth.uncertainty >= 1e-12
+            error = f"< {length(truth.uncertainty)}" if coarse else length(row["error"])
         said = [f" {run.remark}"] if run.remark else []
         if row["unheld"] > UNHELD:
             left = f"{row['unheld']:.2g} m/s^2 unanswered"
