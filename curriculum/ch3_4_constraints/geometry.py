@@ -36,8 +36,7 @@ def tiling(count, shape, size, words, least=0):
     """How many of `count` tiles go side by side so that what is `size` (x, y) is drawn largest, and
     the room (x, y) that each has for it.
 
-    In pixels of the sheet: `shape`, its width and height; `words`, how tall a tile's words are; and
-    `least`, how wide a tile is at least.
+    In pixels: the sheet's `shape` (x, y), the room of a tile's `words`, and its `least` width.
     """
     layouts = [(k, shape[0] / k, shape[1] / -(-count // k) - words) for k in range(1, count + 1)]
     layouts = [layout for layout in layouts if layout[1] >= least]

@@ -1,8 +1,7 @@
 """The page that lives: a scene in all its modes, in any browser, under sliders and a hand.
 
 The page has no formula of its own: the chapter's lines run once, on symbols, with the step,
-Baumgarte's w, soft's T and the hand as inputs, and what they did becomes JavaScript, which makes
-the bits that they make here.
+Baumgarte's w, soft's T and the hand as inputs. What they did becomes JavaScript, bit for bit.
 """
 
 import base64

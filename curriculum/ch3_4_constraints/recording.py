@@ -61,8 +61,7 @@ def dashed(begins, ends, shown, thickness, color):
 def draw(system, q, pulls, full, color, ball):
     """{entity: (style, rows)} of a mode at q (F, N, 3): rods, particles, the path.
 
-    `pulls` (F, C): newtons of the rods, which glow most at `full`; `color`: of all else; `ball`:
-    the radius of a particle.
+    `pulls` (F, C) in N: rods glow most at `full`; `color`: of all else; `ball`: a radius in m.
     """
     tails, marks, heads, error = rod_ends(system, q)
     ends = np.where(error[..., None] > 0.0, marks, heads)

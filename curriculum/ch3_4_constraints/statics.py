@@ -51,8 +51,7 @@ def refusal(system, gravity):
 def torn(system, gravity, unit, rate, slow):
     """A rod that no finite tension can hold, by its index; None if nothing proves there is one.
 
-    `unit` (C, 3): the rods as vectors, 1 long; `rate` (C, 3): how fast these change, in m/s, which
-    under `slow` is rest.
+    `unit` (C, 3): rods as vectors, 1 long. `rate` (C, 3) in m/s: their change; under `slow`, rest.
 
     Let u be a self-stress: tensions that cancel at every particle, J^T u = 0. Rods that move from
     d to d + e and keep their lengths have d . e + e . e / 2 = 0. Summed up with u the first terms

@@ -69,9 +69,8 @@ def energy_scale(system, gravity):
 
 
 def states(system, *arrays):
-    """Positions or velocities, (N, 3) each, as arrays whose products and sums go in order. They may
-    be lists, and cannot be written into. Raises ValueError for another shape, which would be
-    repeated silently."""
+    """Positions or velocities, (N, 3) each: read-only arrays whose products and sums go in order.
+    Lists will do. Raises ValueError for another shape, which numpy would repeat silently."""
     need(isinstance(system, Mapping), "a system", system, "a dict, as build_system makes it")
     made, shape = [], np.shape(system["m"])
     if shape[1:] != (1,):

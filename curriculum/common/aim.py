@@ -45,8 +45,7 @@ def cost(run, rule, dt, states):
 
 
 def finer(seconds, least):
-    """Numbers of steps that `seconds` are parted in: by half as many again, and then twice. They
-    are no shorter than `least` s."""
+    """Numbers of steps of `least` s or more in `seconds`: half as many again, and then twice."""
     steps = math.ceil(seconds / LONGEST)
     yield steps
     while True:

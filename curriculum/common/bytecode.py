@@ -1,9 +1,8 @@
 """A program as rows of numbers, which one small function of machine code reads: soon made.
 
-A row is an operation: what to do, in which register the result is to be, and in which the operands
-are. However long a program is, only its reader is compiled, once for all. A register has `lanes`
-numbers, of as many members that go in step. The operations and their order are the tape's, so the
-bits are, too.
+A row is an operation: what to do, the register of its result, and those of its operands. However
+long a program is, only its reader is compiled, once for all. A register has `lanes` numbers, of as
+many members that go in step. Operations and their order are the tape's, and so are the bits.
 """
 
 import math
@@ -29,8 +28,7 @@ UNUSED = [(0,) * (WIDTH - 2 - many) for many in range(WIDTH - 1)]  # behind so m
 class Assembler:
     """The `rows` of a Program, and the registers that it needs: `register`(x) of a name or number.
 
-    First comes the state, then the largest of what the program makes besides, then knobs. Numbers
-    are there from the start.
+    First come the state, the largest of what else is made, and the knobs. Numbers are preset.
     """
 
     def __init__(self, program):
@@ -146,9 +144,8 @@ class Assembler:
 def reader_lines(lanes):
     """i64 run(registers, rows, out, count, many, trouble): how many steps were done.
 
-    The first `many` registers are the state. out (count, many): every state, or null. It ends with
-    a step after which register `trouble` is not zero, which is not counted; with several lanes it
-    never does.
+    The first `many` registers are the state. out (count, many): every state, or null. With a single
+    lane a step after which register `trouble` is not zero is the last, and is not counted.
     """
     w = llvm.Function(lanes)
     done, at = w.variable("0", "i64"), w.variable("0", "i64")

@@ -37,8 +37,7 @@ class Compiled(Plain):
     plain. With `only` that raises Untraceable, since it would take too long, and only one block is
     compared. `steps`: how many are to come. `way` says how steps are done; `source` is the code;
     `taken` steps took `seconds`, counted from zero where the way changes. `lies`: why what was
-    compiled was given up, or None. `halvings`: how often a step that fails is halved; if never, the
-    run stops there.
+    compiled was given up, or None. `halvings`: how often, at most, a step that fails is halved.
     """
 
     def __init__(

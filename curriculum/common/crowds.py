@@ -212,11 +212,10 @@ class mapped:  # noqa: N801 - it is called as a function is
         return entry.kernel
 
     def by_kernel(self, traced, kernel, q, v):
-        """All at once, a state that has trouble by itself; None if that is something else than what
-        the lines make of the last."""
+        """What a kernel makes of all states; None if of the last the lines make something else."""
         columns, made, first = traced.columns(q, v), [], 0
         ends, rows = iterated(kernel, traced, columns, 1, 0.0)
-        for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):
+        for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):  # those go by themselves
             rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
         if differs(traced, columns[:, -1], (ends, rows), 0.0):
             return None

@@ -149,8 +149,7 @@ def conjugated(problem, x, left):
     """The x that refined() has found, and further, by conjugate gradients, for what is left of b.
 
     Rounds of refinement hardly move x along a vector p where A is far less than the matrix near it.
-    These go as far as p . A p says. But where T is more than A, or A is less than EPS of diag A, A
-    counts as zero, and x is left as it is.
+    These go as far as p . A p says, and nowhere where A is less than T or EPS diag A: it is noise.
     """
 
     def another(state):

@@ -17,8 +17,7 @@ def write_together(folder, contents):
     """Write files {name: text or bytes} aside, then rename them into `folder`.
 
     A name whose content is None is not there afterwards. If one cannot be written or replaced, or
-    all is interrupted, all is as it was, and an OSError names the file. Processes wait for each
-    other.
+    all is interrupted, all is as it was, and an OSError names the file. Other processes wait.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,7 @@ class Language:
     """A subclass has the words: `number`, how a float is written; `functions` {sign: name}.
 
     `assigned`: a line that gives a name to an expression. `minus`: how tightly what follows a sign
-    has to bind. `calls` and `loop`, (part, signed) -> lines of a part, where signed(symbol) is what
-    a symbol is written as.
+    has to bind. `calls` and `loop`, (part, signed) -> lines; signed(symbol) is its expression.
     """
 
     def write(self, tape, *groups):

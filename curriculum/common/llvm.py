@@ -1,8 +1,7 @@
 """LLVM's language: a function written line by line, and what is written made into machine code.
 
 No fast-math, nothing contracted; sin, exp and the like are the C library's, as in Python's math.
-llvmlite is the extra `fast`; without it, and once it has failed, `available()` is false, and all
-goes another way.
+llvmlite is the extra `fast`. Without it, and once it has failed, steps are compiled to Python.
 """
 
 import ctypes
@@ -35,6 +34,7 @@ class Function:
     """Lines of one function; a value is one number, or `lanes` of them in a vector register.
 
     What changes from turn to turn is in memory, reserved at the `top`: LLVM finds registers for it.
+    A `kind` is a type, in LLVM's words; without one it is that of a value.
     """
 
     def __init__(self, lanes):

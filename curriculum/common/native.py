@@ -189,10 +189,10 @@ class Writer(Function):
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, apart, knobs, ended): see Native.
+    """i64 run(state, count, out, apart, knobs, ended): see Native. knobs (knobs, lanes).
 
-    `apart`: how far apart the entries are. knobs (knobs, lanes). `ended`: 1, or 0 if a loop came to
-    no end. Where out is all states it may be null.
+    `apart`: numbers from entry to entry. `ended`: 1, or 0 if a loop came to no end. Of all states
+    out may be null.
     """
     w, many, whole = Writer(lanes, {}, lanes == 1), len(program.inputs), len(program.out)
     found = [("%state", k) for k in range(many)] + [("%out", k) for k in range(whole - many)]

@@ -20,8 +20,7 @@ INLINE = 160  # operations of a routine that is written out where it is called
 class Program:
     """function(*arrays, *knobs) -> tuple of arrays, traced; entries marked in `still` are zero.
 
-    `still`: a mask an array. `knobs`: names of single numbers that last, say a step's length, and
-    that are not zero where they divide.
+    `still`: a mask an array. `knobs`: names of numbers that last; where they divide, not zero.
     `inputs`: the names of the entries that are not still, `live` their (argument, place).
     `results`: arrays of Symbols; `out`: them all in one list.
     """
@@ -222,9 +221,8 @@ def repeat(body, x, most, complaint, nearly=1.0):
     """The first of x, body's x, ... whose size is at most 1, where body(x) = (following, size).
 
     It is a while loop that can be compiled: on symbols it becomes a loop of the code, which is left
-    out like all that no result needs, so use what it returns. It ends, too, where the size falls no
-    more and is at most `nearly`: rounding allows no less. Raises Stop(complaint) after `most`
-    turns.
+    out like all that no result needs, so use what it returns. It ends, too, where a size of at most
+    `nearly` falls no more: rounding allows no less. Raises Stop(complaint) after `most` turns.
     """
     x, last = ordered(np.array(x)), math.inf
     if current.tape is not None and x.dtype == object:

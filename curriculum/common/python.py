@@ -41,8 +41,7 @@ class Python(Language):
         return expression, bound
 
     def calls(self, calls, signed):
-        """A call of a routine for each row; or, where rows take numbers from around, a loop, which
-        adds what they make to a list."""
+        """A call of a routine for each row or, where rows take numbers from around, a loop."""
         program, rows = calls.program, [", ".join(map(signed, row)) for row in calls.rows]
         if not calls.taken:
             if program not in self.routines:

@@ -61,9 +61,8 @@ def once_for_all(kind):
 def truly(run, unsought=None):
     """(dt, steps, keep=(), nudge=False) -> Run, by one rule, compiled once for all steps' lengths.
 
-    run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`. `unsought`: why
-    it is not to be run, in words; then it raises Untraceable, as where a step cannot be compiled:
-    plain ones would take too long.
+    run(rule, dt, steps, keep, way, nudge) -> Run, of a `nudged` system if `nudge`. Untraceable is
+    raised where steps cannot be compiled: plain ones take too long; or where `unsought` says why.
     """
 
     def refuse(*_, **__):
@@ -76,8 +75,7 @@ def truly(run, unsought=None):
 
 
 def rungs(seconds):
-    """Ever larger numbers of steps, of MOST at most; odd ones, so that halves are never another's
-    steps."""
+    """Ever larger numbers of steps, of MOST at most; odd ones, so that none is twice another."""
     counts = [math.ceil(seconds / longest) | 1 for longest in LADDER if seconds <= MOST * longest]
     return list(accumulate(counts, lambda before, count: max(before + 2, count)))
 
@@ -128,17 +126,15 @@ def true_position(true_run, seconds, enough=ENOUGH):
 
 
 def more_parts(parts):
-    """Half as many parts again, and three for one: never twice as many, since a step's halves would
-    agree with them."""
+    """Half as many parts again, three for one; not twice as many: a step's halves are as short."""
     return max(3, (3 * parts + 1) // 2)
 
 
 def true_motion(true_run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
-    Two steps agree that long to CLOSE of the longest rod. They become finer as long as that gains
-    something. It is not sought where the Truth is not. `shown`: multiples of the first that is not
-    0. `true_run` is made by `truly`.
+    Two steps agree that long to CLOSE of the longest rod; they become finer while that gains time.
+    It is not sought where the Truth is not. All `shown` are multiples of the first that is not 0.
     """
     if len(shown) < 2 or truth.unsought:
         return np.array([])

@@ -59,10 +59,9 @@ class Run(SimpleNamespace):
         return ", and ".join(filter(None, (halved, self.stopped)))
 
     def summary(self, scale, truth):
-        """What a run came to, rounded, as metrics.json has it: lengths in m, energies as shares of
-        `scale`.
+        """What a run came to, rounded, as metrics.json has it: in m, and energies by `scale` in J.
 
-        `scale` in J. `error`: how far a particle is from the Truth, if that is known. `unheld`:
+        `error`: how far a particle is from the Truth, if that is known. `unheld`:
         the most that was asked of the rods and left unanswered, if that was watched.
         """
         there = self.q[self.kept == truth.step]  # (1, N, 3), or none if the run did not get there
@@ -98,8 +97,7 @@ class Log:
     """What a run is measured to be: `note` every state, and `run` is all of it.
 
     As a context it takes note of a Stop, which ends the run and not the program. `stepper` hands
-    out the states; `steps`: how many are to come; `keep`: those whose states are kept; `far` m:
-    what is off by more has flown apart.
+    out `steps` states; those of `keep` are kept. What has a rod that is `far` m off has diverged.
     """
 
     def __init__(self, stepper, steps, keep, far):
