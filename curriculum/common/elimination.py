@@ -14,7 +14,8 @@ from curriculum.common.programs import repeat
 
 import numpy as np
 
-FEW = 8  # unknowns
+FEW = 8  # unknowns: for more a row is eliminated at once by numpy
+ROUNDS = 100  # of a refinement, at most: then it is given up
 EPS = 2.0**-52  # of a matrix: less is rounding
 
 
@@ -86,7 +87,7 @@ def eliminated(a, order):
     """
     a = np.array(a, np.result_type(a, 1.0))  # a copy, of floats or of symbols
     for k, rest in order:
-        columns = [rest] if len(rest) > FEW else rest  # many at once: numpy is quicker than a loop
+        columns = [rest] if len(rest) > FEW else rest
         for i in rest:
             a[i, k] = a[i, k] / a[k, k]  # less so much of row k, row i is free of x[k]
             for j in columns:
@@ -142,7 +143,7 @@ def refined(problem):
 
     x = problem.rough(b)
     start = np.concatenate([x, b - problem.times(x), [problem.weigh(b)]])
-    return repeat(another, start, 100, problem.complaint)[:-1].reshape(2, -1)
+    return repeat(another, start, ROUNDS, problem.complaint)[:-1].reshape(2, -1)
 
 
 def conjugated(problem, x, left):
@@ -171,4 +172,4 @@ def conjugated(problem, x, left):
     # a round may leave more, and the next one far less: two together must halve it
     much = 16.0 * problem.weigh(problem.b)
     start = np.concatenate([x, left, 0.0 * left, [1.0, 0.0, much, much]])
-    return repeat(another, start, 100, problem.complaint)[: len(x)]
+    return repeat(another, start, ROUNDS, problem.complaint)[: len(x)]
