@@ -22,7 +22,7 @@ from curriculum.ch3_4_constraints import publish, run_checks, scene_files, stati
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
 from curriculum.ch3_4_constraints.systems import check_links, direction, energy_scale, states
-from curriculum.common import aim, banner, ruler, rules
+from curriculum.common import aim, banner, progress, ruler, rules
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import chapter_parser, installed, number, run_script
 from curriculum.common.compiled import Compiled
@@ -415,7 +415,7 @@ def main(argv=None):
     default = vars(parser.parse_args([])) == vars(args) | {"out": OUT}  # all as usual but --out?
     print(banner.banner("ch3.4", "constraints", args.device, default))
     modes = run_checks.fitting(modes, hold_table(), args.integrator)
-    banner.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
+    progress.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     unsought = run_checks.unsought(system, partial(unheld, system), args.plain, hold_table())
     true_run = ruler.truly(partial(run, "project"), unsought)
     tried = [partial(run, mode) for mode in modes]
@@ -423,7 +423,7 @@ def main(argv=None):
     rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them
     shown = frames(plan.steps, plan.dt, len(system["q0"]), args.picture or args.rerun)
     keep, runs, pulls = [plan.truth.step, *shown], {}, {}
-    for mode in banner.work.each(modes):
+    for mode in progress.work.each(modes):
         watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
         runs[mode] = run(mode, rule, plan.dt, plan.steps, keep, partial(usual, watch=watch))
         pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))

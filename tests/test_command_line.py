@@ -21,7 +21,7 @@ import constraints as c
 import curriculum
 from curriculum.ch3_4_constraints import publish, svg
 from curriculum.ch3_4_constraints.studies import __main__ as studies
-from curriculum.common import banner, cli, llvm, pure
+from curriculum.common import cli, llvm, progress, pure
 
 import numpy
 import pytest
@@ -313,10 +313,9 @@ def test_only_a_default_run_begins_with_how_long_one_took(tmp_path, monkeypatch,
 
 
 def test_progress_names_what_is_under_way_and_counts_what_follows_the_steps(monkeypatch, capsys):
-    now, work = [0.0], banner.Work()
-    monkeypatch.setattr(banner, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    now, work = [0.0], progress.Work()
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    monkeypatch.setattr(banner, "work", work)
 
     def told():
         return capsys.readouterr().err.replace("\x1b[K", "").strip("\r")
@@ -325,11 +324,11 @@ def test_progress_names_what_is_under_way_and_counts_what_follows_the_steps(monk
     work.begin("the truth")
     assert told() == ""  # it may be short
     now[0] = 1.0
-    banner.progress("simulating", 10)(5)  # one of several runs in this part
+    work.ticks(10)(5)  # one of several runs in this part
     assert told() == "1 of 3, the truth"
     for _ in work.each(["none"]):
         assert told() == "2 of 3, none"
-        tick = banner.progress("simulating", 1000)
+        tick = work.ticks(1000)
         for now[0], step in ((21, 0), (22, 210)):
             tick(step)
         assert told().split("\r") == ["2 of 3, none, 0%", "2 of 3, none, 21%"]
@@ -341,7 +340,7 @@ def test_progress_names_what_is_under_way_and_counts_what_follows_the_steps(monk
     for terminal in (True, False):  # of a run that stands alone
         work.plan()
         monkeypatch.setattr(sys.stderr, "isatty", lambda shown=terminal: shown)
-        tick = banner.progress("simulating", 1000)
+        tick = work.ticks(1000)
         now[0] += 1.0
         tick(500)
         assert ("simulating, 50%" in told()) == terminal

@@ -12,9 +12,9 @@ from pathlib import Path
 from curriculum.ch3_4_constraints.picture import motion
 from curriculum.ch3_4_constraints.scene_files import about
 from curriculum.ch3_4_constraints.tables import WIDTH
-from curriculum.common.banner import work
 from curriculum.common.cli import in_a_line, writable
 from curriculum.common.files import as_json, write_together
+from curriculum.common.progress import work
 from curriculum.common.tape import Untraceable
 
 METRICS, PICTURE, PAGE = "metrics.json", "motion.svg", "play.html"

@@ -4,7 +4,7 @@ import math
 import textwrap
 from itertools import product
 
-from curriculum.common.banner import work
+from curriculum.common.progress import work
 from curriculum.common.ruler import KNOWN
 
 import numpy as np

@@ -5,8 +5,8 @@ from argparse import ArgumentTypeError
 from functools import partial
 from typing import NamedTuple
 
-from curriculum.common import banner
 from curriculum.common.compiled import Compiled
+from curriculum.common.progress import work
 from curriculum.common.ruler import ENOUGH, LADDER, Truth, more_parts, once_for_all, true_position
 from curriculum.common.runs import distance
 from curriculum.common.steps import Plain
@@ -122,7 +122,7 @@ def settle(true_run, runs, rules, dt, steps, tol):
     The rule is the first of `rules`, {name: rule}; or, with a `tol` in m, rule and step are those
     that step_for finds among `runs`. ArgumentTypeError if `tol` is under what can be known.
     """
-    banner.work.begin("the truth")
+    work.begin("the truth")
     at, seconds = dt * max(1, min(steps, round(SECONDS / dt))), steps * dt
     q, uncertainty, unsought = None, math.inf, ""
     try:

@@ -15,8 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from curriculum import leave, program
-from curriculum.common.banner import work
 from curriculum.common.files import check_writable
+from curriculum.common.progress import work
 from curriculum.common.pure import foreign
 
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package

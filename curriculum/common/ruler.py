@@ -5,9 +5,9 @@ from functools import partial
 from itertools import accumulate, pairwise, takewhile
 from typing import NamedTuple
 
-from curriculum.common import banner
 from curriculum.common.compiled import Compiled
 from curriculum.common.midpoint import make_midpoint
+from curriculum.common.progress import work
 from curriculum.common.runs import distance
 from curriculum.common.tape import Untraceable
 
@@ -138,7 +138,7 @@ def true_motion(true_run, system, dt, shown, truth):
     """
     if len(shown) < 2 or truth.unsought:
         return np.array([])
-    banner.work.begin("the true motion")
+    work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
     seconds, frames = shown[1] * dt, len(shown)
     multiples = shown // shown[1]  # (F,) a frame's time by that of frame 1; some are left out
@@ -158,18 +158,18 @@ def true_motion(true_run, system, dt, shown, truth):
     def frame(multiple):  # the last one that is no later
         return int(np.searchsorted(multiples, multiple, side="right")) - 1
 
-    work = len(system["pairs"]) / WORK  # of a step
+    share = len(system["pairs"]) / WORK  # of what may be done, by a step
     first = steps = math.ceil(seconds / FIRST)
     each, before = math.ceil(MEET / steps), 1  # frames that are long are all compared
     coarser = (MEET - 1) * steps * each // MEET, each
-    last = max(1, frame(min(HORIZON / seconds, 1.0 / (work * steps))))
+    last = max(1, frame(min(HORIZON / seconds, 1.0 / (share * steps))))
     coarse = sought(last, *coarser)
     while True:
         fine = sought(last, steps)
         agreed = agreeing(coarse, fine, last, coarser[1])
         further = min(frames - 1, max(agreed, frame(2 * multiples[agreed - 1])))
         idle = 1 < agreed < GAIN * before or seconds / steps < FINEST
-        slow = work * multiples[further] * more_parts(steps) > 1.0
+        slow = share * multiples[further] * more_parts(steps) > 1.0
         if agreed == frames or (agreed <= last and (idle or slow)):
             return np.array(list(fine.values())[:agreed]) if agreed > 1 else np.array([])
         if agreed <= last:  # finer steps; these become the coarse ones

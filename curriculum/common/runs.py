@@ -3,8 +3,8 @@
 import math
 from types import SimpleNamespace
 
-from curriculum.common.banner import progress
 from curriculum.common.cli import shorten
+from curriculum.common.progress import work
 from curriculum.common.steps import Block
 from curriculum.common.tape import Stop
 
@@ -108,7 +108,7 @@ class Log:
         self.violations, self.energies = np.empty((2, steps + 1))
         self.kept, self.last, self.watched, self.halved = [], None, 0.0, 0
         self.block, self.row, self.sane = None, 0, [None]  # of a block: energies of sane states
-        self.tick = progress("simulating", steps)
+        self.tick = work.ticks(steps)
 
     def __enter__(self):
         self.quiet = np.errstate(all="ignore")  # a run that blows up is told of once, and in words

@@ -16,9 +16,9 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies import _peers as peers
 from curriculum.ch3_4_constraints.studies import _runs, real_thing
 from curriculum.ch3_4_constraints.tables import in_turns, show, spread
-from curriculum.common.banner import work
 from curriculum.common.cli import number
 from curriculum.common.crowds import mapped
+from curriculum.common.progress import work
 from curriculum.common.runs import distance
 
 import numpy as np

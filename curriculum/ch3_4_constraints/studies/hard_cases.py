@@ -18,9 +18,9 @@ from signal import SIG_IGN, SIGINT, signal
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import SHIPPED, energy_scale, run, study_parser
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.banner import work
 from curriculum.common.cli import number, one_of
 from curriculum.common.compiled import Compiled
+from curriculum.common.progress import work
 from curriculum.common.ruler import once_for_all
 
 import numpy as np

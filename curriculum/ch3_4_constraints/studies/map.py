@@ -16,9 +16,9 @@ import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.svg import GREY, INK, Drawing
 from curriculum.ch3_4_constraints.tables import show
-from curriculum.common.banner import work
 from curriculum.common.cli import number, writable
 from curriculum.common.files import write_whole
+from curriculum.common.progress import work
 
 import numpy as np
 

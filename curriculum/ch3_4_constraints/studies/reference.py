@@ -17,9 +17,9 @@ import json
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies._runs import REFERENCE, G, study_parser
-from curriculum.common.banner import work
 from curriculum.common.cli import writable
 from curriculum.common.files import write_whole
+from curriculum.common.progress import work
 
 import numpy as np
 

@@ -15,7 +15,7 @@ from curriculum.ch3_4_constraints.run_checks import misfit
 from curriculum.ch3_4_constraints.studies._runs import double, run, study_parser
 from curriculum.ch3_4_constraints.tables import show
 from curriculum.common import rules
-from curriculum.common.banner import work
+from curriculum.common.progress import work
 from curriculum.common.steps import Plain
 
 FAR, ROUNDING = 0.3, 1e-13  # m: what is so far off is not listed; below it all are equal
