@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from curriculum import leave, program
-from curriculum.common.files import check_writable
+from curriculum.common.files import ENDING, check_writable
 from curriculum.common.progress import work
 from curriculum.common.pure import foreign
 
@@ -212,9 +212,9 @@ def run_script(main):
     """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     if signal.getsignal(signal.SIGINT) is leave:  # all modules are loaded
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    for name in {"SIGTERM", "SIGHUP"} & set(dir(signal)):
-        if signal.getsignal(getattr(signal, name)) is not signal.SIG_IGN:  # as nohup wants it
-            signal.signal(getattr(signal, name), give_up)
+    for number in {*ENDING} - {signal.SIGINT}:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
+            signal.signal(number, give_up)
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: what blows up is told of in words
     prog, streams = program(), list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:  # those that are open; what a terminal cannot show is an escape
@@ -247,8 +247,7 @@ def run_script(main):
     except Exception as error:
         status = mistake(error)
     gc.freeze()  # an exit need not look for what is not used: all goes with the process
-    for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
-        number = getattr(signal, name)
+    for number in ENDING:
         if signal.getsignal(number) in (signal.default_int_handler, give_up):
             signal.signal(number, signal.SIG_DFL)  # all is done: nothing is left to be told
     sys.exit(status)

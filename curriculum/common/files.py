@@ -10,6 +10,7 @@ import stat
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 
+ENDING = [getattr(signal, x) for x in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, x)]
 UNFINISHED = ".unfinished-"  # begins the names of folders of files that are being written
 
 
@@ -88,8 +89,7 @@ def undisturbed():
     """A moment in which no signal ends the program; one that comes then is heard afterwards."""
     before, heard = {}, []
     with contextlib.suppress(ValueError):  # only the main thread hears signals
-        for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
-            number = getattr(signal, name)
+        for number in ENDING:
             before[number] = signal.signal(number, lambda number, _: heard.append(number))
     try:
         yield
