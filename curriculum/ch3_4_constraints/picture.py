@@ -145,7 +145,7 @@ def motion(found, rates=RATES):
 
 
 def off(system, q, place):
-    """What rods have too much, and what they lack, at q (F, N, 3): [(traces, style), ...]."""
+    """Yield (traces, style) of what rods have too much, and of what they lack, at q (F, N, 3)."""
     _, marks, heads, error = rod_ends(system, q)
     marks, heads = place(marks), place(heads)
     far = np.max(np.abs(heads - marks), axis=-1) > FINE  # a pixel

@@ -43,7 +43,8 @@ class Tracer:
 
     `chapter`: the module constraints, as its reader has edited it. `axes`: 2 if all stays in the
     plane z = 0, or else it raises Leaves; or 3. `live`: which entries of (q, v) a state is made of.
-    `steps`, `tensions`: {mode: the name of its function}; `measure`: that of one more.
+    `steps`, `tensions`: {mode: the name of its function}; `measure`: that of one more. `inexact`:
+    functions whose last digits may be a browser's own; `felt`: whether a force has the hand's, too.
     """
 
     def __init__(self, axes, chapter, system, rule, modes, impedance):
@@ -51,16 +52,16 @@ class Tracer:
         self.rule, self.impedance = rule, impedance
         self.writer, self.inexact, self.felt = Writer(), set(), False
         count = len(system["q0"])
-        self.still = np.arange(3) >= np.full((count, 1), axes)
+        self.still = np.arange(3) >= np.full((count, 1), axes)  # (N, 3): what is always zero
         self.point = {f"hand_{k}": f"knobs.hand[{k}]" for k in range(axes)}
-        self.pulls = {f"pull_{k}": f"knobs.pull[{k}]" for k in range(count)}
+        self.springs = {f"pull_{k}": f"knobs.pull[{k}]" for k in range(count)}
 
         def measure(q, v):  # the energy in J, and the rod errors in m
             return np.array([chapter.energy(system, q, v)]), chapter.rod_errors(system, q)
 
         self.steps = {mode: self.step(mode) for mode in modes}
         self.measure = self.written(measure)
-        self.tensions = {mode: self.pull(mode) for mode in modes}
+        self.tensions = {mode: self.tension(mode) for mode in modes}
         if not self.felt:  # applied_force is the reader's own
             raise Untraceable("it has no own_force, by which the hand pulls")
 
@@ -87,12 +88,12 @@ class Tracer:
         def hand(q, v):
             self.felt = True
             f = np.zeros(q.shape, object)
-            for i, stiffness in enumerate(self.inputs(self.pulls)):  # N/m
+            for i, stiffness in enumerate(self.inputs(self.springs)):  # N/m
                 for axis, x in enumerate(self.inputs(self.point)):  # m
                     f[i, axis] = stiffness * (x - q[i, axis] - DAMPING * v[i, axis])
             return f
 
-        knobs = KNOBS | self.point | self.pulls if parameters else {}
+        knobs = KNOBS | self.point | self.springs if parameters else {}
         current.hand = hand if parameters else None
         try:
             program = Program(function, self.still, self.still, knobs=knobs)
@@ -115,8 +116,8 @@ class Tracer:
 
         return self.written(step, "dt", "knobs")
 
-    def pull(self, mode):
-        """The name of the function (state, dt, knobs) -> the rods' pulls in N, under the hand."""
+    def tension(self, mode):
+        """The name of the function (state, dt, knobs) -> tensions in N, under the hand."""
 
         def tensions(q, v, *_):
             return (self.chapter.tensions(self.system, q, v, self.hold(mode)),)

@@ -99,9 +99,8 @@ def felt(system, tensions):
 
 
 def unsought(system, unheld, plain, table):
-    """Why no truth is looked for, in words, or None. Where tensions do not answer at the start what
-    is asked of them, all rules would agree on a motion that is not the true one. `table`
-    {mode: Hold}."""
+    """Why no truth is looked for, in words, or None. Where tensions do not answer what is asked at
+    the start, all rules would agree on a motion that is not the true one. `table`: {mode: Hold}."""
     if plain:
         return "it wants compiled steps"
     if "project" not in table:

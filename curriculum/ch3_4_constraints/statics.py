@@ -87,8 +87,8 @@ def strained(rows, bend, floor):
     """The rod where the part of bend (C,) along self-stresses, which are tensions u with rows^T u
     = 0, is largest: the first of those within 1 %. None if all of it is rounding."""
     _, sizes, right = np.linalg.svd(np.linalg.qr(rows.T, mode="r"))
-    free = right[np.sum(sizes > LOST * sizes[0]) :]
-    stresses = free.T @ free  # a projection
+    null = right[np.sum(sizes > LOST * sizes[0]) :]
+    stresses = null.T @ null  # the projection onto all self-stresses
     part = np.abs(stresses @ bend)
     part[part <= TAUT * (np.abs(stresses) @ bend) + floor] = 0.0
     return int(np.argmax(part > 0.99 * part.max())) if part.any() else None

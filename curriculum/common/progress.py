@@ -18,7 +18,7 @@ class Work:
         self.plan()
 
     def plan(self, *names):
-        """Now begins a program of these parts."""
+        """What is to come are these parts."""
         self.names, self.name, self.single = names, "", False
         self.begun, self.told, self.visible = time.monotonic(), -math.inf, False
 
@@ -55,7 +55,7 @@ class Work:
         self.visible = False
 
     def through(self, name, items):
-        """Each of the items, in turn, of a program of one part."""
+        """Each of the items, in turn, of what has one part."""
         self.plan(name)
         self.begin(name)
         for k, item in enumerate(items):

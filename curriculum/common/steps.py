@@ -110,8 +110,7 @@ class Traced:
 
     q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
     function (q, v) -> tuple of arrays, says of a step's end. `uses`: how many steps are to come;
-    `numpy_calls`: how many one takes as it stands.
-    Raises Untraceable, and then what step_fn and force keep is as it was.
+    `numpy_calls`: of one. Raises Untraceable, and then what step_fn and force keep is as it was.
     """
 
     def __init__(self, step_fn, m, force, q, v, measure=None, uses=math.inf):

@@ -29,8 +29,7 @@ class Stop(ArithmeticError):
 
 
 class Current(local):
-    """The tape on which this thread writes, and a force (q, v) -> (N, 3) that it adds to the
-    reader's, or None; another thread has its own."""
+    """Of each thread: the tape that it writes, and a hand's force(q, v) (N, 3) in N, or None."""
 
     tape = hand = None
 
