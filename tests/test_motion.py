@@ -323,7 +323,7 @@ def test_finer_steps_are_tried_while_they_gain_something_and_do_not_take_too_lon
     known, lengths, _ = tried(2, gain=1.0)
     assert lengths[-1] < ruler.FINEST <= lengths[-2] and known == round(20 * 0.01 / lengths[-2])
     known, lengths, most = tried(30, gain=1.0)
-    assert lengths[-1] > ruler.FINEST and 30 * most <= ruler.WORK
+    assert lengths[-1] > ruler.FINEST and 30 * most <= ruler.BUDGET
     assert known > 20
     _, lengths, _ = tried(2, gain=0.05)
     assert len(lengths) == 4  # the last gains nothing

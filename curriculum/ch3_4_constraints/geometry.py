@@ -33,8 +33,7 @@ def box(system, runs):
 
 
 def tiling(count, shape, size, words, least=0):
-    """How many of `count` tiles go side by side so that what is `size` (x, y) is drawn largest, and
-    the room (x, y) that each has for it.
+    """How many of `count` tiles go side by side to show a `size` (x, y) largest; x and y of each.
 
     In pixels: the sheet's `shape` (x, y), the room of a tile's `words`, and its `least` width.
     """

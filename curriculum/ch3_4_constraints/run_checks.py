@@ -117,8 +117,7 @@ def unsought(system, unheld, plain, table):
 
 def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
     """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
-    integrators by name. A step_fn that is none of them is the caller's own affair. pivot (3,): the
-    anchor of a system that names none."""
+    integrators by name; another step_fn is the caller's affair. pivot (3,): a default anchor."""
     for name, given, such in (("step_fn", step_fn, "rk4_step"), ("force", force, "make_force's")):
         if not callable(given):
             raise ValueError(f"{name} is {shorten(repr(given))}; must be a function, as {such} is")

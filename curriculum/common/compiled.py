@@ -202,8 +202,7 @@ class Compiled(Plain):
         return not np.all(np.abs(end - expected) <= CLOSE * size)
 
     def improve(self, pace, left):
-        """Machine code, where the steps that are left, of `pace` s, are worth it: first what is
-        soon made. The best takes a few times as long to make."""
+        """Machine code where `left` steps of `pace` s repay it: the soonest made, then the best."""
         machine = self.single.machine
         begun = isinstance(machine, Native)
         if begun and machine.best:

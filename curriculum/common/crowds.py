@@ -134,8 +134,8 @@ class Crowd:
 
 
 def differs(traced, start, made, dt):
-    """Whether a step that `made` ends and what is measured (entries, members) has another last
-    member than the lines as they stand, which begin at its `start` (entries,)."""
+    """Whether the lines as they stand take the last member, from its `start` (entries,), elsewhere
+    than in `made`: the ends, and what is measured, (entries, members) each."""
     try:
         expected = traced.plain(start, dt)
     except Stop:

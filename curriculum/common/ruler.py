@@ -23,7 +23,7 @@ CLOSE = 1e-3  # of the longest rod: so well is the true motion known that is sho
 FIRST, FINEST = 0.017, 1e-3  # s: between these are the steps of the true motion that is shown
 MEET = 4  # of the first steps go as far as 3, or fewer, of the coarser ones that prove them
 GAIN = 1.1  # times as long: if finer steps know no more, still finer ones are not tried
-WORK = 60_000  # rods times steps: with more, still finer steps take too long in Python
+BUDGET = 60_000  # rods times steps: with more, still finer steps take too long in Python
 HORIZON = 20.0  # s: so far it is sought first, and then twice as far as it is known
 LADDER = 0.05, 0.03, 0.018, 0.011, 0.0066, 0.004, 0.0024, 0.0015, 0.0009, 0.00055  # s
 MOST = 20_000  # steps to where the truth is sought
@@ -158,7 +158,7 @@ def true_motion(true_run, system, dt, shown, truth):
     def frame(multiple):  # the last one that is no later
         return int(np.searchsorted(multiples, multiple, side="right")) - 1
 
-    share = len(system["pairs"]) / WORK  # of what may be done, by a step
+    share = len(system["pairs"]) / BUDGET  # of the budget, for one step
     first = steps = math.ceil(seconds / FIRST)
     each, before = math.ceil(MEET / steps), 1  # frames that are long are all compared
     coarser = (MEET - 1) * steps * each // MEET, each
