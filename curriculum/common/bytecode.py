@@ -216,7 +216,7 @@ class Bytecode:
         self.function = reader(lanes)
         found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
-        self.count = len(found.registers)
+        self.register_count = len(found.registers)
         numbers = [x for x in found.registers if isinstance(x, float)]
         self.constants = [found.register(x) for x in numbers], np.array(numbers)
         self.state = slice(0, len(program.inputs))
@@ -227,7 +227,7 @@ class Bytecode:
 
     def __call__(self, state, count, out, *knobs):
         """See native.Native."""
-        registers = np.empty((self.count, self.lanes))
+        registers = np.empty((self.register_count, self.lanes))
         places, constants = self.constants
         registers[places] = constants[:, None]
         registers[self.knobs] = np.reshape(knobs, (-1, 1))
