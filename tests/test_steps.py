@@ -30,7 +30,7 @@ from curriculum.common.pure import Memory
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, Single, Traced
-from curriculum.common.tape import Stop
+from curriculum.common.tape import Stop, Untraceable
 
 import numpy as np
 import pytest
@@ -630,6 +630,13 @@ def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
         many.advance(1)
     with pytest.raises(ValueError, match="not zero where the first ones were: make another"):
         many.put(q, 0.0 * q + 1.0)
+
+
+def test_a_crowd_is_compared_again_once_it_moves(monkeypatch):
+    feel(monkeypatch, lambda q, v: -v if q.dtype == float else 0.0 * q)
+    many = _runs.crowd(DOUBLE | {"q0": DOUBLE["q0"][None]}, "semi_implicit", "none", 0.005)
+    with pytest.raises(Untraceable, match="something else when it is compiled"):
+        many.advance(3)
 
 
 GUSTS = [0.0]

@@ -110,8 +110,14 @@ class Crowd:
         self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), float(dt)
         self.kernel = kernel_of(self.traced, Native, LANES)
         self.put(q, v)
+        self.moved = False
+        self.compare()
+
+    def compare(self):
+        """Raise Untraceable if the lines as they stand take the first member elsewhere."""
         first = self.columns[:, :1]
-        if differs(self.traced, first[:, 0], iterated(self.kernel, self.traced, first, 1, dt), dt):
+        made = iterated(self.kernel, self.traced, first, 1, self.dt)
+        if differs(self.traced, first[:, 0], made, self.dt):
             raise Untraceable("it does something else when it is compiled")
 
     def put(self, q, v):
@@ -130,6 +136,9 @@ class Crowd:
         if changed:
             raise ValueError(f"{changed} was changed: make another Crowd, which knows of it")
         self.columns, most = iterated(self.kernel, self.traced, self.columns, count, self.dt)
+        if not self.moved:  # a start may be at rest, of which a step tells little
+            self.compare()
+            self.moved = True
         return most
 
 
