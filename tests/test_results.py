@@ -253,7 +253,7 @@ print(numbers.hexdigest())
 """
 CASES = [f"triple --steps 100 --integrator {x}" for x in ("semi_implicit", "rk4", "gauss")]
 CASES += ["tight_cable --steps 60", "windows --steps 20 --integrator gauss"]
-CASES += ["jansen_leg --steps 20 --integrator rk4", "chain --links 30 --steps 20"]
+CASES += ["jansen_leg --steps 20 --integrator rk4", "chain --links 41 --steps 20"]
 CASES = ["--smoke", *(f"--stabilization project --dt 0.02 --system {case}" for case in CASES)]
 
 
