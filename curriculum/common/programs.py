@@ -6,6 +6,7 @@ into Python (python.py), rows of numbers (bytecode.py), machine code (native.py)
 """
 
 import math
+from operator import index
 
 from curriculum.common.arrays import ordered
 from curriculum.common.tape import Stop, Tape, Untraceable, current, effort
@@ -248,7 +249,8 @@ class Loop:
     sign = "loop"
 
     def __init__(self, body, x, most, complaint, nearly):
-        self.most, self.complaint, self.nearly, outer = most, complaint, nearly, current.tape
+        self.most, self.complaint, outer = index(most), complaint, current.tape
+        self.nearly = float(nearly)  # of no symbol: it says so
         places = [place for place in np.ndindex(x.shape) if x[place].x != 0.0]
         while True:
             self.tape, self.names = Tape(outer), outer.new_names(len(places))
