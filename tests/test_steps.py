@@ -482,6 +482,19 @@ def test_a_loop_without_an_end_and_halves_that_were_not_taken_are_seen():
     assert found.halved > 0 and found.stopped == f"diverged at step {len(found.tip)}"
 
 
+@pytest.mark.parametrize("begin", [lambda q: q, np.zeros_like], ids=["unused", "of zeros"])
+def test_a_loop_without_an_end_stops_a_run_also_where_its_end_is_not_needed(begin, monkeypatch):
+    def endless(q):
+        return 0.0 * repeat(lambda x: (0.5 * x, 2.0 + np.sum(q * q)), begin(q), 3, "no end")
+
+    feel(monkeypatch, lambda q, v: endless(q) - v)
+    for way in (Compiled, Plain):
+        assert run(DOUBLE, steps=9, way=way).stopped == "stopped at step 1: no end"
+    many, asked = np.stack([DOUBLE["q0"]] * 9), mapped(endless, turns=10**6)
+    with pytest.raises(Stop, match="no end"):
+        asked(many, many)
+
+
 def test_where_machine_code_tells_of_a_loop_without_an_end_nothing_slower_is_asked(monkeypatch):
     pytest.importorskip("llvmlite", reason="the extra fast brings it")
     expected = run(PENDULUM, timid, dt=0.04, steps=40, way=Plain)

@@ -146,7 +146,7 @@ class Compiled(Plain):
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due and not (self.only and self.compared):
             self.due, self.compared = max(FIRST, OFTEN * self.done), not halved
-            if self.differs(start, rows):
+            if self.differs(start, rows, halved):
                 self.give_up("it does something else when it is compiled")
                 return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
@@ -170,9 +170,11 @@ class Compiled(Plain):
         work = LONG * QUICKER if self.single.machine else LONG
         return max(1, min(most, BLOCK // entries, work // self.single.size))
 
-    def differs(self, start, rows):
+    def differs(self, start, rows, halved):
         """Whether a step of a block (count, entries) is another than the plain one: the last or, if
-        the last is not finite, the first, and some in between."""
+        the last is not finite, the first, and some in between. Those `halved`, by number, were
+        taken in halves, and the plain one must want that, too.
+        """
         last = len(rows) - 1
         if not np.isfinite(rows[last]).all():
             last = 0
@@ -183,8 +185,9 @@ class Compiled(Plain):
             try:
                 if self.elsewhere(before, rows[k], self.single.traced.plain(before, self.dt)):
                     return True
-            except Stop:  # the step is taken in halves
-                continue
+            except Stop:
+                if k not in halved:
+                    return True
             except Untraceable:
                 return True
         return False
