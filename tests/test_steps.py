@@ -277,6 +277,7 @@ def forces():
         "order of its own: convolve": lambda q, v: np.convolve(v[:, 0], q[0])[:3],
         "a product of symbols is one of": lambda q, v: (np.eye(3) @ v[:, :, None])[:, :, 0],
         "adds what comparisons made": lambda q, v: -v * ((q < -0.06) + (v < -0.1)),
+        "unsupported operand type(s) for &": lambda q, v: -v * np.logical_and(q < -0.06, 2.0 + v),
         # nothing: Python alone would refuse to divide, or overflow
         "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),

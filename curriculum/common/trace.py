@@ -220,6 +220,17 @@ class Symbol:
     __hash__ = None
 
 
+def of_truths(rule):
+    """An operator of a truth and another, or a 0 or 1 that stands for one: of other numbers numpy
+    asks for each bit."""
+
+    def operator(a, b):
+        fits = isinstance(b, TRUTHS) or (type(b) is int and b in (0, 1))
+        return rule(a, b) if fits else NotImplemented
+
+    return operator
+
+
 class Truth(Symbol):
     """What a comparison made: 1 or 0, and a number to all but its like, since in numpy true + true
     is true. `number`: it as a number, to be counted."""
@@ -244,8 +255,9 @@ class Truth(Symbol):
     def __abs__(self):
         return self
 
-    __radd__, __rmul__, __and__, __or__ = __add__, __mul__, __mul__, Symbol.maximum
-    __rand__, __ror__ = __and__, __or__
+    __radd__, __rmul__ = __add__, __mul__
+    __and__ = __rand__ = of_truths(__mul__)
+    __or__ = __ror__ = of_truths(Symbol.maximum)
 
 
 TRUTHS = Truth, bool, np.bool
