@@ -491,7 +491,7 @@ def test_a_loop_without_an_end_stops_a_run_also_where_its_end_is_not_needed(begi
     feel(monkeypatch, lambda q, v: endless(q) - v)
     for way in (Compiled, Plain):
         assert run(DOUBLE, steps=9, way=way).stopped == "stopped at step 1: no end"
-    many, asked = np.stack([DOUBLE["q0"]] * 9), mapped(endless, turns=10**6)
+    many, asked = np.stack([DOUBLE["q0"]] * 9), mapped(endless, uses=10**6)
     with pytest.raises(Stop, match="no end"):
         asked(many, many)
 

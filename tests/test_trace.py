@@ -266,6 +266,16 @@ def test_a_mask_is_one_of_many_states_too_and_no_step_changes_none():
     assert np.array_equal(crowd.states()[0], CROWD)
 
 
+def test_of_many_states_the_one_with_the_most_zeros_is_compared_too():
+    """Since a symbol does not keep the sign of a zero, and the angle of a level rod needs it."""
+    level = CROWD.copy()
+    level[4, 0] = -1.0, 0.0, 0.5
+    asked = mapped(lambda q: np.arctan2(-q[:, 1], q[:, 0]), uses=10**6)
+    angles = asked(level, 0.0 * level)
+    assert np.array_equal(angles, [asked.measure(ordered(q), q)[0] for q in level])
+    assert angles[4, 0] == -np.pi
+
+
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong
     "a divisor of zero": (lambda x: x - 1.0 + 0.0 / (x * x), 2.0),
     "a loop that does not settle in a routine": (lambda x: ROUTINE(x) + 1e100 * x, 1e10),

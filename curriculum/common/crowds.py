@@ -117,7 +117,7 @@ class Crowd:
         """Raise Untraceable if the lines as they stand take the first member elsewhere."""
         first = self.columns[:, :1]
         made = iterated(self.kernel, self.traced, first, 1, self.dt)
-        if differs(self.traced, first[:, 0], made, self.dt):
+        if differs(self.traced, first, made, self.dt):
             raise Untraceable("it does something else when it is compiled")
 
     def put(self, q, v):
@@ -142,27 +142,35 @@ class Crowd:
         return most
 
 
-def differs(traced, start, made, dt):
-    """Whether the lines as they stand take the last member, from its `start` (entries,), elsewhere
-    than in `made`: the ends, and what is measured, (entries, members) each."""
-    last = np.concatenate([x[:, -1] for x in made])
-    try:
-        expected = traced.plain(start, dt)
-    except Stop:
-        return np.isfinite(last).all()  # as if nothing stopped
-    except Untraceable:
-        return True
+def differs(traced, columns, made, dt):
+    """Whether the lines as they stand take a member of columns (entries, members) elsewhere than in
+    `made`: the ends, and what is measured, (entries, members) each.
+
+    Compared are the last and the one with the most zeros, whose signs symbols do not keep.
+    """
     alike = np.array_equal if traced.exact else partial(np.allclose, rtol=1e-9, atol=1e-9)
-    return not alike(last, expected, equal_nan=True)
+    zeros = np.count_nonzero(columns == 0.0, axis=0)
+    last = len(zeros) - 1
+    for k in {last, last - int(np.argmax(zeros[::-1]))}:
+        end = np.concatenate([x[:, k] for x in made])
+        try:
+            if not alike(end, traced.plain(columns[:, k], dt), equal_nan=True):
+                return True
+        except Stop:
+            if np.isfinite(end).all():  # as if nothing stopped
+                return True
+        except Untraceable:
+            return True
+    return False
 
 
 class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), or function(q), for many: q, v (K, N, 3).
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
-    leading axis (K, ...). It is traced once, and the last state of each K compared; or done one by
-    one if it cannot be, or while that is soon done, as for few states and few calls of numpy on
-    long arrays. `uses`: how many states are to come, if that is known.
+    leading axis (K, ...). It is traced once, and of each K the last is compared, and the one with
+    the most zeros; or done one by one if it cannot be, or while that is soon done, as for few
+    states and few calls of numpy on long arrays. `uses`: how many states are to come, if known.
     """
 
     def __init__(self, function, uses=0):
@@ -221,12 +229,12 @@ class mapped:  # noqa: N801 - it is called as a function is
         return entry.kernel
 
     def by_kernel(self, traced, kernel, q, v):
-        """What a kernel makes of all states; None if of the last the lines make something else."""
+        """What a kernel makes of all states; None if the lines make something else."""
         columns, made, first = traced.columns(q, v), [], 0
         ends, rows = iterated(kernel, traced, columns, 1, 0.0)
         for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):  # those go by themselves
             rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
-        if differs(traced, columns[:, -1], (ends, rows), 0.0):
+        if differs(traced, columns, (ends, rows), 0.0):
             return None
         for x, kind in zip(traced.program.results[1:], self.kinds, strict=True):
             part = rows[first : first + x.size].T.reshape(len(q), *x.shape)
