@@ -276,6 +276,12 @@ def test_of_many_states_the_one_with_the_most_zeros_is_compared_too():
     assert angles[4, 0] == -np.pi
 
 
+@pytest.mark.parametrize("most", [2**60, -(2**60)])
+def test_a_large_whole_number_of_many_states_is_not_rounded(most):
+    asked = mapped(lambda q: most + np.sum(q > 0.5), turns=10**6)
+    assert asked(CROWD, CROWD).tolist() == [most + np.sum(q > 0.5).item() for q in CROWD]
+
+
 TROUBLES = {  # at what Python raises an error: a function, and where its third turn goes wrong
     "a divisor of zero": (lambda x: x - 1.0 + 0.0 / (x * x), 2.0),
     "a loop that does not settle in a routine": (lambda x: ROUTINE(x) + 1e100 * x, 1e10),

@@ -19,6 +19,7 @@ import numpy as np
 CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
 PIECE = 1 << 13  # members at a time in Python: a dozen columns of them stay near the processor
+EVERY = 2.0**53  # up to here every whole number is a float
 NARROW = 8  # lanes of it: more would be far from the processor
 
 
@@ -238,6 +239,8 @@ class mapped:  # noqa: N801 - it is called as a function is
             return None
         for x, kind in zip(traced.program.results[1:], self.kinds, strict=True):
             part = rows[first : first + x.size].T.reshape(len(q), *x.shape)
+            if np.issubdtype(kind, np.integer) and np.any(np.abs(part) > EVERY):
+                return None  # a float may be the next whole number
             made.append(part.astype(kind, copy=False))
             first += x.size
         return made
