@@ -191,6 +191,7 @@ ASKED = {  # what numpy's functions are asked for besides: of numbers, and of sy
     "where": lambda x: np.divide(
         np.repeat(x, 4), 8.0, out=np.zeros_like(x, shape=12), where=np.repeat(x, 4) < 0.1
     ),
+    "zero by what is known to be zero": lambda x: np.nan_to_num(x / (x < -1.0), posinf=5.0),
     "no entries": lambda x: np.sum(x[:0].reshape(0, 2), axis=0),
     "no columns": lambda x: np.mean(x[:, None][:, :0], axis=0),
     "another norm": lambda x: np.linalg.norm(x.reshape(1, 3), 1) + np.linalg.norm(x[None], 2),

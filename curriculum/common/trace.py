@@ -126,6 +126,14 @@ class Symbol:
         """This number with its minus carried out, as 0 - x on the tape."""
         return lift(0.0).note("-", self) if self.minus else self
 
+    def carried(self, sign, *others):
+        """note() of numbers whose minuses are carried out first."""
+        numbers = self, *map(lift, others)
+        if all(type(s.x) is float for s in numbers):
+            return constant(sign, [0.0 - s.x if s.minus else s.x for s in numbers])
+        first, *rest = [s.plain() for s in numbers]
+        return first.note(sign, *rest)
+
     def add(self, b):
         if self.x == 0.0 or b.x == 0.0:
             return b if self.x == 0.0 else self
@@ -158,7 +166,7 @@ class Symbol:
 
     def choose(self, a, b):
         """a where this is not zero, and else b."""
-        return like(self.plain().note("where", lift(a).plain(), lift(b).plain()), a, b)
+        return like(self.carried("where", a, b), a, b)
 
     def __array_ufunc__(self, ufunc, method, *given, **how):
         return symbolic(ufunc, method, given, how=how)
@@ -178,10 +186,10 @@ class Symbol:
 
     def arctan2(self, b):
         """The angle of a point at this height and b across."""
-        height = lift(self).plain()
+        height = lift(self)
         if height.x == 0.0:
             height.refuse("np.arctan2 of a zero is decided by its sign, which is not kept")
-        return height.note("arctan2", lift(b).plain())
+        return height.carried("arctan2", b)
 
     def refuse(self, why, kind=Untraceable):
         self.tape.refused.append(why)  # should the function catch this
@@ -212,9 +220,9 @@ class Symbol:
     __sub__, __rsub__ = operators(lambda a, b: a.add(-b))
     __mul__, __rmul__ = operators(multiply, lambda a: 0)
     __truediv__, __rtruediv__ = operators(divide)
-    __pow__, __rpow__ = operators(lambda a, b: a.plain().note("**", b.plain()))
-    __lt__, __gt__ = operators(lambda a, b: a.plain().note("<", b.plain()).truth())
-    __le__, __ge__ = operators(lambda a, b: a.plain().note("<=", b.plain()).truth())
+    __pow__, __rpow__ = operators(lambda a, b: a.carried("**", b))
+    __lt__, __gt__ = operators(lambda a, b: a.carried("<", b).truth())
+    __le__, __ge__ = operators(lambda a, b: a.carried("<=", b).truth())
     __bool__ = branch
     __float__ = __int__ = no_number
     __hash__ = None
@@ -271,11 +279,11 @@ def like(made, *given):
 def extreme(sign, a, b):
     """What "max" or "min" makes of two numbers. One is a Symbol: it comes first."""
     first, second = (a, b) if isinstance(a, Symbol) else (b, a)
-    return like(first.plain().note(sign, lift(second).plain()), a, b)
+    return like(first.carried(sign, second), a, b)
 
 
 for name in FUNCTIONS:  # np.sin asks each entry of an object array for its method sin
-    setattr(Symbol, name, lambda symbol, name=name: symbol.plain().note(name))
+    setattr(Symbol, name, lambda symbol, name=name: symbol.carried(name))
 
 METHODS = {"+": Symbol.add, "*": Symbol.multiply, "/": Symbol.divide, "abs": Symbol.__abs__}
 METHODS |= {"-": lambda a, b: a.add(-b), "**": Symbol.__pow__, "where": Symbol.choose}
