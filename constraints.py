@@ -310,13 +310,13 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     step_fn = followed(step_fn, getattr(force, "after", None))  # your own force may have none
 
     def measure(q, v):
+        q, v = states(system, q, v)  # to measure is to change nothing
         return constraint_violation(system, q), energy(system, q, v)
 
     step = way(step_fn, system["m"], force, dt, measure, steps)  # a step, and what it measures
     log = Log(step, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
     q, v = system["q0"], system["v0"]
-    worst, joules = measure(q, v)
-    log.note(q, v, worst, joules)
+    log.note(q, v, *measure(q, v))
     with log:  # a Stop ends this run, not the program: the other modes still have theirs
         for _ in range(steps):
             q, v, worst, joules = step(q, v)

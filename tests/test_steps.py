@@ -406,6 +406,18 @@ def test_what_is_measured_is_measured_as_the_lines_stand(monkeypatch):
         assert np.array_equal(*found)
 
 
+@pytest.mark.parametrize("name", ["energy", "constraint_violation"])
+@pytest.mark.parametrize("way", [Compiled, Plain])
+def test_who_measures_a_run_does_not_change_it(way, name, monkeypatch):
+    def pushing(system, q, v=None):
+        q += 1e-3
+        return 1.0
+
+    monkeypatch.setattr(c, name, pushing)
+    with pytest.raises(ValueError, match="read-only"):
+        run(DOUBLE, way=way, steps=9)
+
+
 def test_a_run_can_be_sent_to_another_process():
     found = run(DOUBLE, steps=40)
     sent = pickle.loads(pickle.dumps(found))
