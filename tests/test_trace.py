@@ -258,6 +258,17 @@ def test_what_a_function_leaves_in_one_array_each_time_is_what_it_was_for_each_s
     assert np.array_equal(mapped(filling)(CROWD, CROWD), CROWD[:, 0])
 
 
+@pytest.mark.parametrize("count", [1, 2, 19])
+def test_a_function_that_works_in_place_leaves_the_many_states_as_they_are(count):
+    def doubled(q):
+        q *= 2.0
+        return q
+
+    many = CROWD[:count].copy()
+    assert np.array_equal(mapped(doubled)(many, 0.0 * many), 2.0 * CROWD[:count])
+    assert np.array_equal(many, CROWD[:count])
+
+
 def test_a_mask_is_one_of_many_states_too_and_no_step_changes_none():
     asked, many = mapped(lambda q: (q > 0.0, q)), np.repeat(CROWD, 20, axis=0)
     for states in (CROWD[:2], many):

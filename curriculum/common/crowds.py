@@ -209,7 +209,7 @@ class mapped:  # noqa: N801 - it is called as a function is
             if made is None:  # a symbol has answered it wrongly
                 self.entries[key] = None
         if made is None:
-            states = zip(ordered(q), ordered(v), strict=True)
+            states = zip(ordered(q.copy()), ordered(v.copy()), strict=True)  # it may work in place
             # copies, at once: the function may fill one array again and again
             rows = [tuple(map(np.array, self.measure(*state))) for state in states]
             made = [np.array(x) for x in zip(*rows, strict=True)]
