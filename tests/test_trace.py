@@ -290,7 +290,7 @@ def test_of_many_states_the_one_with_the_most_zeros_is_compared_too():
 
 @pytest.mark.parametrize("most", [2**60, -(2**60)])
 def test_a_large_whole_number_of_many_states_is_not_rounded(most):
-    asked = mapped(lambda q: most + np.sum(q > 0.5), turns=10**6)
+    asked = mapped(lambda q: most + np.sum(q > 0.5), uses=10**6)
     assert asked(CROWD, CROWD).tolist() == [most + np.sum(q > 0.5).item() for q in CROWD]
 
 
