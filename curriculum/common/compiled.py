@@ -180,6 +180,8 @@ class Compiled(Plain):
             last = 0
         work = max(self.single.size, CALL * self.single.traced.numpy_calls)  # of a plain step
         looks = max(1, min(LOOKS, LOOKED // work))
+        if self.done <= FIRST:  # so far all states are nearly the same
+            looks = 1
         for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start
             try:
