@@ -144,7 +144,7 @@ def multipliers(system, q, v, hold, f=None):
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
     if hold.softness > 0.0:  # MuJoCo's error is |d| - L, and its row of J is ours / |d|; gdot stays
-        size = np.sqrt(2.0 * g + np.square(system["lengths"], dtype=float))  # |d|, out of g
+        size = np.sqrt(2.0 * g + np.square(ordered(system["lengths"])))  # |d|: 2 g = |d|^2 - L^2
         g = size * (size - system["lengths"])  # MuJoCo's error, times |d| as its row is
         A = A * (1.0 + hold.softness * np.eye(len(g)))  # entry by entry: A + softness diag A
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
