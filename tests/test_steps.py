@@ -543,11 +543,15 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
 def test_a_step_of_many_forces_is_compared_at_fewer_states_but_as_often():
     looks = []
     for rule in ("semi_implicit", "gauss"):
-        with mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain) as plain:
-            run(DOUBLE, rule, "none", 0.005, 60)
-        looks.append(plain.call_count)
-    others = 3  # one at the first block, which is one step long, and those of measures
-    assert looks == [others + 1 + compiled.LOOKS, others + 1 + 1]  # of its first steps, and of all
+        for steps in (60, 12):
+            plain = mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain)
+            with plain as asked:
+                run(DOUBLE, rule, "none", 0.005, steps)
+            looks.append(asked.call_count)
+    # one at the first block, which is one step long; and one for what is measured of each later one
+    few, many = 1 + 1, 1 + 2
+    most = compiled.LOOKS
+    assert looks == [many + 1 + most, few + most, many + 1 + 1, few + 1]
 
 
 WIND = 0.0  # N, or J

@@ -180,7 +180,7 @@ class Compiled(Plain):
             last = 0
         work = max(self.single.size, CALL * self.single.traced.numpy_calls)  # of a plain step
         looks = max(1, min(LOOKS, LOOKED // work))
-        if self.done <= FIRST:  # so far all states are nearly the same
+        if self.done <= FIRST and len(rows) < self.steps:  # the first of many
             looks = 1
         for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
             before = rows[k - 1] if k else start
