@@ -672,6 +672,7 @@ def test_what_changed_since_it_was_traced_is_traced_again_or_told(monkeypatch):
 def test_a_crowd_is_compared_again_once_it_moves(monkeypatch):
     feel(monkeypatch, lambda q, v: -v if q.dtype == float else 0.0 * q)
     many = _runs.crowd(DOUBLE | {"q0": DOUBLE["q0"][None]}, "semi_implicit", "none", 0.005)
+    many.advance(0)
     with pytest.raises(Untraceable, match="something else when it is compiled"):
         many.advance(3)
 

@@ -137,7 +137,7 @@ class Crowd:
         if changed:
             raise ValueError(f"{changed} was changed: make another Crowd, which knows of it")
         self.columns, most = iterated(self.kernel, self.traced, self.columns, count, self.dt)
-        if not self.moved:  # a start may be at rest, of which a step tells little
+        if count and not self.moved:  # a start may be at rest, of which a step tells little
             self.compare()
             self.moved = True
         return most
