@@ -37,9 +37,10 @@ UNFIT = MISTAKES["scenes"]["unfit"] | {
     "steps is np.uint8(255); must be an int": {"steps": np.uint8(255)},
     "this force does not fit rk4; take gauss": {"mode": c.Hold(1.0, 0.0, 0.0, 0.0, rule="gauss")},
     "hold is None; must be": {"mode": None},
-    "softness of this force is -0.99; must be >= 0; it is (1 - p) / p": {
+    "softness of a Hold is -0.99; must be >= 0; it is (1 - p) / p": {
         "mode": c.hold_table(0.01, impedance=100.0)["soft"]
     },
+    "softness of a Hold is nan; must be >= 0": {"mode": c.Hold(1.0, 0.0, 0.0, np.nan)},
     "step_fn is {'q0': array([[0., 0., 0.], [0., 0., 0.]])}; must be": {
         "step_fn": {"q0": np.zeros((2, 3))}
     },

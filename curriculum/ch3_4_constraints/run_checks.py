@@ -22,6 +22,9 @@ def chosen(hold, table):
     """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s. table(baumgarte=w)
     -> {name: Hold}. Raises ValueError if there is none of that name."""
     if hasattr(hold, "softness"):
+        if not hold.softness >= 0.0:  # it would count as none
+            must = "must be >= 0; it is (1 - p) / p of an impedance p, which is at most 1"
+            raise ValueError(f"the softness of a Hold is {hold.softness:g}; {must}")
         return hold
     if isinstance(hold, Real) and not isinstance(hold, bool) and 0.0 <= hold < np.inf:
         return table(baumgarte=hold)["baumgarte"]
@@ -124,9 +127,6 @@ def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
     if not callable(way):
         raise ValueError(f"way is {shorten(repr(way))}; must be Compiled or Plain, without quotes")
     hold = getattr(force, "hold", None)
-    if hold and hold.softness < 0.0:  # which would count as none
-        must = "must be >= 0; it is (1 - p) / p of an impedance p, which is at most 1"
-        raise ValueError(f"the softness of this force is {hold.softness:g}; {must}")
     if hold and hold.dt not in (None, dt):
         other = f"not of {dt!r} s; make it of hold_table({dt!r})[mode]"
         raise ValueError(f"this force is for steps of {hold.dt:g} s, {other}")
