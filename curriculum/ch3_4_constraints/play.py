@@ -210,7 +210,8 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
 
 def filled(lines, data):
     """The template with its blanks filled in, and the policy that lets only its own parts run."""
-    text = re.sub(r"(?m)^ *//.*\n", "", TEMPLATE.read_text(encoding="utf-8"))  # no comments
+    text = TEMPLATE.read_text(encoding="utf-8")
+    text = re.sub(r"(?m)^ *//.*\n", "", text)  # its comments are for the template's editor
     light = {name: LIGHT[name] for name in SHADES}
     light |= {f"mode-{k}": color for k, color in enumerate(mode_colors(data["modes"]).values())}
     dark = {name: DARK[color] for name, color in light.items()}
