@@ -32,8 +32,9 @@ def followed(rule, after):
         def asked(q, v):
             return shaped(force(q, v), np.shape(q), force)
 
-        plain = isinstance(force, FunctionType)  # else it may have more than a rule calls: its own
-        end = as_state(rule(q.copy(), v.copy(), m, asked if plain else force, dt), rule)
+        # a rule of the reader's may want more of an object than to call it
+        given = asked if isinstance(force, FunctionType) else force
+        end = as_state(rule(q.copy(), v.copy(), m, given, dt), rule)
         return as_state(after(q, *end, dt), after) if after else end
 
     return step
