@@ -40,7 +40,10 @@ UNFIT = MISTAKES["scenes"]["unfit"] | {
     "softness of a Hold is -0.99; must be >= 0; it is (1 - p) / p": {
         "mode": c.hold_table(0.01, impedance=100.0)["soft"]
     },
-    "softness of a Hold is nan; must be >= 0": {"mode": c.Hold(1.0, 0.0, 0.0, np.nan)},
+    "softness of a Hold is nan; must be a finite": {"mode": c.Hold(1.0, 0.0, 0.0, np.nan)},
+    "the damping of a Hold is '40'; must be a finite": {"mode": c.Hold(1.0, "40", 0.0, 0.0)},
+    "the stiffness of a Hold is inf; must be a finite": {"mode": c.Hold(1.0, 0.0, np.inf, 0.0)},
+    "the use_jdotv of a Hold is None; must be a finite": {"mode": c.Hold(None, 0.0, 0.0, 0.0)},
     "step_fn is {'q0': array([[0., 0., 0.], [0., 0., 0.]])}; must be": {
         "step_fn": {"q0": np.zeros((2, 3))}
     },
@@ -139,6 +142,13 @@ def test_what_is_no_system_is_told_of_by_every_function_of_one():
     ):
         with pytest.raises(SceneError, match="a system is .*; must be a dict, as build_system"):
             asked()
+
+
+def test_many_states_are_pointed_to_mapped_and_an_odd_order_is_refused():
+    with pytest.raises(ValueError, match=r"must be \(\d, 3\), a row for each particle; mapped\(\)"):
+        c.rod_errors(LEVEL, np.array([LEVEL["q0"]] * 5))
+    with pytest.raises(ValueError, match="order of a midpoint rule is 7; must be even, 2 to 16"):
+        c.make_midpoint(7)
 
 
 def test_a_chain_has_links_as_many_as_a_file_may_have():

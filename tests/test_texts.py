@@ -163,7 +163,7 @@ def test_a_wrong_answer_is_told_of(name, right, wrong, says):
 
 def test_a_guess_is_understood_as_it_is_written_and_counts_as_it_was_before_the_run(tmp_path):
     ran, exercise = shown_by(ONE), load(ONE)
-    for guess in (("Grows", "16", "same"), (" grows ", 16.0, "The same")):
+    for guess in (("Grow", "16", "same"), (" grows ", 16.0, "The same")):
         answer = dict(zip(("rod", "factor", "heavy"), guess, strict=True))
         exercise.answer = answer.copy
         CHECKS[ONE](exercise, ran)
@@ -199,6 +199,14 @@ def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsy
         (TWO, "rate @ rate", "rate * rate", "turning: an array of shape (3,), must be one number"),
         (TWO, "(jac * inverse_m) @ jac.T", "jac.T @ jac", "mobility: an array of shape (6, 6), "),
         (TWO, "return -2.0", "-2.0", "wanted returns nothing"),
+        (
+            TWO,
+            "return -2.0 * w * gdot - w**2 * g",
+            "return g[:2]",
+            "wanted: an array of shape (2,)",
+        ),
+        (TWO, "rate @ rate", "v @ v", "ex2_solve.py, line 2: name 'v' is not defined; d is (3,), "),
+        (TWO, "(jac * inverse_m)", "jac @ inverse_m", "ex2_solve.py, line 6: matmul: "),
         (THREE, "return dt", "dt", "parted returns nothing"),
         (FOUR, "return low", "return low, high", "bisect: an array of shape (2,), "),
         (FOUR, "return np.array", "return np.ravel", "step_matrix: an array of shape (4,), "),
@@ -268,7 +276,7 @@ def test_what_the_answers_say_of_cliffs_and_of_linkages_is_so():
     assert all(run(double, *x).stopped for x in [*lost, ("rk4", 480.0), ("rk4", 500.0)])
     held = ("semi_implicit", 165.0), ("rk4", 460.0), ("rk4", 490.0)
     assert not any(run(double, *x).stopped for x in held)
-    impulse = load(FOUR)  # its spring is x'' = -x' - x at dt 1: what z = 1 makes
+    impulse = load(FOUR)  # its spring is gddot = -gdot - g at dt 1: what z = 1 makes
     assert impulse.step_matrix("semi_implicit", 1.0).tolist() == [[0.0, 0.0], [-1.0, 0.0]]
     assert impulse.step_matrix("euler", 1.0).tolist() == [[1.0, 1.0], [-1.0, 0.0]]
     free = load(FOUR, "-z * v", "0.0 * v")  # with no damping at all

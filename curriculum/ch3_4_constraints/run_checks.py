@@ -15,6 +15,7 @@ from curriculum.common.tape import NoNumber, Stop, current
 import numpy as np
 
 TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
+NUMBERS = "use_jdotv", "damping", "stiffness", "softness"  # of a Hold
 RODS = 40  # with more, finding the truth would take longer than the run
 
 
@@ -22,7 +23,12 @@ def chosen(hold, table):
     """The Hold that is meant: itself, by its name, or by Baumgarte's w in rad/s. table(baumgarte=w)
     -> {name: Hold}. Raises ValueError if there is none of that name."""
     if hasattr(hold, "softness"):
-        if not hold.softness >= 0.0:  # it would count as none
+        for name in NUMBERS:
+            x = getattr(hold, name)
+            if isinstance(x, str | None) or isinstance(x, Real) and not abs(x) < np.inf:
+                said = f"the {name} of a Hold is {shorten(repr(x))}"
+                raise ValueError(f"{said}; must be a finite number")
+        if hold.softness < 0.0:  # it would count as none
             must = "must be >= 0; it is (1 - p) / p of an impedance p, which is at most 1"
             raise ValueError(f"the softness of a Hold is {hold.softness:g}; {must}")
         return hold

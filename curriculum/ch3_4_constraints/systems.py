@@ -78,6 +78,8 @@ def states(system, *arrays):
     for x in map(ordered, arrays):
         if x.shape != (shape[0], 3):
             must = f"must be {(shape[0], 3)}, a row for each particle"
+            if x.ndim == 3:
+                must += "; mapped() makes a function of many states"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")
         if x.flags.writeable:
             x = x.view()

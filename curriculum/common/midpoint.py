@@ -6,6 +6,8 @@ from curriculum.common.programs import Routine, side_by_side
 
 import numpy as np
 
+ORDERS = range(2, 17, 2)
+
 
 def make_midpoint(order):
     """The rule of an even `order`; it takes (order / 2)^2 + 1 forces a step. Energy drifts.
@@ -13,8 +15,10 @@ def make_midpoint(order):
     The midpoint rule does a step in 2, 4, ... `order` substeps. Its error is a series in the square
     of a substep (W. Gragg, SIAM J. Numer. Anal. 2 (1965) 384); each round of Aitken's and Neville's
     scheme takes away a term of it. What is added up are changes since the start of the step: these
-    are small numbers, so that rounding is small, too.
+    are small numbers, so that rounding is small, too. Raises ValueError for an order not in ORDERS.
     """
+    if order not in ORDERS:
+        raise ValueError(f"the order of a midpoint rule is {order!r}; must be even, 2 to 16")
     substeps = np.arange(2.0, order + 1.0, 2.0)
 
     def extrapolated(row):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from curriculum.common.cli import meant, shorten
 from curriculum.common.gauss import make_gauss
-from curriculum.common.midpoint import make_midpoint
+from curriculum.common.midpoint import ORDERS, make_midpoint
 
 
 class Family(NamedTuple):
@@ -21,9 +21,8 @@ class Family(NamedTuple):
     iterated: bool = False  # whether a step ends by a tolerance, too
 
 
-EVEN = range(2, 17, 2)
 FAMILIES = {
-    "midpoint": Family(lru_cache(make_midpoint), EVEN, "an even order, 2 to 16", (6, 8, 10, 12)),
+    "midpoint": Family(lru_cache(make_midpoint), ORDERS, "an even order, 2 to 16", (6, 8, 10, 12)),
     "gauss": Family(lru_cache(make_gauss), range(2, 17), "2 to 16 stages", (4, 8, 16), True),
 }
 ITERATED = 0.1  # what an iteration may leave, as a share of the error that is asked for

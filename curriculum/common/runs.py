@@ -34,12 +34,13 @@ class Run(SimpleNamespace):
         return iter((self.tip, self.violations, self.energies))
 
     def __repr__(self):
+        kept = f"{len(self.kept)} step{'' if len(self.kept) == 1 else 's'}"
         return (
             f"Run of {len(self.tip) - 1} steps, {self.stopped or 'to its end'}\n"
             f"  tip: from {self.tip[0]} to {self.tip[-1]} m\n"
             f"  violations: at most {np.max(self.violations):.3g} m\n"
             f"  energies: from {self.energies[0]:.6g} to {self.energies[-1]:.6g} J\n"
-            f"  q, v: kept at {len(self.kept)} steps; {self.pace:.3g} us a step, {self.way}"
+            f"  q, v: kept at {kept}; {self.pace:.3g} us a step, {self.way}"
         )
 
     def __reduce__(self):

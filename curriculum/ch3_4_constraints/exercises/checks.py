@@ -6,6 +6,7 @@ it asks of the engine, or of theory.
 
 import json
 import sys
+import traceback
 from importlib import import_module
 from pathlib import Path
 
@@ -48,8 +49,9 @@ def near(x, y, tolerance):
 
 
 def means(guess, word):
-    """Whether a guess is that word: "Grows" is "grows", and "same" is "the same"."""
-    return str(guess).strip().lower().removeprefix("the ") == word.removeprefix("the ")
+    """Whether a guess is that word: "Grow" is "grows", and "same" is "the same"."""
+    plain = str(guess).strip().lower().removeprefix("the ").removesuffix("s")
+    return plain == word.removeprefix("the ").removesuffix("s")
 
 
 def check_drift(exercise, shown):
@@ -70,10 +72,20 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
     "turning: zero: right at rest, wrong in motion. gddot = d . a + something": lambda *_: 0.0,
     "turning: the other sign: in gddot, on the left, it has a plus": lambda d, rate: -(rate @ rate),
     "turning: twice as much: g has a factor 1/2": lambda d, rate: 2.0 * (rate @ rate),
+    "turning: half as much: the product rule gives d . a + rate . rate": lambda _, rate: (
+        0.5 * (rate @ rate)
+    ),
+    "turning: the speed: gddot is in m^2/s^2, so square it": lambda _, rate: np.sqrt(rate @ rate),
+    "turning: over |d|: that is an acceleration; gddot is |d| times it": lambda d, rate: (
+        rate @ rate / np.sqrt(d @ d)
+    ),
     "turning: d . d: what turns d is rate": lambda d, rate: d @ d,
     "turning: d . rate is gdot: differentiate once more": lambda d, rate: d @ rate,
     "mobility: right where all masses are 1 kg: the mass is missing": lambda j, share: j @ j.T,
     "mobility: it multiplies by the mass: M^-1 divides by it": lambda j, share: (j / share) @ j.T,
+    "mobility: the other sign: the minus stands on the right already": lambda j, share: (
+        -(j * share) @ j.T
+    ),
     "wanted: nothing: right at w = 0 only. The spring is missing": lambda *_: 0.0,
     "wanted: both signs wrong: each must act against": lambda g, gdot, w: 2.0 * w * gdot + w**2 * g,
     "wanted: damping must act against gdot": lambda g, gdot, w: 2.0 * w * gdot - w**2 * g,
@@ -81,6 +93,10 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
     "wanted: half the damping: this one swings": lambda g, gdot, w: -w * gdot - w**2 * g,
     "wanted: no damping: this one swings for ever": lambda g, gdot, w: -(w**2) * g,
     "wanted: no stiffness: an error stays where it is": lambda g, gdot, w: -2.0 * w * gdot,
+    "wanted: g and gdot changed places: gdot wants 2 w, and g w^2": lambda g, gdot, w: (
+        -2.0 * w * g - w**2 * gdot
+    ),
+    "wanted: -w g is gdot of e^(-wt): differentiate that once more": lambda g, gdot, w: -w * g,
     "wanted: w g: the unit of gddot is that of w^2 g": lambda g, gdot, w: -2.0 * w * gdot - w * g,
 }
 
@@ -88,13 +104,13 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
 def check_solve(exercise, _):
     """Typical mistakes are named; then the force equals the engine's on random chains."""
     rng = np.random.default_rng(0)
-    tried = {"turning": rng.normal(size=(2, 3)), "wanted": (0.3, 0.7, 3.0)}
+    tried = {"turning": rng.normal(size=(2, 3)), "wanted": (*rng.normal(size=(2, 3)), 3.0)}
     tried["mobility"] = rng.normal(size=(2, 6)), rng.uniform(2.0, 3.0, 6)
     for said, mistake in MISTAKES.items():
         name = said.partition(":")[0]
         mine, wrong = getattr(exercise, name)(*tried[name]), mistake(*tried[name])
-        need(np.shape(mine) != np.shape(wrong) or not np.allclose(mine, wrong), said)
-    need(not exercise.wanted(0.3, 0.7, 0.0), "wanted: at w = 0 it is to be zero")
+        need(not np.allclose(mine, wrong), said)
+    need(not np.any(exercise.wanted(D, D, 0.0)), "wanted: at w = 0 it is to be zero")
     for n in (1, 2, 5, 8):
         d, v, f = rng.normal(size=(3, n, 3))
         lengths = np.linalg.norm(d, axis=1) * rng.uniform(0.98, 1.02, n)
@@ -119,7 +135,8 @@ def check_chaos(exercise, shown):
     need(equal, "same: these two arrays are equal")
     need(not unequal, "same: these two arrays differ, though in one last bit only")
     gap = np.array([0.0, 0.4, 0.9, 1.3, 0.2, 1.7])
-    need(near(exercise.parted(gap, 0.1), 0.3, 1e-9), f"parted: of {gap}, dt 0.1, it is 0.3 s")
+    found = exercise.parted(gap, 0.1)
+    need(near(found, 0.3, 1e-9), f"parted: of {gap}, dt 0.1, it is 0.3 s, not {found} s")
     try:
         never = exercise.parted(gap[:3], 0.1)
     except (IndexError, StopIteration, ValueError):  # as of the first of none
@@ -148,7 +165,7 @@ def check_cliff(exercise, shown):
     for rule, limit in c.STABILITY_LIMIT.items():
         after = c.INTEGRATORS[rule](*x, 1.0, lambda x, v: -z * v - z**2 * x, 1.0)
         mine = np.asarray(exercise.step_matrix(rule, z))
-        said = f"step_matrix: of {rule} at z = {z}, it takes (x, x') elsewhere than a step does"
+        said = f"step_matrix: of {rule} at z = {z}, it takes (g, gdot) elsewhere than a step does"
         need(not np.allclose(x @ mine, after), f"{said}: it is transposed")
         twice = c.INTEGRATORS[rule](*x, 1.0, lambda x, v: -2.0 * z * v - z**2 * x, 1.0)
         full = "this is full damping, 2 z; here it is half of that"
@@ -177,30 +194,43 @@ def check_linkage(exercise, shown):
 
 
 D, J = np.ones(3), np.eye(2, 6)
-RETURNS = {  # of an exercise: a function, what it is tried with, the shape that is right, in words
+RETURNS = {  # of an exercise: a function, what it is tried with, shapes that are right, in words
     "ex2_solve": [
-        ("turning", (D, D), (), "one number"),
-        ("mobility", (J, np.ones(6)), (2, 2), "(2, 2) where J is (2, 6): one row a rod"),
-        ("wanted", (D, D, 1.0), ..., "any"),  # what is too simple is told of later
+        ("turning", (D, D), [()], "one number"),
+        ("mobility", (J, np.ones(6)), [(2, 2)], "(2, 2) where J is (2, 6): one row a rod"),
+        ("wanted", (D, D, 1.0), [(3,), ()], "(3,) of three rods: one number a rod"),
     ],
-    "ex3_chaos": [("parted", (2.0 * D, 1.0), (), "one number")],
+    "ex3_chaos": [("parted", (2.0 * D, 1.0), [()], "one number")],
     "ex4_cliff": [
-        ("bisect", (lambda x: x < 1.0, 0.0, 4.0, 1.0), (), "one number"),
-        ("step_matrix", ("euler", 0.1), (2, 2), "(2, 2)"),
+        ("bisect", (lambda x: x < 1.0, 0.0, 4.0, 1.0), [()], "one number"),
+        ("step_matrix", ("euler", 0.1), [(2, 2)], "(2, 2)"),
     ],
 }
 
 
+def where_it_stopped(function, given, why):
+    """In one line: where the function stopped, why, and which shapes it was given."""
+    code, trace = function.__code__, traceback.extract_tb(why.__traceback__)
+    line = [x.lineno for x in trace if x.filename == code.co_filename][-1]
+    shapes = zip(code.co_varnames, map(np.shape, given), strict=False)
+    had = ", ".join(f"{name} is {shape}" for name, shape in shapes if shape)
+    said = f"{Path(code.co_filename).name}, line {line}: {' '.join(str(why).split())}"
+    return f"{said}; {had}" if had else said
+
+
 def check_returns(exercise, tries):
     """What comes back has a right shape: a run that meets a wrong one blames a line of its own."""
-    for name, given, shape, words in tries:
+    for name, given, shapes, words in tries:
+        function = getattr(exercise, name)
         try:
-            found = getattr(exercise, name)(*given)
+            found = function(*given)
         except Blank:  # the run ends there, once it has shown what comes before
             continue
+        except Exception as why:  # as numpy's, that two shapes do not fit
+            raise Wrong(where_it_stopped(function, given, why)) from why
         need(found is not None, f"{name} returns nothing: its last line is to begin with return")
         said = f"{name}: an array of shape {np.shape(found)}, must be {words}"
-        need(shape in (..., np.shape(found)), said)
+        need(np.shape(found) in shapes, said)
 
 
 CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check_chaos}

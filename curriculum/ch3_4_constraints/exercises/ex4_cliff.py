@@ -28,9 +28,10 @@ def bisect(holds, low, high, width):
 
 
 def step_matrix(rule, z):
-    """(2, 2): a step of 1 s by `rule` takes (x, x') to step_matrix @ (x, x'); x'' = -z x' - z^2 x.
+    """(2, 2): a step of 1 s by `rule` takes (g, gdot) to step_matrix @ (g, gdot).
 
-    The rule is c.INTEGRATORS[rule], which takes (x, v, m, force, dt), numbers as well as arrays.
+    The spring is gddot = -z gdot - z^2 g. The rule is c.INTEGRATORS[rule], which takes
+    (q, v, m, force, dt), numbers as well as arrays: give it g for q, gdot for v, and 1 for m.
     """
     return blank("its columns: what a step makes of (1, 0) and (0, 1)")
 
