@@ -1,7 +1,7 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
 A weight on a rod would fall straight down, but the rod makes it swing. How hard does the rod pull?
-No formula says so: a linear system does, solved again each time an integrator asks for the force.
+No formula tells: a linear system does, solved again each time an integrator asks for the force.
 This file derives that system, hides its solution inside `force(q, v)`, hands that to the
 integrators of chapter 3.3, which never learn of it, and measures what becomes of the rods.
 
@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# To follow the force, know two: `solve` solves a linear system, and `states` makes arrays of q and
-# v whose sums and products with @ add from first to last. (`ordered` makes one such array.)
+# To follow the force, know two of these: `solve` solves a linear system, and `states` makes arrays
+# of q and v whose sums and products with @ add from first to last. (`ordered` makes one of these.)
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
@@ -189,7 +189,7 @@ def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2.
         # Fails by design: a rod under load is longer.
         "soft": Hold(0.0, 2.0 / (p * t), 1.0 / (p * t * t), (1.0 - p) / p, dt),
-        # gddot = 0, and project() mends each finished step. Fails if Newton's method finds no mu.
+        # gddot = 0, and project() mends each finished step. Fails if it finds no way back.
         "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
     }
 
