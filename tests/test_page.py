@@ -397,7 +397,9 @@ def test_a_new_step_is_a_new_run_beside_the_pale_one_before(visit):
     tab = visit("double")
     tab.evaluate("hands.go", 200)
     tab.evaluate("hands.pick", ["w", 40.0])  # goes on, with a tick in the plot
+    tab.evaluate("hands.pick", ["w", 80.0])  # soon after: the tick moves on
     assert tab.evaluate("[time > 0.9, marks.length, before]") == [True, 1, None]
+    assert tab.evaluate("marks[0][1]") == "w 80" and tab.is_hidden(".halved >> nth=0")
     tab.evaluate("hands.pick", ["dt", 0.0025])
     assert tab.evaluate("[time, marks.length, before.length]") == [0, 0, 5]
     tab.evaluate("hands.pick(['dt', 0.05]), hands.go(40), hands.pick(['dt', 0.005])")
