@@ -145,7 +145,7 @@ def test_what_is_no_system_is_told_of_by_every_function_of_one():
 
 
 def test_many_states_are_pointed_to_mapped_and_an_odd_order_is_refused():
-    with pytest.raises(ValueError, match=r"must be \(\d, 3\), a row for each particle; mapped\(\)"):
+    with pytest.raises(ValueError, match=r"must be \(\d, 3\), a row for each particle; mapped\(f"):
         c.rod_errors(LEVEL, np.array([LEVEL["q0"]] * 5))
     with pytest.raises(ValueError, match="order of a midpoint rule is 7; must be even, 2 to 16"):
         c.make_midpoint(7)

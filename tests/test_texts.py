@@ -196,6 +196,13 @@ def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsy
 @pytest.mark.parametrize(
     ("name", "right", "wrong", "says"),
     [
+        (ONE, "(speeds**2).sum()", "speeds**2", "expected_g: an array of shape (3,), must be one"),
+        (
+            ONE,
+            "(speeds**2).sum()",
+            "speed.sum()",
+            "ex1_drift.py, line 6: name 'speed' is not defin",
+        ),
         (TWO, "rate @ rate", "rate * rate", "turning: an array of shape (3,), must be one number"),
         (TWO, "(jac * inverse_m) @ jac.T", "jac.T @ jac", "mobility: an array of shape (6, 6), "),
         (TWO, "return -2.0", "-2.0", "wanted returns nothing"),

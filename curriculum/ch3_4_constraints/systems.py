@@ -79,7 +79,7 @@ def states(system, *arrays):
         if x.shape != (shape[0], 3):
             must = f"must be {(shape[0], 3)}, a row for each particle"
             if x.ndim == 3:
-                must += "; mapped() makes a function of many states"
+                must += "; mapped(function)(q, v) is for many"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")
         if x.flags.writeable:
             x = x.view()

@@ -62,10 +62,18 @@ def check_drift(exercise, shown):
     need(means(found["rod"], "grows"), f"{rod}: compare the errors from line to line")
     need(near(found["factor"], 2**4, 0.1), f"{factor}: divide one error by the other")
     need(means(found["heavy"], "the same"), f"{heavy}: compare the columns")
-    twice = exercise.expected_g(np.ones(2), 0.01)
-    need(np.ndim(twice) == 0, "expected_g is to return one number: add up what each step leaves")
+    two, right = exercise.expected_g(np.array([1.0, 2.0]), 0.01), 2.5e-4
+    need(np.ndim(two) == 0, "expected_g is to return one number: add up what each step leaves")
+    for said, wrong in (
+        ("twice as much: g has a factor 1/2", 2.0 * right),
+        ("that is the rod error in m: g is (d . d - 1) / 2", np.sqrt(1.0 + 2.0 * right) - 1.0),
+        ("a step counts with the speed after it: the last one counts, too", 0.5e-4),
+        ("the speeds: square them", 1.5e-4),
+    ):
+        need(not near(two, wrong, 1e-6), f"expected_g: {said}")
     need(near(line, g, 1e-6), f"expected_g says {line} m^2 after 20 s, and the run has {g:.9f}")
-    need(near(twice, 1e-4, 1e-6), f"expected_g: of two steps of 0.01 s at 1 m/s 1e-4, not {twice}")
+    said = f"of two steps of 0.01 s, at 1 and 2 m/s, {right:g} m^2, not {two}"
+    need(near(two, right, 1e-6), f"expected_g: {said}")
 
 
 MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong answer, and that
@@ -195,6 +203,7 @@ def check_linkage(exercise, shown):
 
 D, J = np.ones(3), np.eye(2, 6)
 RETURNS = {  # of an exercise: a function, what it is tried with, shapes that are right, in words
+    "ex1_drift": [("expected_g", (D, 1.0), [()], "one number: add up what each step leaves")],
     "ex2_solve": [
         ("turning", (D, D), [()], "one number"),
         ("mobility", (J, np.ones(6)), [(2, 2)], "(2, 2) where J is (2, 6): one row a rod"),
