@@ -214,6 +214,8 @@ def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsy
         ),
         (TWO, "rate @ rate", "v @ v", "ex2_solve.py, line 2: name 'v' is not defined; d is (3,), "),
         (TWO, "(jac * inverse_m)", "jac @ inverse_m", "ex2_solve.py, line 6: matmul: "),
+        (ONE, '"grows"', "grows", "ex1_drift.py, line 2: name 'grows' is not defined; a word"),
+        (FIVE, '"impulse"', "impulse", "ex5_linkage.py, line 7: name 'impulse' is not"),
         (THREE, "return dt", "dt", "parted returns nothing"),
         (FOUR, "return low", "return low, high", "bisect: an array of shape (2,), "),
         (FOUR, "return np.array", "return np.ravel", "step_matrix: an array of shape (4,), "),

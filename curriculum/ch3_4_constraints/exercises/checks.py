@@ -279,6 +279,10 @@ def judge(main):
         except (Blank, Wrong, SceneError) as message:
             print(message)
             return int(not isinstance(message, Blank))
+        except NameError as why:  # as of a guess without its quotes
+            at = traceback.extract_tb(why.__traceback__)[-1]
+            print(f"{Path(at.filename).name}, line {at.lineno}: {why}; a word stands in quotes")
+            return 1
         print(f"{name}.py: solved. One question is left; solutions/README.md answers it:")
         print(exercise.WHY)
         return 0
