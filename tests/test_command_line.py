@@ -40,6 +40,13 @@ for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"
 ENDS = MISTAKES["command_line"]["ends"]
 
 
+def test_a_command_line_in_one_string_is_told_to_be_a_list(capsys):
+    with pytest.raises(SystemExit):
+        c.main("--seed 7")
+    said = "error: arguments: '--seed 7' is a string; must be a list, as ['--seed', '7']\n"
+    assert capsys.readouterr().err.endswith(said)
+
+
 @pytest.mark.parametrize(("words", "parts"), REFUSED)
 def test_a_bad_flag_value_or_combination_is_one_line_that_repeats_it(words, parts, capsys):
     line = complaint(capsys, *words)

@@ -69,6 +69,8 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args=None, namespace=None):
         """As argparse does, but without its reading of --flag=-- as a flag with no value at all."""
+        if isinstance(args, str):
+            self.error(f"arguments: {args!r} is a string; must be a list, as {args.split()}")
         args = sys.argv[1:] if args is None else list(args)
         for word in args:
             if re.fullmatch("--.+=--", word):
