@@ -15,7 +15,8 @@ from curriculum.common.tape import NoNumber, Stop, current
 import numpy as np
 
 TIED = "m", "anchors", "pairs", "lengths"  # what a force knows of its system
-NUMBERS = "use_jdotv", "damping", "stiffness", "softness"  # of a Hold
+NUMBERS = "use_jdotv", "damping", "stiffness", "softness"  # of a Hold; of one's own, one a rod
+NO_NUMBER = str, type(None)
 RODS = 40  # with more, finding the truth would take longer than the run
 
 
@@ -25,7 +26,8 @@ def chosen(hold, table):
     if hasattr(hold, "softness"):
         for name in NUMBERS:
             x = getattr(hold, name)
-            if isinstance(x, str | None) or isinstance(x, Real) and not abs(x) < np.inf:
+            endless = isinstance(x, float) and not abs(x) < np.inf
+            if endless or isinstance(x, NO_NUMBER):
                 said = f"the {name} of a Hold is {shorten(repr(x))}"
                 raise ValueError(f"{said}; must be a finite number")
         if hold.softness < 0.0:  # it would count as none
