@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import constraints as c
-from curriculum.ch3_4_constraints import publish, recording, tables
+from curriculum.ch3_4_constraints import publish, recording, run_checks, tables
 from curriculum.ch3_4_constraints.studies._runs import drift, energy_scale, run
 from curriculum.common import compiled, steps
 from curriculum.common.ruler import true_position
@@ -124,6 +124,21 @@ def test_metrics_are_the_run_rounded_and_the_table_fits_a_terminal():
     # a line above tells how the steps were done: the longer, the busier the machine has been
     table = [*marked(lines, "     "), *marked(lines, ("mode ", *c.hold_table()))]
     assert len(table) == 7 and "at 1 s" in table[1] and max(map(len, table)) <= 80
+
+
+def test_the_truth_begins_on_right_rods_where_a_file_has_rounded_its_places(tmp_path, monkeypatch):
+    """Or at what is typed: a mistake in a project of the reader's shows in the run itself."""
+    file, found = tmp_path / "rounded.json", []
+    monkeypatch.setattr(publish, "publish", lambda *made: found.append(made[0].truth) or "")
+    for x in (0.70710678, 0.5**0.5):  # m; off by 2 nm, and by rounding
+        bob = {"position": [x, x, 0], "velocity": [-2, 2, 0]}
+        rods = [{"pair": [0, -1], "length": 1}]
+        file.write_text(json.dumps({"anchors": [[0, 0, 0]], "particles": [bob], "rods": rods}))
+        c.main(["--system", str(file), "--steps", "400", "--out", str(tmp_path / "out")])
+    rounded, exact = found
+    assert max(x.uncertainty for x in found) < 1e-11
+    assert np.abs(rounded.q - exact.q).max() < 1e-12
+    assert run_checks.righted(DOUBLE, lambda *_: 1 / 0) is DOUBLE
 
 
 def test_energy_that_jumps_in_a_step_is_told_of():

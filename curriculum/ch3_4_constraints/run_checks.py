@@ -126,6 +126,22 @@ def unsought(system, unheld, plain, table):
     return None if answered else "at the start no tensions make what is asked for"
 
 
+def righted(system, project):
+    """The system with its start put onto the rods, from where the truth is sought; as it is where
+    project(system, q_start, q, v, dt) finds no way.
+
+    A start may be off by what a file may round away. A step of `project` divides the way back by
+    dt, so it throws the particles, and as far however short it is; one without end does not.
+    """
+    q, v = system["q0"], system["v0"]
+    try:
+        with np.errstate(all="ignore"):
+            q, v = project(system, q, q, v, np.inf)
+    except Exception:  # what stops it, or a mistake of the reader's, shows in the run itself
+        return system
+    return system | {"q0": np.array(q), "v0": np.array(v)}
+
+
 def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
     """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
     integrators by name; another step_fn is the caller's affair. pivot (3,): a default anchor."""
