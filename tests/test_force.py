@@ -121,6 +121,20 @@ def test_a_state_may_be_lists_and_one_of_another_shape_is_told():
             function(DOUBLE, q[:1], v[:1])
 
 
+def test_a_system_may_be_lists_and_one_of_another_shape_is_told():
+    """Numpy would put a lone anchor [x, y, z] at (x, x, x), and ask each length of all rods."""
+    q, typed = DOUBLE["q0"], {key: np.asarray(x).tolist() for key, x in DOUBLE.items()}
+    asked = [c.energy, c.constraint_force, c.tensions, c.unheld]
+    asked.append(lambda system, q, v: c.make_force(system, "none")(q, v))
+    asked.append(lambda system, q, _: c.rod_errors(system, q))
+    wrong = ("anchors", 3), ("anchors", (1, 1)), ("lengths", (2, 1)), ("lengths", ()), ("m", 2)
+    for function in asked:
+        assert np.array_equal(function(typed, q, q), function(DOUBLE, q, q))
+        for key, shape in wrong:
+            with pytest.raises(ValueError, match=rf"{key} has the shape \(.*\), must have \("):
+                function(DOUBLE | {key: np.ones(shape)}, q, q)
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.int8])
 def test_lengths_of_a_short_type_are_squared_in_full(kind):
     short = DOUBLE | {"lengths": np.array([20.1, 30.1]).astype(kind)}

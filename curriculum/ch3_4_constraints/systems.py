@@ -33,6 +33,8 @@ COLUMNS = {  # type, shape and bound of a row; the shape of all; a row's name in
     "pairs": (int, (2,), -HUGE, "(C, 2)", "rods[{}].pair", "two whole numbers [i, j]"),
     "lengths": (float, (), 1 / HUGE, "(C,)", "rods[{}].length", DIVISOR.format("metres")),
 }
+REPEATED = "m", "anchors", "lengths"  # which numpy would repeat: a lone [x, y, z] at (x, x, x)
+ANCHORS = np.zeros((1, 3))  # of a system that names none: how many, not where
 
 
 class SceneError(ArgumentTypeError, ValueError):
@@ -72,12 +74,19 @@ def states(system, *arrays):
     """Positions or velocities, (N, 3) each: read-only arrays whose products and sums go in order.
     Lists will do. Raises ValueError for another shape, which numpy would repeat silently."""
     need(isinstance(system, Mapping), "a system", system, "a dict, as build_system makes it")
-    made, shape = [], np.shape(system["m"])
-    if shape[1:] != (1,):
-        raise ValueError(f"m has the shape {shape}, must have (N, 1)")
+    found = [np.shape(system.get(key, ANCHORS)) for key in REPEATED]
+    m, anchors, _ = found
+    count = m[0] if m else 1
+    wanted = [(count, 1), (*anchors[:1], 3), (len(system["pairs"]),)]
+    if found != wanted:
+        key, shape, must = next(
+            x for x in zip(REPEATED, found, wanted, strict=True) if x[1] != x[2]
+        )
+        raise ValueError(f"{key} has the shape {shape}, must have {must}")
+    made = []
     for x in map(ordered, arrays):
-        if x.shape != (shape[0], 3):
-            must = f"must be {(shape[0], 3)}, a row for each particle"
+        if x.shape != (count, 3):
+            must = f"must be {(count, 3)}, a row for each particle"
             if x.ndim == 3:
                 must += "; mapped(function)(q, v) is for many"
             raise ValueError(f"a state is an array of shape {x.shape}; {must}")
