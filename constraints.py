@@ -403,9 +403,9 @@ def main(argv=None):
     knobs = args.baumgarte, args.time_constant, args.impedance
     usual = Plain if args.plain else Compiled
 
-    def run(mode, rule, dt, steps, keep=(), way=usual, nudge=False, own=system):
+    def run(mode, rule, dt, steps, keep=(), way=usual, nudge=False, start=system):
         force = make_force(system, hold_table(dt, *knobs)[mode])
-        return simulate(rule, ruler.nudged(own) if nudge else own, force, dt, steps, keep, way)
+        return simulate(rule, ruler.nudged(start) if nudge else start, force, dt, steps, keep, way)
 
     if args.show_step:
         name, rule = next(iter(offered.items()))
@@ -417,7 +417,7 @@ def main(argv=None):
     progress.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
     unsought = run_checks.unsought(system, partial(unheld, system), args.plain, hold_table())
     right = system if unsought else run_checks.righted(system, project)
-    true_run = ruler.truly(partial(run, "project", own=right), unsought)
+    true_run = ruler.truly(partial(run, "project", start=right), unsought)
     tried = [partial(run, mode) for mode in modes]
     plan = parser.attempt("--tol", aim.settle, true_run, tried, offered, args.dt, steps, args.tol)
     rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them

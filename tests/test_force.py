@@ -127,7 +127,8 @@ def test_a_system_may_be_lists_and_one_of_another_shape_is_told():
     asked = [c.energy, c.constraint_force, c.tensions, c.unheld]
     asked.append(lambda system, q, v: c.make_force(system, "none")(q, v))
     asked.append(lambda system, q, _: c.rod_errors(system, q))
-    wrong = ("anchors", 3), ("anchors", (1, 1)), ("lengths", (2, 1)), ("lengths", ()), ("m", 2)
+    wrong = [("anchors", 3), ("anchors", (1, 1)), ("m", 2), ("m", ())]
+    wrong += [("lengths", (2, 1)), ("lengths", ()), ("lengths", 1)]
     for function in asked:
         assert np.array_equal(function(typed, q, q), function(DOUBLE, q, q))
         for key, shape in wrong:

@@ -74,15 +74,14 @@ def states(system, *arrays):
     """Positions or velocities, (N, 3) each: read-only arrays whose products and sums go in order.
     Lists will do. Raises ValueError for another shape, which numpy would repeat silently."""
     need(isinstance(system, Mapping), "a system", system, "a dict, as build_system makes it")
-    found = [np.shape(system.get(key, ANCHORS)) for key in REPEATED]
-    m, anchors, _ = found
+    given = (system.get(key, ANCHORS) for key in REPEATED)
+    found = m, anchors, _ = tuple(getattr(x, "shape", None) or np.shape(x) for x in given)
     count = m[0] if m else 1
-    wanted = [(count, 1), (*anchors[:1], 3), (len(system["pairs"]),)]
-    if found != wanted:
-        key, shape, must = next(
-            x for x in zip(REPEATED, found, wanted, strict=True) if x[1] != x[2]
-        )
-        raise ValueError(f"{key} has the shape {shape}, must have {must}")
+    wanted = (count, 1), (*anchors[:1], 3), (len(system["pairs"]),)
+    if found != wanted:  # as nearly never: else each of them would be looked at
+        for key, shape, must in zip(REPEATED, found, wanted, strict=True):
+            if shape != must:
+                raise ValueError(f"{key} has the shape {shape}, must have {must}")
     made = []
     for x in map(ordered, arrays):
         if x.shape != (count, 3):
