@@ -124,68 +124,96 @@ class Writer(Function):
             for value, names in zip(made, zip(*calls.names[piece], strict=True), strict=True):
                 env |= zip(names, wide.spread(value, len(names)), strict=True)
 
-    def groups(self, loop):
-        """The names that a loop changes; what Calls make for all rows stays one vector."""
-        following = zip(loop.names, loop.following, strict=True)
-        at = {s.x: name for name, s in following if not s.minus}
-        groups = []
-        for part in loop.tape.parts.values():
-            for piece in self.pieces(len(part.names)) if isinstance(part, Calls) else ():
-                columns = zip(*part.names[piece], strict=True)
-                groups += [[at[x] for x in column] for column in columns if at.keys() >= {*column}]
-        grouped = {*chain(*groups)}
-        return groups + [[name] for name in loop.names if name not in grouped]
-
     def loop(self, loop, env):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
-        k, truth, groups = next(self.count), self.truth, self.groups(loop)
-        writers = [self.widened(len(group)) for group in groups]
-
-        def joined(env, symbols):
-            """A value for each group, of a symbol for each name."""
-            at = dict(zip(loop.names, symbols, strict=True))
-            some = ([at[name] for name in group] for group in groups)
-            return [self.gathered(w, env, x) for w, x in zip(writers, some, strict=True)]
-
-        def named(values):
-            """The numbers of the groups' values, by name."""
-            numbers = map(Writer.spread, writers, values, map(len, groups))
-            return dict(zip(chain(*groups), chain(*numbers), strict=True))
-
-        places = list(map(Writer.variable, writers, joined(env, loop.start)))
-        turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", truth)
+        k, carried = next(self.count), Carried(self, loop, env)
+        turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", self.truth)
         last = self.variable(self.constant(np.inf))
         self.begin(f"head{k}")
-        before = self.load(done, truth)
-        values = list(map(Writer.load, writers, places))
-        inner = env | named(values)
+        before, values = self.load(done, self.truth), carried.load()
+        inner = env | carried.named(values)
         self.operations(loop.tape, loop.test, inner)
         size = self.value(inner, loop.size)
-        least = f"fcmp ole {self.type}"
-        good = self.new(f"{least} {size}, {self.constant(1.0)}")
-        small = self.new(f"{least} {size}, {self.constant(loop.nearly)}")
-        falls = self.new(f"{least} {self.load(last)}, {size}")
-        for also in (self.new(f"and {truth} {falls}, {small}"), before):
-            good = self.new(f"or {truth} {good}, {also}")
+        good = self.ended(loop, size, last, before)
         self.store(size, last)
-        self.store(good, done, truth)
+        self.store(good, done, self.truth)
         ready = self.reduced("and", good)
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
         self.operations(loop.tape, loop.rest, inner)
-        following = joined(inner, loop.following)
-        for w, place, old, new in zip(writers, places, values, following, strict=True):
-            w.store(self.choice(good, w.type, old, new), place)
+        carried.follow(good, values, inner)
         turns = self.new(f"add i64 {self.load(turn, 'i64')}, 1")
         self.store(turns, turn, "i64")
         more = self.new(f"icmp slt i64 {turns}, {loop.most}")
         self.begin(f"end{k}", f"i1 {more}, label %head{k}, label %end{k}")
-        good, ends = self.load(done, truth), []
-        for w, place in zip(writers, places, strict=True):
-            ends.append(self.choice(good, w.type, w.load(place), w.constant(np.nan)))
-        env |= named(ends)
+        good = self.load(done, self.truth)
+        env |= carried.named(carried.ends(good))
         if self.alone:
             ended = self.new(f"and i1 {self.load(ENDED, 'i1')}, {self.reduced('and', good)}")
             self.store(ended, ENDED, "i1")
+
+    def ended(self, loop, size, last, before):
+        """Whether a loop of this size has ended, now or `before`; at `last` is the size before."""
+        least = f"fcmp ole {self.type}"
+        small = self.new(f"{least} {size}, {self.constant(1.0)}")
+        nearly = self.new(f"{least} {size}, {self.constant(loop.nearly)}")
+        falls_no_more = self.new(f"{least} {self.load(last)}, {size}")
+        settled = self.new(f"and {self.truth} {falls_no_more}, {nearly}")
+        good = self.new(f"or {self.truth} {small}, {settled}")
+        return self.new(f"or {self.truth} {good}, {before}")
+
+
+class Carried:
+    """What a loop carries from turn to turn: numbers in memory, in `groups` of names.
+
+    A group is one vector, of all rows of Calls or of a piece of them; or else a single number.
+    """
+
+    def __init__(self, writer, loop, env):
+        self.writer, self.loop, self.groups = writer, loop, self.grouped(writer, loop)
+        self.wide = [writer.widened(len(group)) for group in self.groups]  # what writes each
+        self.places = list(map(Writer.variable, self.wide, self.values(env, loop.start)))
+
+    @staticmethod
+    def grouped(writer, loop):
+        """The names that a loop changes, in groups."""
+        following = zip(loop.names, loop.following, strict=True)
+        at = {s.x: name for name, s in following if not s.minus}
+        rows = [part.names for part in loop.tape.parts.values() if isinstance(part, Calls)]
+        pieces = [names[piece] for names in rows for piece in writer.pieces(len(names))]
+        columns = (column for piece in pieces for column in zip(*piece, strict=True))
+        groups = [[at[x] for x in column] for column in columns if at.keys() >= {*column}]
+        alone = {*loop.names}.difference(*groups)
+        return groups + [[name] for name in loop.names if name in alone]
+
+    def values(self, env, symbols):
+        """A value for each group, of a symbol for each name."""
+        at = dict(zip(self.loop.names, symbols, strict=True))
+        return [
+            self.writer.gathered(wide, env, [at[name] for name in group])
+            for wide, group in zip(self.wide, self.groups, strict=True)
+        ]
+
+    def named(self, values):
+        """The numbers of the groups' values, by name."""
+        numbers = map(Writer.spread, self.wide, values, map(len, self.groups))
+        return dict(zip(chain(*self.groups), chain(*numbers), strict=True))
+
+    def load(self):
+        """The groups' values, as they are in memory."""
+        return list(map(Writer.load, self.wide, self.places))
+
+    def follow(self, good, values, env):
+        """Store what follows these values, but keep those of lanes that are `good`."""
+        following = self.values(env, self.loop.following)
+        for wide, place, old, new in zip(self.wide, self.places, values, following, strict=True):
+            wide.store(self.writer.choice(good, wide.type, old, new), place)
+
+    def ends(self, good):
+        """The groups' values in the end: NaN in lanes that are not `good`."""
+        return [
+            self.writer.choice(good, wide.type, wide.load(place), wide.constant(np.nan))
+            for wide, place in zip(self.wide, self.places, strict=True)
+        ]
 
 
 def assembly(program, lanes):
