@@ -130,6 +130,36 @@ def more_parts(parts):
     return max(3, (3 * parts + 1) // 2)
 
 
+class Frames:
+    """Runs to the frames of a motion: frame k is after `multiples`[k] times so many `seconds`.
+
+    Frame 0 is the start and frame 1 the first multiple; of later multiples some are left out.
+    """
+
+    def __init__(self, true_run, seconds, multiples):
+        self.true_run, self.seconds, self.multiples = true_run, seconds, multiples
+
+    def at(self, multiple):
+        """The last frame that is no later than a multiple."""
+        return int(np.searchsorted(self.multiples, multiple, side="right")) - 1
+
+    def places(self, last, steps, each=1):
+        """{frame: q (N, 3)} up to the `last`, as far as a run of so many steps to `each` multiples
+        gets; it has the frames at these."""
+        there = np.flatnonzero(self.multiples[: last + 1] % each == 0)
+        keep = self.multiples[there] // each * steps
+        end = self.true_run(each * self.seconds / steps, keep[-1], keep)
+        return dict(zip(there.tolist(), end.q[np.isin(end.kept, keep)], strict=False))
+
+    def agreed(self, coarse, fine, last, each, close):
+        """How many frames of `fine`, sought up to the `last`, are within `close` m of `coarse`,
+        which was sought at `each` multiples. The first, the start, is in both."""
+        *_, agreed = takewhile(lambda k: k in fine and distance(coarse[k], fine[k]) < close, coarse)
+        left = self.multiples[last] - self.multiples[agreed]
+        none_in_both = left < min(each, self.multiples[last])
+        return len(fine) if none_in_both else agreed + 1
+
+
 def true_motion(true_run, system, dt, shown, truth):
     """q (T, N, 3): the true motion at the steps (F,) of `dt` s that are `shown`, while it is known.
 
@@ -140,43 +170,28 @@ def true_motion(true_run, system, dt, shown, truth):
         return np.array([])
     work.begin("the true motion")
     close = CLOSE * np.max(system["lengths"])
-    seconds, frames = shown[1] * dt, len(shown)
-    multiples = shown // shown[1]  # (F,) a frame's time by that of frame 1; some are left out
-
-    def sought(last, steps, each=1):  # {frame: q} to `last`: every `each` multiples, in so many
-        there = np.flatnonzero(multiples[: last + 1] % each == 0)
-        keep = multiples[there] // each * steps
-        end = true_run(each * seconds / steps, keep[-1], keep)
-        return dict(zip(there.tolist(), end.q[np.isin(end.kept, keep)], strict=False))
-
-    def agreeing(coarse, fine, last, each):  # how many frames
-        same = takewhile(lambda k: k in fine and distance(coarse[k], fine[k]) < close, coarse)
-        *_, agreed = same
-        left = multiples[last] - multiples[agreed]
-        return len(fine) if left < min(each, multiples[last]) else agreed + 1  # none left in both
-
-    def frame(multiple):  # the last one that is no later
-        return int(np.searchsorted(multiples, multiple, side="right")) - 1
-
+    seconds, multiples = shown[1] * dt, shown // shown[1]
+    frames = Frames(true_run, seconds, multiples)
     share = len(system["pairs"]) / BUDGET  # of the budget, for one step
     first = steps = math.ceil(seconds / FIRST)
     each, before = math.ceil(MEET / steps), 1  # frames that are long are all compared
     coarser = (MEET - 1) * steps * each // MEET, each
-    last = max(1, frame(min(HORIZON / seconds, 1.0 / (share * steps))))
-    coarse = sought(last, *coarser)
+    last = max(1, frames.at(min(HORIZON / seconds, 1.0 / (share * steps))))
+    coarse = frames.places(last, *coarser)
     while True:
-        fine = sought(last, steps)
-        agreed = agreeing(coarse, fine, last, coarser[1])
-        further = min(frames - 1, max(agreed, frame(2 * multiples[agreed - 1])))
+        fine = frames.places(last, steps)
+        agreed = frames.agreed(coarse, fine, last, coarser[1], close)
+        parted = agreed <= last
+        further = min(len(shown) - 1, max(agreed, frames.at(2 * multiples[agreed - 1])))
         idle = 1 < agreed < GAIN * before or seconds / steps < FINEST
         slow = share * multiples[further] * more_parts(steps) > 1.0
-        if agreed == frames or (agreed <= last and (idle or slow)):
+        if agreed == len(shown) or (parted and (idle or slow)):
             return np.array(list(fine.values())[:agreed]) if agreed > 1 else np.array([])
-        if agreed <= last:  # finer steps; these become the coarse ones
+        if parted:  # finer steps; these become the coarse ones
             before = agreed if steps > first else 1  # the first two steps are nearly as long
             coarse, coarser, steps = fine, (steps, 1), more_parts(steps)
         if further > last:
-            coarse = sought(further, *coarser)
+            coarse = frames.places(further, *coarser)
         last = further
 
 
