@@ -2,6 +2,7 @@
 
 import re
 import zlib
+from typing import NamedTuple
 
 from curriculum.ch3_4_constraints import svg
 from curriculum.ch3_4_constraints.geometry import box, rod_ends, tiling
@@ -80,90 +81,118 @@ def draw(system, q, pulls, full, color, ball):
     }
 
 
-def record(found):
+def record(comparison):
     """The bytes of a recording of a Comparison.
 
     Axes fit the modes that survive, and one that is lost leaves the picture. The id is made of what
     was found, and no wall clock is written: equal runs are equal recordings, and no others are.
     """
-    checksum = zlib.crc32(repr((found.dt, found.rows)).encode())
-    settings = {"recording_id": f"{found.scene}-{checksum:08x}", "send_properties": False}
-    plain = re.sub("[^A-Za-z0-9 _-]", "-", found.scene)[:100]  # or rerun warns that it renames it
+    checksum = zlib.crc32(repr((comparison.dt, comparison.rows)).encode())
+    settings = {"recording_id": f"{comparison.scene}-{checksum:08x}", "send_properties": False}
+    plain = re.sub("[^A-Za-z0-9 _-]", "-", comparison.scene)[:100]  # or rerun warns: it renames it
     recording = rr.RecordingStream(f"constraints: {plain}", **settings)
     memory = recording.memory_recording()  # on a full disk rerun's own writer may wait for ever
     try:
-        fill(recording, found)
+        fill(recording, comparison)
     finally:  # after Ctrl-C, too, or rerun warns of what it drops
         content = memory.drain_as_bytes()
     return content
 
 
-def fill(recording, found):
+def fill(recording, comparison):
     """Send a Comparison, and how it is to be looked at, to a stream of Rerun's."""
-    system, runs, dt = found.system, found.runs, found.dt
-    alive = [mode for mode, run in runs.items() if not run.stopped] or list(runs)
-    colors = svg.mode_colors(runs)
+    system, runs = comparison.system, comparison.runs
+    tracks = {mode: tracked(comparison, mode) for mode in runs}
+    alive = [tracks[mode] for mode, run in runs.items() if not run.stopped] or [*tracks.values()]
+    lively = {plot: np.concatenate([track.curves[plot] for track in alive]) for plot in PLOTS}
+    full = np.quantile(np.abs(np.concatenate([x.pulls.ravel() for x in alive])), 0.9) or 1.0
+    end = max(track.seconds[-1] for track in tracks.values())
     low, high, bar = box(system, runs)
     ball = min(0.014 * np.max(high - low), 0.3 * float(np.min(system["lengths"])))
-    states, pulls, curves = {}, {}, {plot: {} for plot in PLOTS}
-    for mode, run in runs.items():
-        steps, q, v = states[mode] = found.states(mode, [*found.shown, run.kept[-1]])
-        pulls[mode] = found.tensions[mode](q, v)
-        curves["pull"][mode] = pulls[mode][:, :1]
-        *_, errors = rod_ends(system, q)
-        worst = np.stack([np.max(errors, axis=1), -np.min(errors, axis=1)], axis=1)
-        curves["rods"][mode] = np.log10(np.maximum(worst / FLOOR, 1.0)) * [1.0, -1.0]
-        curves["energy"][mode] = (run.energies[steps, None] - run.energies[0]) / found.scale
-    full = np.quantile(np.abs(np.concatenate([pulls[mode].ravel() for mode in alive])), 0.9) or 1.0
-    lively = {plot: np.concatenate([curve[m] for m in alive]) for plot, curve in curves.items()}
-    end = max(run.kept[-1] for run in runs.values()) * dt
-    layout = blueprint(found, end, low, high, lively)
+    layout = blueprint(comparison, end, low, high, lively)
     recording.send_blueprint(layout, make_active=True, make_default=True)  # else a server loses it
-    recording.send_recording_name(found.title)
-
-    def send(entity, style, columns=None, seconds=None):
-        """Send what stays of an entity, if anything does, and its columns at `seconds` (F,)."""
-        if style:
-            recording.log(entity, style, static=True)
-            recording.flush()  # columns take another way and must not overtake
-        if columns is not None:
-            time = np.round(1e9 * seconds).astype("timedelta64[ns]")
-            recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], columns)
-
-    text = GUIDE.format(title=found.title, full=full, loop=min(LOOP, end))
+    recording.send_recording_name(comparison.title)
+    text = GUIDE.format(title=comparison.title, full=full, loop=min(LOOP, end))
     begin = low + [0.03 * (high - low)[0], 0.0, 0.0]
     line = [begin, begin + [bar, 0.0, 0.0]]
-    send("panel", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-    send("/", rr.ViewCoordinates.RIGHT_HAND_Y_UP)
-    send("anchors", rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(svg.GREY)))
-    send("bar", rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL]))
-    known = len(found.motion)
-    if known:
-        q = np.append(found.motion, found.motion[-1:], axis=0)
-        seconds = dt * np.append(found.shown[:known], found.shown[known - 1] + 1)
-        tails, _, heads, _ = rod_ends(system, q)
-        shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])  # and then nothing
-        send("truth", *lines(tails, heads, shown, 1.0, rgb(svg.GREY)), seconds)
-    for mode, run in runs.items():
-        key, color = rr.escape_entity_path_part(mode), rgb(colors[mode])
-        steps, q, _ = states[mode]
-        seconds = steps * dt
-        for entity, drawn in draw(system, q, pulls[mode], full, color, ball).items():
-            send(f"modes/{key}/{entity}", *drawn, seconds)
-        if run.stopped:
-            words = {"labels": [found.outcome(mode)], "colors": [LABEL], "radii": [0.0]}
-            said = rr.Points3D.columns(positions=[(low + high) / 2], **words)
-            send(f"modes/{key}", None, rr.Clear.columns(is_recursive=[True]), seconds[-1:] + dt)
-            send(f"lost/{key}", None, said, seconds[-1:] + dt)
-        for plot in PLOTS:
-            curve = curves[plot][mode]
-            many = curve.shape[1]
-            style = rr.SeriesLines(colors=[color] * many, names=[mode] * many)
-            values = rr.Scalars.columns(scalars=curve.ravel()).partition([many] * len(curve))
-            send(f"{plot}/{key}", style, values, seconds)
+    still = {
+        "panel": rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN),
+        "/": rr.ViewCoordinates.RIGHT_HAND_Y_UP,
+        "anchors": rr.Points3D(system["anchors"][::-1], radii=0.8 * ball, colors=rgb(svg.GREY)),
+        "bar": rr.LineStrips3D([line], labels=f"{bar:g} m", colors=[LABEL]),
+    }
+    for entity, shape in still.items():
+        send(recording, entity, shape)
+    if len(comparison.motion):
+        send(recording, "truth", *true_motion(comparison))
+    for (mode, track), color in zip(tracks.items(), svg.mode_colors(runs).values(), strict=True):
+        drawn = draw(system, track.q, track.pulls, full, rgb(color), ball)
+        for part in of_mode(comparison, mode, track, drawn, rgb(color), (low + high) / 2):
+            send(recording, *part)
 
 
-def blueprint(found, end, low, high, lively):
+def of_mode(comparison, mode, track, drawn, color, middle):
+    """Yield (entity, style, columns, seconds) of a mode: what is `drawn` of it, {entity: (style,
+    rows)}, what is said in the `middle` (3,) once it is lost, and its curves."""
+    key = rr.escape_entity_path_part(mode)
+    for entity, (style, rows) in drawn.items():
+        yield f"modes/{key}/{entity}", style, rows, track.seconds
+    if comparison.runs[mode].stopped:
+        after = track.seconds[-1:] + comparison.dt
+        words = {"labels": [comparison.outcome(mode)], "colors": [LABEL], "radii": [0.0]}
+        yield f"modes/{key}", None, rr.Clear.columns(is_recursive=[True]), after
+        yield f"lost/{key}", None, rr.Points3D.columns(positions=[middle], **words), after
+    for plot, curve in track.curves.items():
+        many = curve.shape[1]
+        style = rr.SeriesLines(colors=[color] * many, names=[mode] * many)
+        values = rr.Scalars.columns(scalars=curve.ravel()).partition([many] * len(curve))
+        yield f"{plot}/{key}", style, values, track.seconds
+
+
+def send(recording, entity, style, columns=None, seconds=None):
+    """Send what stays of an entity, if anything does, and its columns at `seconds` (F,)."""
+    if style:
+        recording.log(entity, style, static=True)
+        recording.flush()  # columns take another way and must not overtake
+    if columns is not None:
+        time = np.round(1e9 * seconds).astype("timedelta64[ns]")
+        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=time)], columns)
+
+
+class Track(NamedTuple):
+    """What is shown of a mode, at F states."""
+
+    seconds: np.ndarray  # (F,)
+    q: np.ndarray  # (F, N, 3) m
+    pulls: np.ndarray  # (F, C) N
+    curves: dict  # by plot: (F, n), of as many curves
+
+
+def tracked(comparison, mode):
+    """The Track of a mode."""
+    run = comparison.runs[mode]
+    steps, q, v = comparison.states(mode, [*comparison.shown, run.kept[-1]])
+    pulls = comparison.tensions[mode](q, v)
+    *_, errors = rod_ends(comparison.system, q)
+    worst = np.stack([np.max(errors, axis=1), -np.min(errors, axis=1)], axis=1)
+    rods = np.log10(np.maximum(worst / FLOOR, 1.0)) * [1.0, -1.0]
+    energy = (run.energies[steps, None] - run.energies[0]) / comparison.scale
+    curves = {"pull": pulls[:, :1], "rods": rods, "energy": energy}
+    return Track(steps * comparison.dt, q, pulls, curves)
+
+
+def true_motion(comparison):
+    """The style and the rows of lines of the true motion, which vanish when it is lost, and the
+    seconds (F,) of the rows."""
+    q = np.append(comparison.motion, comparison.motion[-1:], axis=0)
+    known = comparison.shown[: len(comparison.motion)]
+    seconds = comparison.dt * np.append(known, known[-1] + 1)
+    tails, _, heads, _ = rod_ends(comparison.system, q)
+    shown = np.broadcast_to(seconds[:, None] < seconds[-1], heads.shape[:2])
+    return *lines(tails, heads, shown, 1.0, rgb(svg.GREY)), seconds
+
+
+def blueprint(comparison, end, low, high, lively):
     """The layout: tiles, a mode each, that show what is between the corners `low` and `high`, and
     what to look at; beside them plots, whose axes fit `lively` {plot: values}. `end`: in s."""
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-1.0, 0.0))
@@ -172,15 +201,15 @@ def blueprint(found, end, low, high, lively):
     whole = (rrb.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, (1.0 + LEGEND) * end))
     time = rrb.TimeAxis(view_range=rrb.TimeRange(*whole))
     size, middle = high - low, 0.5 * (low + high)
-    across, wide, tall = tiling(len(found.runs) + 1, WINDOW, size, TITLE)
+    across, wide, tall = tiling(len(comparison.runs) + 1, WINDOW, size, TITLE)
     reach = 0.5 * MARGIN * max(size[0] * tall / wide, size[1], size[2])
     eye = middle + [0.0, 0.0, 0.5 * size[2] + reach / SLOPE]
     eye = rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0.0, 1.0, 0.0])
     seen = {"eye_controls": eye, "line_grid": False, "background": BACKGROUND}
     left, right = [], []
-    for mode in found.runs:
+    for mode in comparison.runs:
         key = rr.escape_entity_path_part(mode)
-        name = f"{mode}, {found.outcome(mode)}"
+        name = f"{mode}, {comparison.outcome(mode)}"
         shared = ["$origin/**", "anchors", "bar", "truth", f"lost/{key}"]
         trails = {f"modes/{key}/path": trail}
         where = {"origin": f"modes/{key}", "contents": shared, "overrides": trails}
