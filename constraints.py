@@ -381,17 +381,17 @@ def parse(argv):
     return parser, args, system
 
 
-def report(found):
+def report(comparison):
     """Print the table, a sentence for each mark in it, and the verdict."""
-    args, dt = found.args, found.dt
-    ways = "; ".join(dict.fromkeys(run.way for run in found.runs.values()))  # each way once
-    limit = STABILITY_LIMIT.get(found.rule, np.inf)
-    tables.say(f"{args.system}: seed {args.seed}; {found.rule}, steps of {dt:.4g} s, {ways}")
-    tables.comparison(found)
-    if "baumgarte" in found.runs and dt * args.baumgarte > limit:
+    args, dt = comparison.args, comparison.dt
+    ways = "; ".join(dict.fromkeys(run.way for run in comparison.runs.values()))  # each way once
+    limit = STABILITY_LIMIT.get(comparison.rule, np.inf)
+    tables.say(f"{args.system}: seed {args.seed}; {comparison.rule}, steps of {dt:.4g} s, {ways}")
+    tables.show_comparison(comparison)
+    if "baumgarte" in comparison.runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    if args.system in SYSTEMS and args.baumgarte > 0.0 and found.steps >= SMOKE_STEPS:
-        tables.verdict(found.rows)
+    if args.system in SYSTEMS and args.baumgarte > 0.0 and comparison.steps >= SMOKE_STEPS:
+        tables.verdict(comparison.rows)
 
 
 def main(argv=None):
@@ -429,9 +429,9 @@ def main(argv=None):
         pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))
     plan, motion = ruler.believed(true_run, system, plan, shown, runs.values())
     mgl = energy_scale(system, GRAVITY)  # J
-    found = Comparison(args, system, *plan, runs, mgl, pulls, shown, motion)
-    report(found)
-    print(publish.publish(found, sys.modules[__name__], rule))  # a page of these very lines, too
+    comparison = Comparison(args, system, *plan, runs, mgl, pulls, shown, motion)
+    report(comparison)
+    print(publish.publish(comparison, sys.modules[__name__], rule))  # a page of these lines, too
 
 
 command = partial(run_script, main)  # as a program: by its entry point, or as below

@@ -36,37 +36,37 @@ def parts(args):
     return [name for name, wanted in asked.items() if wanted]
 
 
-def publish(found, chapter, step_fn):
+def publish(comparison, chapter, step_fn):
     """Write metrics.json and, if asked for, picture, page and recording; say so in words.
 
     The metrics are the rows of a Comparison, what was used, and those flags that decide them.
     `chapter`: the module whose lines the page is made of; `step_fn`: the integrator.
     Nothing of an earlier run stays beside them; if a file cannot be written, all stays as it was.
     """
-    args = found.args
+    args, truth = comparison.args, comparison.truth
     knobs = args.baumgarte, args.time_constant, args.impedance
     used = {name: getattr(args, name) for name in DECIDE} | {"system": Path(args.system).name}
-    used |= {"integrator": found.rule, "dt": found.dt, "steps": found.steps}
-    used["rods"] = len(found.system["pairs"])
-    used["error_at"] = found.truth.step * found.dt
-    used["known"] = None if found.truth.q is None else float(f"{found.truth.uncertainty:.2g}")  # m
-    files = {METRICS: as_json(used | {"results": found.rows})}
+    used |= {"integrator": comparison.rule, "dt": comparison.dt, "steps": comparison.steps}
+    used["rods"] = len(comparison.system["pairs"])
+    used["error_at"] = truth.step * comparison.dt
+    used["known"] = None if truth.q is None else float(f"{truth.uncertainty:.2g}")  # m
+    files = {METRICS: as_json(used | {"results": comparison.rows})}
     files |= {PICTURE: None, PAGE: None, RECORDING: None}
     more = ""
     if args.picture:
         work.begin("the picture")
-        files[PICTURE] = motion(found)
+        files[PICTURE] = motion(comparison)
     if args.page:
         work.begin("the page")
         from curriculum.ch3_4_constraints.play import page  # here: a run without one is quicker
 
-        scene = found.scene, found.system, found.rule
-        refusals = [run.stepper.lies for run in found.runs.values() if run.stepper.lies]
+        scene = comparison.scene, comparison.system, comparison.rule
+        refusals = [run.stepper.lies for run in comparison.runs.values() if run.stepper.lies]
         refusals += ["--plain compiles nothing"] if args.plain else []
         try:
             if refusals:
                 raise Untraceable(refusals[0])
-            files[PAGE] = page(chapter, *scene, step_fn, found.dt, knobs)
+            files[PAGE] = page(chapter, *scene, step_fn, comparison.dt, knobs)
         except Untraceable as why:
             more = f"\n{PAGE} left out: {why}"
     if args.rerun:
@@ -76,7 +76,7 @@ def publish(found, chapter, step_fn):
         except Exception as why:  # which is there, and does not load
             more += f"\n{RECORDING} left out: {in_a_line(why)}"
         else:
-            files[RECORDING] = recording.record(found)
+            files[RECORDING] = recording.record(comparison)
             more += f"\nlook: {look(args.out / RECORDING)}"
     write_together(args.out, files)
     work.wipe()

@@ -29,10 +29,10 @@ def per_cent(share):
     return f"{float(f'{100.0 * share:.2g}'):g} %"
 
 
-def comparison(found):
+def show_comparison(comparison):
     """Print the table of a Comparison, and a sentence for each mark in it."""
-    rows, runs, truth, tol = found.rows, found.runs, found.truth, found.args.tol
-    at, notes = f"{truth.step * found.dt:.3g} s", []
+    rows, runs, truth, tol = comparison.rows, comparison.runs, comparison.truth, comparison.args.tol
+    at, notes = f"{truth.step * comparison.dt:.3g} s", []
     wide = max(10, *(len(mode) + 1 for mode in rows))  # a row of the reader's own may be longer
     print(f"\n{'':{wide}}     rods off by      energy off  from the truth    a step")
     print(f"{'mode':{wide}}    worst     at end    of m g L  {f'at {at}':>14}        us")
