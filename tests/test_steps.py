@@ -29,8 +29,9 @@ from curriculum.common.programs import repeat
 from curriculum.common.pure import Memory
 from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
-from curriculum.common.steps import Plain, Single, Traced
+from curriculum.common.steps import Plain
 from curriculum.common.tape import Stop, Untraceable
+from curriculum.common.traced import Single, Traced
 
 import numpy as np
 import pytest

@@ -9,9 +9,9 @@ from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, OneByOne, mapped
 from curriculum.common.programs import Program, Routine, side_by_side
 from curriculum.common.python import Columns, source_of
-from curriculum.common.steps import Single
 from curriculum.common.tape import Stop
 from curriculum.common.trace import Symbol
+from curriculum.common.traced import Single
 
 import numpy as np
 import pytest

@@ -10,8 +10,9 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
-from curriculum.common.steps import HALVINGS, NO_STATE, Block, Plain, Single, Traced
+from curriculum.common.steps import HALVINGS, NO_STATE, Block, Plain
 from curriculum.common.tape import Stop, Tape, Untraceable
+from curriculum.common.traced import Single, Traced
 
 import numpy as np
 

@@ -11,8 +11,8 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
-from curriculum.common.steps import Traced
 from curriculum.common.tape import PRICE, Stop, Untraceable
+from curriculum.common.traced import Traced
 
 import numpy as np
 

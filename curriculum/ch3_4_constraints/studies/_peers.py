@@ -13,7 +13,8 @@ from unittest.mock import patch
 from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, crowd, make_system
 from curriculum.common import crowds
 from curriculum.common.native import Native
-from curriculum.common.steps import Single, Traced, followed
+from curriculum.common.steps import followed
+from curriculum.common.traced import Single, Traced
 
 import numpy as np
 
