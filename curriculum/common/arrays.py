@@ -126,39 +126,57 @@ def symbolic(ufunc, method, given, how):
     effort.call()
     arrays, (out,) = [np.asarray(x) for x in given], how.pop("out", [None])
     chosen = how.pop("where", True)  # what is not stays as `out` has it
-    if ufunc.signature or ufunc is np.add and method in ("reduce", "reduceat"):  # as np.matmul has
-        raise TypeError(f"np.{ufunc.__name__} adds in an order of its own; use @ or np.sum")
     if ufunc in LOGICAL:  # np.any asks for a truth, which is what it gets
         how.pop("dtype", None)
-    if how.get("dtype") is not None:
-        raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype")
-    if method == "at" or method != "__call__" and chosen is not True:
-        raise TypeError(f"np.{ufunc.__name__}.{method} of symbols does all or nothing")
+    refuse(ufunc, method, how, chosen)
     if method == "__call__" and ufunc in SPARSE and max(x.size for x in arrays) > FEW:
         made = sparse(ufunc, *arrays)
     elif ufunc in ENTRIES:
-        for key, value in how.items():  # to leave it out in silence would make another number
-            if key != "axis" and value is not USUAL.get(key):
-                raise TypeError(f"np.{ufunc.__name__} of symbols takes no {key}")
-        if method == "reduce" and how.get("axis", 0) is None:  # of all entries, as one row
-            arrays, how = [arrays[0].ravel()], {}
-        made = getattr(ENTRIES[ufunc], method)(*arrays, **{k: how[k] for k in how if k == "axis"})
-        if ufunc in COMPARED and all(isinstance(s, bool | np.bool) for s in np.ravel(made)):
-            made = np.asarray(made, bool)  # of numbers alone: they can choose entries
+        made = entry_by_entry(ufunc, method, arrays, how)
     else:
-        try:
-            made = getattr(ufunc, method)(*arrays, **how)
-        except (AttributeError, TypeError):  # of numbers alone numpy can do all
-            if any(hasattr(s, "tape") for x in arrays for s in x.flat):
-                raise TypeError(f"np.{ufunc.__name__} cannot be compiled") from None
-            arrays = [x.astype(float) for x in arrays]
-            made = np.asarray(getattr(ufunc, method)(*arrays, **how), object)
+        made = of_objects(ufunc, method, arrays, how)
     if out is not None:
         np.asarray(out)[...] = made if chosen is True else where(chosen, made, out)
         return out
     if isinstance(made, np.ndarray):
-        return viewed(made) if made.ndim else made[()]
+        return viewed(made)
     return np.bool(made) if isinstance(made, bool) else made
+
+
+def refuse(ufunc, method, how, chosen):
+    """Raise TypeError where symbols would not make what numpy makes of numbers."""
+    if ufunc.signature or ufunc is np.add and method in ("reduce", "reduceat"):  # as np.matmul has
+        raise TypeError(f"np.{ufunc.__name__} adds in an order of its own; use @ or np.sum")
+    if how.get("dtype") is not None:
+        raise TypeError(f"np.{ufunc.__name__} of symbols takes no dtype")
+    if method == "at" or method != "__call__" and chosen is not True:
+        raise TypeError(f"np.{ufunc.__name__}.{method} of symbols does all or nothing")
+
+
+def entry_by_entry(ufunc, method, arrays, how):
+    """What one of ENTRIES makes of arrays. Of all settings it knows `axis`: to leave out another
+    in silence would make another number."""
+    for key, value in how.items():
+        if key != "axis" and value is not USUAL.get(key):
+            raise TypeError(f"np.{ufunc.__name__} of symbols takes no {key}")
+    axis = {"axis": how["axis"]} if "axis" in how else {}
+    if method == "reduce" and how.get("axis", 0) is None:  # of all entries, as one row
+        arrays, axis = [arrays[0].ravel()], {}
+    made = getattr(ENTRIES[ufunc], method)(*arrays, **axis)
+    if ufunc in COMPARED and all(isinstance(s, bool | np.bool) for s in np.ravel(made)):
+        return np.asarray(made, bool)  # of numbers alone: they can choose entries
+    return made
+
+
+def of_objects(ufunc, method, arrays, how):
+    """What numpy itself makes of objects, by their operators; of numbers alone it can do all."""
+    try:
+        return getattr(ufunc, method)(*arrays, **how)
+    except (AttributeError, TypeError):
+        if any(hasattr(s, "tape") for x in arrays for s in x.flat):
+            raise TypeError(f"np.{ufunc.__name__} cannot be compiled") from None
+        numbers = [x.astype(float) for x in arrays]
+        return np.asarray(getattr(ufunc, method)(*numbers, **how), object)
 
 
 def counted(s):
