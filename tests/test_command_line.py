@@ -21,7 +21,7 @@ import constraints as c
 import curriculum
 from curriculum.ch3_4_constraints import publish, svg
 from curriculum.ch3_4_constraints.studies import __main__ as studies
-from curriculum.common import cli, llvm, progress, pure
+from curriculum.common import cli, llvm, origin, progress
 
 import numpy
 import pytest
@@ -164,7 +164,8 @@ def test_only_what_pip_put_beside_it_is_installed(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").touch()
         importlib.import_module(name)
     (tmp_path / "theirs-1.0.dist-info").mkdir()
-    assert [name for name in ("theirs", "mine", "json", "math") if pure.of_reader(name)] == ["mine"]
+    names = "theirs", "mine", "json", "math"
+    assert [name for name in names if origin.of_reader(name)] == ["mine"]
 
 
 def test_a_mode_of_the_readers_own_is_run_printed_and_drawn(tmp_path, monkeypatch, capsys):

@@ -7,7 +7,7 @@ from traceback import extract_tb
 
 from curriculum.common.arrays import ordered
 from curriculum.common.cli import shorten
-from curriculum.common.pure import foreign
+from curriculum.common.origin import foreign
 from curriculum.common.tape import TooLong
 
 

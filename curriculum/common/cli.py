@@ -16,8 +16,8 @@ from pathlib import Path
 
 from curriculum import leave, program
 from curriculum.common.files import ENDING, check_writable
+from curriculum.common.origin import foreign
 from curriculum.common.progress import work
-from curriculum.common.pure import foreign
 
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
 EXTRAS |= {"mujoco": "[compare]", "heyoka": "[peers]"}

@@ -2,20 +2,21 @@
 
 import ctypes
 import gc
-import os
 import pickle
 import random
 import sys
-import sysconfig
 from array import array
 from collections import deque
+from collections.abc import Callable
 from contextvars import ContextVar
 from dis import get_instructions
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import delitem, setitem
-from pathlib import Path
 from types import CellType, CodeType, FunctionType, MappingProxyType, ModuleType
+from typing import NamedTuple
 from weakref import ReferenceType, WeakKeyDictionary  # in this singledispatch keeps what it finds
+
+from curriculum.common.origin import of_reader
 
 import numpy as np
 
@@ -25,38 +26,78 @@ ASKED |= {"open": "a file", "input": "a line", "eval": "lines of a text", "exec"
 # where partials, methods, wrappers and generators keep what they lead to
 INSIDE = "func", "args", "keywords", "pyfunc", "fget", "bit_generator"
 INSIDE += "__func__", "__self__", "__wrapped__", "function"
-# of Python's own modules, of installed ones, and of numpy, which may be anywhere
-PLACES = {sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib")}
-PLACES = {Path(place).resolve() for place in (*PLACES, os.path.dirname(np.__file__))}
-CURRICULUM = Path(__file__).resolve().parents[1]  # of which exercises are the reader's
-FILE = CURRICULUM.with_name("constraints.py")  # which leads to forces of theirs, installed or not
+# what is made by a class itself, or only to be read
+UNASKED = {"__init__", "__new__", "__post_init__", "__repr__", "__str__"}
+EVERY = {"globals", "vars", "getattr", "setattr", "__dict__"}  # by which all can be reached
+UNSEEN = bytearray, memoryview, array, ContextVar, np.void  # what these hold is not looked at
+UNSEEN += (ctypes.c_double.__mro__[-2],)  # the class of all that C reads: other processes write it
+VIEWS = MappingProxyType, *(type(view) for view in ({}.keys(), {}.values(), {}.items()))
+LINES = "__code__", "__defaults__", "__kwdefaults__"  # of a function, as a notebook reloads it
+GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
 
 
-@lru_cache
-def of_reader(module):
-    """Whether the reader may have written the module of this name: it is no part of Python, of an
-    installed package, or of the curriculum but its exercises."""
-    if not isinstance(module, str):  # as of what Cython makes
-        return False
-    file, name = getattr(sys.modules.get(module), "__file__", None), module.partition(".")[0]
-    if module == "__main__" or file is None:
-        return name not in sys.stdlib_module_names
-    if foreign(file):
-        return False
-    path = Path(file)  # beside a package lies a folder that tells of it, if pip put it there
-    beside = path.parents[module.count(".") + (path.stem == "__init__")]
-    return not any(beside.glob(f"{name}-*.dist-info"))
+class Kind(NamedTuple):
+    """How what holds something is remembered."""
+
+    words: str  # what it is called, around its name
+    held: Callable  # x -> dict of what it holds
+    put: Callable  # (names, x, old): have it hold again what a dict says, at least of these names
 
 
-def foreign(file):
-    """Whether a file of code is Python's, an installed package's, or the curriculum's without its
-    exercises; or is none."""
-    path = Path(file).resolve()
-    if path == FILE:
-        return False
-    installed = {"site-packages", "dist-packages"} & {*path.parts}
-    ours = CURRICULUM in path.parents and "exercises" not in path.relative_to(CURRICULUM).parts
-    return bool(installed or PLACES & {*path.parents}) or ours or file.startswith("<")
+# What KINDS are put back by: (names, x, old), as above.
+def put_names(names, x, old):
+    put, drop = (setitem, delitem) if isinstance(x, dict) else (setattr, delattr)
+    for name in names:
+        if name in old:
+            put(x, name, old[name])
+        else:
+            drop(x, name)
+
+
+def put_keys(_, x, old):
+    x.clear()
+    x.update(old)
+
+
+def put_items(_, x, old):
+    x.clear()
+    x.extend(old.values())
+
+
+def put_entries(_, x, old):
+    objects = x.dtype == object
+    x.flat[:] = np.fromiter(old.values(), object) if objects else np.frombuffer(old[0], x.dtype)
+
+
+def entries(x):
+    return dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}
+
+
+def content(x):  # a variable may have none yet
+    return {} if x == CellType() else {"cell_contents": x.cell_contents}
+
+
+def put_state(_, x, old):
+    x.__setstate__(pickle.loads(old[0]))
+
+
+def put_class(_, x, old):
+    (x.__class__,) = old.values()
+
+
+KINDS = {
+    dict: Kind("the dict {}", dict, put_keys),
+    type: Kind("the global {}", lambda x: dict(vars(x)), put_names),
+    set: Kind("the set {}", lambda x: {y: y for y in x}, put_keys),
+    (list, deque): Kind("the list {}", lambda x: dict(enumerate(x)), put_items),
+    np.ndarray: Kind("the array {}", entries, put_entries),
+    CellType: Kind("the variable {}", content, put_names),
+    FunctionType: Kind("the function {}", lambda x: {n: getattr(x, n) for n in LINES}, put_names),
+    GENERATORS: Kind(
+        "the random generator {}", lambda x: {0: pickle.dumps(x.__getstate__())}, put_state
+    ),
+}
+CLASS = Kind("the class {}", lambda x: {type(x).__name__: type(x)}, put_class)  # of an object
 
 
 @lru_cache
@@ -74,66 +115,28 @@ def named(code):
     return found
 
 
-def refill(_, x, old):
-    """Have an array hold again what a dict says."""
-    objects = x.dtype == object
-    x.flat[:] = np.fromiter(old.values(), object) if objects else np.frombuffer(old[0], x.dtype)
-
-
-def put_names(names, x, old):
-    """Have a dict, or a class, hold again what a dict says of some names."""
-    put, drop = (setattr, delattr) if isinstance(x, type) else (setitem, delitem)
-    for name in names:
-        if name in old:
-            put(x, name, old[name])
-        else:
-            drop(x, name)
-
-
-def class_of(x):
-    """The class of an object, as a dict by its name."""
-    return {type(x).__name__: type(x)}
-
-
-def turn_into(_, x, old):
-    """Have an object be of the class that a dict has."""
-    (x.__class__,) = old.values()
-
-
-UNSEEN = bytearray, memoryview, array, ContextVar, np.void  # what these hold is not looked at
-UNSEEN += (ctypes.c_double.__mro__[-2],)  # the class of all that C reads: other processes write it
-VIEWS = MappingProxyType, *(type(view) for view in ({}.keys(), {}.values(), {}.items()))
-LINES = "__code__", "__defaults__", "__kwdefaults__"  # of a function, as a notebook reloads it
-GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
-# what holds something: its name, what that is, as a dict, and how some names in it are put back
-KINDS = {
-    dict: ("the dict {}", dict, lambda _, x, old: (x.clear(), x.update(old))),
-    type: ("the global {}", lambda x: dict(vars(x)), put_names),
-    set: ("the set {}", lambda x: {y: y for y in x}, lambda _, x, old: (x.clear(), x.update(old))),
-    (list, deque): ("the list {}", lambda x: dict(enumerate(x)),
-        lambda _, x, old: (x.clear(), x.extend(old.values()))),
-    np.ndarray: ("the array {}",
-        lambda x: dict(enumerate(x.flat)) if x.dtype == object else {0: x.tobytes()}, refill),
-    CellType: ("the variable {}", lambda x: {} if x == CellType() else {0: x.cell_contents},
-        lambda _, x, old: setattr(x, "cell_contents", old[0])),
-    FunctionType: ("the function {}", lambda x: {n: getattr(x, n) for n in LINES},
-        lambda _, x, old: [setattr(x, n, old[n]) for n in LINES]),
-    GENERATORS: ("the random generator {}",
-        lambda x: {0: pickle.dumps(x.__getstate__())},
-        lambda _, x, old: x.__setstate__(pickle.loads(old[0]))),
-}  # fmt: skip
-
-
-# what is made by a class itself, or only to be read
-UNASKED = {"__init__", "__new__", "__post_init__", "__repr__", "__str__"}
-EVERY = {"globals", "vars", "getattr", "setattr", "__dict__"}  # by which all can be reached
-
-
 def same(x, y):
     """Whether this is one object, or one plain value: a symbol must not be asked for ==."""
     if x is y or type(x) is not type(y):
         return x is y
     return (type(x) in PLAIN or isinstance(x, np.generic)) and x == y
+
+
+class Part(NamedTuple):
+    """Something that can be put back, as it was."""
+
+    words: str  # what it is called; {} stands for a name in it
+    x: object
+    kind: Kind
+    old: dict  # what it held
+
+
+class Space(NamedTuple):
+    """Names, of a module, a class or an object, of which only some matter."""
+
+    space: object  # a dict, or what vars of a class is
+    names: set  # these; it grows
+    own: bool  # it is an object's, or a class's: by getattr and the like all are reached
 
 
 class Memory:
@@ -145,78 +148,45 @@ class Memory:
     """
 
     def __init__(self, *functions, **others):
-        self.parts, self.asks, self.spaces, seen = {}, [], {}, {}
+        self.parts, self.spaces, self.asks = {}, {}, []
         self.attributes = {"__call__", "__getitem__"}  # that are named, or used without
         todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
         for x in functions:
             name = getattr(x, "__qualname__", type(x).__name__)
             todo.append((x, name.split("<locals>.")[-1]))
         todo += [(x, name) for name, x in others.items()]
-        while todo:
+        seen = {}
+        while todo := [(x, n) for x, n in todo if type(x) not in PLAIN and id(x) not in seen]:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
-            found = [pair for x, name in todo for pair in self.look(x, name)]
-            for (_, kind), (space, names) in self.spaces.items():  # only what is named
-                own = kind == "own" or isinstance(space, MappingProxyType)  # an object's, a class's
-                asked = [*space] if own and names & EVERY else sorted(names & space.keys())
-                found += [(space[name], name) for name in asked]
-            todo = [(x, n) for x, n in found if type(x) not in PLAIN and id(x) not in seen]
-
-    def note(self, x, name, words=None):
-        """(y, name) of all that x holds; noted, if x is of one of KINDS. `words` as there."""
-        if isinstance(x, UNSEEN):
-            self.asks.append(f"it uses {name}, which cannot be put back")
-        if isinstance(x, (tuple, frozenset)):  # what it holds may change, but not it
-            return list(zip(x, getattr(x, "_fields", [name] * len(x)), strict=True))
-        kind = next((KINDS[known] for known in KINDS if isinstance(x, known)), None)
-        if kind is None:
-            return []
-        try:
-            if id(x) not in self.parts:
-                self.parts[id(x)] = words or kind[0].format(name), x, *kind[1:], kind[1](x)
-        except Exception:  # a generator without a state
-            self.asks.append(f"it uses {name}, which cannot be put back")
-            return []
-        keys = x if isinstance(x, dict) else ()
-        return [(y, name) for y in (*keys, *self.parts[id(x)][-1].values())]
+            todo = [pair for x, name in todo for pair in self.look(x, name)]
+            for space, names, own in self.spaces.values():
+                reached = [*space] if own and names & EVERY else sorted(names & space.keys())
+                todo += [(space[name], name) for name in reached]
 
     def look(self, x, name):
         """Note x, and yield (y, name) of all that it leads to."""
         if isinstance(x, FunctionType):
             yield from self.of_function(x, name)
         elif isinstance(x, ModuleType):
-            self.space(vars(x), vars(x), x.__name__, self.attributes)
+            if self.is_readers(x.__name__):
+                self.open_space(vars(x), self.attributes)
         elif isinstance(x, type):
-            self.space(x, vars(x), x.__module__, self.attributes)
-            if of_reader(x.__module__):  # operators and the like, which no code names
-                own = {n for n, y in vars(x).items() if isinstance(y, FunctionType)}
-                self.attributes |= {n for n in own - UNASKED if n.startswith("__")}
-            yield from ((kind, name) for kind in x.__mro__[1:] if of_reader(kind.__module__))
-            yield from self.inside(x, name)
+            yield from self.of_class(x, name)
         else:
             yield from self.note(x, name)
             yield from self.inside(x, name)
-
-    def space(self, x, space, module, names):
-        """The names that are asked of a space; None if it is none of the reader's modules."""
-        if module in ASKED:
-            self.asks.append(f"it asks for {ASKED[module]}")
-        if not of_reader(module):
-            return None
-        self.note(x, "", "the global {}")
-        kind = names is self.attributes  # functions name globals
-        return self.spaces.setdefault((id(space), kind), (space, names))[1]
 
     def of_function(self, x, name):
         """What a function closes over and, if it is the reader's, names, or has from the start."""
         for n, cell in zip(x.__code__.co_freevars, x.__closure__ or (), strict=True):
             yield from self.note(cell, n)
         space = x.__globals__
-        names = self.space(space, space, space.get("__name__", ""), set())
-        if names is None:
+        if not self.is_readers(space.get("__name__", "")):
             return
-        self.note(x, name, f"the attribute {{}} of {name}")
         globals_named, attributes = named(x.__code__)
+        names = self.open_space(space, set())
         names |= globals_named
+        self.note(x, name, f"the attribute {{}} of {name}")
         self.attributes |= attributes | (globals_named & EVERY)
         imported = globals_named - space.keys()  # in its own lines, or Python's own
         self.asks += [f"it asks for {ASKED[module]}" for module in ASKED.keys() & imported]
@@ -224,21 +194,26 @@ class Memory:
         arguments = x.__code__.co_varnames[: x.__code__.co_argcount]
         yield from zip((x.__defaults__ or ())[::-1], arguments[::-1], strict=False)
         yield from ((y, n) for n, y in (x.__kwdefaults__ or {}).items())
-        self.attributes_of(x.__dict__, name)
+        self.open_space(x.__dict__, self.attributes, name)
 
-    def attributes_of(self, kept, name):
-        """Note what an object keeps in a dict; of that, what is named as an attribute matters."""
-        self.note(kept, name, f"the attribute {{}} of {name}")
-        self.spaces[id(kept), "own"] = kept, self.attributes
+    def of_class(self, x, name):
+        """What a class inherits from; of the reader's, what is named as an attribute matters."""
+        if self.is_readers(x.__module__):
+            self.open_space(x, self.attributes)
+            methods = {n for n, y in vars(x).items() if isinstance(y, FunctionType)}
+            # operators and the like, which no code names
+            self.attributes |= {n for n in methods - UNASKED if n.startswith("__")}
+        yield from ((kind, name) for kind in x.__mro__[1:] if of_reader(kind.__module__))
+        yield from self.inside(x, name)
 
     def inside(self, x, name):
         """What an object keeps: the reader's in its attributes, others' where INSIDE says."""
-        kept = getattr(x, "__dict__", None)
+        kept, words = getattr(x, "__dict__", None), f"the attribute {{}} of {name}"
         if of_reader(type(x).__module__):
             yield type(x), name
-            self.parts["class", id(x)] = "the class {}", x, class_of, turn_into, class_of(x)
+            self.parts["class", id(x)] = Part(CLASS.words, x, CLASS, CLASS.held(x))
             if kept is not None:
-                self.attributes_of(kept, name)
+                self.open_space(kept, self.attributes, name)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
                 self.asks.append(f"it uses {name}, which cannot be put back")
         elif hasattr(type(x), "__next__"):  # an iterator, not a class of them
@@ -251,34 +226,71 @@ class Memory:
             yield from ((getattr(x, inside, None), name) for inside in INSIDE)
             traced = str(type(x).__module__).startswith("curriculum.")  # a Routine keeps a trace
             if type(x).__dictoffset__ and not traced:  # as a polynomial's; a method has none
-                yield from self.note(kept, name, f"the attribute {{}} of {name}")
+                yield from self.note(kept, name, words)
         elif not isinstance(x, WeakKeyDictionary):  # a Namespace, a UserDict
-            yield from self.note(kept, name, f"the attribute {{}} of {name}")
+            yield from self.note(kept, name, words)
+
+    def note(self, x, name, words=None):
+        """(y, name) of all that x holds; it is a Part, if it is of one of KINDS."""
+        if isinstance(x, UNSEEN):
+            self.asks.append(f"it uses {name}, which cannot be put back")
+        if isinstance(x, (tuple, frozenset)):  # what it holds may change, but not it
+            return list(zip(x, getattr(x, "_fields", [name] * len(x)), strict=True))
+        kind = next((KINDS[known] for known in KINDS if isinstance(x, known)), None)
+        if kind is None:
+            return []
+        try:
+            if id(x) not in self.parts:
+                words = words or kind.words.format(name)
+                self.parts[id(x)] = Part(words, x, kind, kind.held(x))
+        except Exception:  # a generator without a state
+            self.asks.append(f"it uses {name}, which cannot be put back")
+            return []
+        keys = x if isinstance(x, dict) else ()
+        return [(y, name) for y in (*keys, *self.parts[id(x)].old.values())]
+
+    def is_readers(self, module):
+        """Whether a module of this name is the reader's; if it is one of ASKED, that is told."""
+        if module in ASKED:
+            self.asks.append(f"it asks for {ASKED[module]}")
+        return of_reader(module)
+
+    def open_space(self, x, names, owner=None):
+        """Note a class or a dict, of which only what is named matters: the `names`, a set.
+
+        `owner`: what the object is called whose attributes they are; else they are globals.
+        """
+        self.note(x, owner, "the global {}" if owner is None else f"the attribute {{}} of {owner}")
+        of_class = isinstance(x, type)
+        space = Space(vars(x) if of_class else x, names, of_class or owner is not None)
+        key = id(space.space), names is self.attributes
+        return self.spaces.setdefault(key, space).names
 
     def changes(self, besides=()):
-        """What is not as it was: [(what, in words; how it is put back; which names, x, its old)].
+        """[(what is not as it was, in words; what puts it back)].
 
         `besides`: types of what may have changed.
         """
         found, spaces = [], {}
-        for (place, _), (_, names) in self.spaces.items():
-            spaces[place] = spaces.get(place, set()) | names
-        for place, (words, x, take, put, old) in self.parts.items():
+        for (place, _), space in self.spaces.items():
+            spaces[place] = spaces.get(place, set()) | space.names
+        for place, (words, x, kind, old) in self.parts.items():
             if isinstance(x, besides):
                 continue
-            now, names = take(x), spaces.get(place, {"globals"})
+            now, names = kind.held(x), spaces.get(place, EVERY)
             every = names & EVERY  # else other threads may use the other names
             asked = old | now if every else [k for k in old | now if k in names]
             new = [k for k in asked if not same(old.get(k, self), now.get(k, self))]
             if new:
-                found.append((words.format(new[0]), put if every else put_names, new, x, old))
+                put = kind.put if every else put_names
+                found.append((words.format(new[0]), partial(put, new, x, old)))
         return found
 
     def restore(self):
         """Put back, in place, what has changed; what was first, in words, or None."""
         found = self.changes()
-        for _, put, *given in found:
-            put(*given)
+        for _, put_back in found:
+            put_back()
         return f"it changes {found[0][0]}" if found else None
 
     def changed(self):
