@@ -23,6 +23,7 @@ CURVE = 60  # points of a curve
 BAR = 120  # pixels that the legend's length has, at most
 DECADES = {1.0: "1 m", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm"}
 SMALL = 13  # pixels, of words in the chart
+TOLD = 19  # pixels, of words that change
 
 
 def pens(pairs):
@@ -61,20 +62,20 @@ def moving(traces, seconds, total, **style):
     return element("path", looped(total, "d", shapes, **times), hide, d=last, fill="none", **style)
 
 
-def changing(words, total, x, y, size, anchor="middle"):
+def changing(words, total, x, y, anchor="middle"):
     """Words at x, y that change in a loop of `total` s, evenly: [(text, colour), ...]. They are a
     column that moves behind a window of one line. Where nothing moves it shows the last."""
-    line, wide = round(1.4 * size), 20 * size
+    line, wide = round(1.4 * TOLD), 20 * TOLD
     inset = {"middle": wide // 2, "end": wide}[anchor]
     rows = [
-        element("tspan", text.translate(svg.ESCAPES), x=inset, y=size + line * k, fill=color)
+        element("tspan", text.translate(svg.ESCAPES), x=inset, y=TOLD + line * k, fill=color)
         for k, (text, color) in enumerate(words)
     ]
     places = [f"0 {-line * k}" for k in range(len(words))]
     how = {"type": "translate", "calcMode": "discrete"}
     move = looped(total, "transform", places, "animateTransform", **how)
-    style = {"font_size": size, "text_anchor": anchor, "transform": f"translate({places[-1]})"}
-    window = {"x": round(x - inset, 1), "y": round(y - size, 1), "width": wide, "height": line}
+    style = {"font_size": TOLD, "text_anchor": anchor, "transform": f"translate({places[-1]})"}
+    window = {"x": round(x - inset, 1), "y": round(y - TOLD, 1), "width": wide, "height": line}
     return element("svg", element("text", move, *rows, **style), **window)
 
 
@@ -133,7 +134,7 @@ class Picture:
         self.legend(sheet, self.bottom + 20)
         ticks = np.arange(0.0, self.total - 1e-9, 1.0 / CLOCK)
         clock = [(f"{seconds:.1f} s", svg.INK) for seconds in ticks]
-        sheet.parts.append(changing(clock, self.total, SHEET[0] - 16, self.bottom + 20, 19, "end"))
+        sheet.parts.append(changing(clock, self.total, SHEET[0] - 16, self.bottom + 20, "end"))
         return sheet.text()
 
     def corner_of(self, k):
@@ -178,7 +179,7 @@ class Picture:
         view = {"height": round(self.tall, 1), "viewBox": view, "width": round(self.width, 1)}
         sheet.add("svg", *parts, **place, **view)
         sheet.words(middle, bottom + 22, mode, color, "middle", 22, "bold")
-        sheet.parts.append(changing(self.figures(mode), self.total, middle, bottom + 44, 19))
+        sheet.parts.append(changing(self.figures(mode), self.total, middle, bottom + 44))
 
     def off(self, q):
         """Yield (traces, style) of what rods have too much and what they lack, at q (F, N, 3)."""

@@ -49,14 +49,14 @@ def lines(begins, ends, shown, thickness, color=None, **colors):
     return style, rows.partition(np.sum(shown, axis=1))
 
 
-def dashed(begins, ends, shown, thickness, color):
+def dashed(begins, ends, shown, color):
     """The same with three dashes for each line."""
     way = ends - begins
     begins, ends = (
         np.concatenate([begins + share * way for share in shares], axis=1)
         for shares in ((0.0, 0.4, 0.8), (0.2, 0.6, 1.0))
     )
-    return lines(begins, ends, np.tile(shown, 3), thickness, color)
+    return lines(begins, ends, np.tile(shown, 3), 3.0, color)
 
 
 def draw(system, q, pulls, full, color, ball):
@@ -75,7 +75,7 @@ def draw(system, q, pulls, full, color, ball):
     return {  # what is within a particle is hidden by it, and need not be there
         "rods": lines(tails, ends, np.full(error.shape, True), 3.0, colors=glow.reshape(-1, 3)),
         "excess": lines(marks, heads, error > ball, 4.0, rgb(svg.EXCESS)),
-        "missing": dashed(heads, marks, error < -ball, 3.0, rgb(svg.MISSING)),
+        "missing": dashed(heads, marks, error < -ball, rgb(svg.MISSING)),
         "particles": (rr.Points3D.from_fields(radii=ball, colors=color), particles),
         "path": (rr.Points3D.from_fields(radii=thin, colors=color), path),
     }

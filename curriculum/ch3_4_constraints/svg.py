@@ -3,6 +3,7 @@
 import math
 from itertools import cycle, pairwise
 
+HEAD = 12  # pixels, of an arrow
 ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"})
 
 # Each colour on white paper, on dark paper and, of lines, in the plots of a recording, which are as
@@ -79,14 +80,14 @@ class Drawing:
         style = {"fill": color, "text_anchor": anchor, "font_size": size, "font_weight": weight}
         self.add("text", text.translate(ESCAPES), x=f"{x:.1f}", y=f"{y:.1f}", **style)
 
-    def arrow(self, start, end, color, width, head):
-        """An arrow, if it is long enough to have a head."""
+    def arrow(self, start, end, color):
+        """An arrow, if it is long enough to have a HEAD."""
         length = math.dist(start, end)
-        if length > head:
-            dx, dy = ((end[k] - start[k]) * head / length for k in (0, 1))
+        if length > HEAD:
+            dx, dy = ((end[k] - start[k]) * HEAD / length for k in (0, 1))
             x, y = end[0] - dx, end[1] - dy
             sides = [(x + s * 0.45 * dy, y - s * 0.45 * dx) for s in (1, -1)]
-            self.line([start, (x, y)], color, width)
+            self.line([start, (x, y)], color, 4)
             self.line([end, *sides, end], color, 0.5, fill=color)
 
     def text(self):

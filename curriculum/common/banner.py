@@ -13,7 +13,7 @@ from curriculum.common.files import check_writable, write_whole
 LEDGER = Path(__file__).with_name("wallclock.csv")
 
 
-def banner(chapter, title, device, default=False):
+def banner(chapter, title, device, default):
     """At most 80 columns; for a default run, how long one took where it was measured."""
     line = f"{chapter} {title} | device {device}"
     measured = re.search(f"^{chapter},(.*),(.*),(.*)", LEDGER.read_text(encoding="utf-8"), re.M)

@@ -88,7 +88,7 @@ def forces():
         aside = [10 * (degrees in (0, 90)), 0]  # there they are on one line
         sheet.line([pivot, bob], GREY, 2)
         for force, color, at in ((pull, PULL, 0), (weight, GREY, 0), (pull + weight, INK, aside)):
-            sheet.arrow(bob + at, bob + at + newton * force[:2] * [1, -1], color, 4, 12)
+            sheet.arrow(bob + at, bob + at + newton * force[:2] * [1, -1], color)
         sheet.dot(bob, 8, INK)
         words = f"{degrees}\u00b0: {np.linalg.norm(pull):.2f} N"
         below = {0: 48, 90: -10}.get(degrees, 22)  # pixels: off all arrows
