@@ -144,24 +144,34 @@ class Compiled(Plain):
         if why and not count:
             raise why
         self.done += count
-        due = self.done >= self.due or count >= self.steps  # the last block, too
-        if due and not (self.only and self.compared):
-            self.due, self.compared = max(FIRST, OFTEN * self.done), not halved
-            if self.differs(start, rows, halved):
-                self.give_up("it does something else when it is compiled")
-                return self.compute(q, v)
+        if self.comparison_is_due(count, halved) and self.differs(start, rows, halved):
+            self.give_up("it does something else when it is compiled")
+            return self.compute(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
         # the first steps of a long one are slow, and with a Stop the next block begins
         if self.done >= FIRST and not why:
             self.improve(spent / count, self.steps - count)
+        self.block = self.measured(rows, halved)
+        self.ahead = iter(self.block)
+        return next(self.ahead)
+
+    def comparison_is_due(self, count, halved):
+        """Whether a block of so many steps, some of them `halved`, is to be compared."""
+        if self.only and self.compared:
+            return False
+        due = self.done >= self.due or count >= self.steps  # the last block, too
+        if due:
+            self.due, self.compared = max(FIRST, OFTEN * self.done), not halved
+        return due
+
+    def measured(self, rows, halved):
+        """The Block of rows (count, entries)."""
         states = self.single.traced.states(rows)
         measured = self.measure_all(*states)
         with Tape.lock:
             if self.measure_memory is None or self.measure_memory.changed():  # since confirm
                 self.measure_memory = Memory(self.measure_all.function)  # for the next confirm
-        self.block = Block(*states, measured, halved)
-        self.ahead = iter(self.block)
-        return next(self.ahead)
+        return Block(*states, measured, halved)
 
     def count(self, entries):
         """How many steps the next block has; never by the clock, so that runs are alike."""
