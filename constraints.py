@@ -384,9 +384,9 @@ def parse(argv):
 def report(comparison):
     """Print the table, a sentence for each mark in it, and the verdict."""
     args, dt = comparison.args, comparison.dt
-    ways = "; ".join(dict.fromkeys(run.way for run in comparison.runs.values()))  # each way once
+    how = "; ".join(dict.fromkeys(run.how for run in comparison.runs.values()))  # each once
     limit = STABILITY_LIMIT.get(comparison.rule, np.inf)
-    tables.say(f"{args.system}: seed {args.seed}; {comparison.rule}, steps of {dt:.4g} s, {ways}")
+    tables.say(f"{args.system}: seed {args.seed}; {comparison.rule}, steps of {dt:.4g} s, {how}")
     tables.show_comparison(comparison)
     if "baumgarte" in comparison.runs and dt * args.baumgarte > limit:
         print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")

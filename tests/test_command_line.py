@@ -152,7 +152,7 @@ def test_where_the_project_is_installed_a_force_is_still_the_readers(tmp_path):
     shutil.copy(c.__file__, place)
     code = "import constraints as c\nfrom curriculum.ch3_4_constraints.studies._runs import run"
     code += "\nT = 0\ndef force(system, q):\n    global T\n    T += 1\n    return T + 0.0 * q"
-    code += "\nc.external_force = force\nprint(run(c.build_system('double'), steps=20).way)"
+    code += "\nc.external_force = force\nprint(run(c.build_system('double'), steps=20).how)"
     done = python("-c", code, cwd=tmp_path, variables={"PYTHONPATH": str(place)})
     assert (done.returncode, done.stderr) == (0, "") and "it changes the global T" in done.stdout
 

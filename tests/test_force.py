@@ -99,7 +99,7 @@ def test_a_force_may_be_written_in_other_ways_and_one_that_does_not_fit_is_told(
         monkeypatch.setattr(c, "external_force", force)
         assert np.array_equal(c.constraint_force(*state), expected)
         found = run(DOUBLE, steps=5)
-        assert found.way.startswith("compiled") and np.array_equal(found.tip, tip)
+        assert found.how.startswith("compiled") and np.array_equal(found.tip, tip)
     wrongs = [(np.zeros((2, 2)), r"lambda> \(test_force.py, line \d+\): an array of shape \(2, 2")]
     wrongs += [(DOUBLE["m"], r"shape \(2, 1\), must be"), (1j * DOUBLE["q0"], "complex numbers")]
     wrongs += [(None, "None wh"), (-9.81, r"shape \(\), must be \(2, 3\)")]
@@ -315,6 +315,6 @@ def test_many_rods_find_their_way_back_or_stay_put_and_a_loose_particle_falls():
         system = moving(pairs, loose=1)
         q, v = c.project(system, system["q0"], system["q0"], 1e-3 * system["v0"], 1.0)
         found = run(system | {"q0": q, "v0": v}, "rk4", "project", 1e-3, 20)
-        assert found.violations.max() < 1e-10 and found.way.startswith("compiled")
+        assert found.violations.max() < 1e-10 and found.how.startswith("compiled")
         assert_close(found.v[-1, -1], v[-1] + 0.02 * c.GRAVITY)
     assert run(cantilever(20), steps=40).violations.max() < 1e-8

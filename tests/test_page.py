@@ -109,7 +109,7 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     monkeypatch.setattr(c, "hold_table", longer)
     _, run = compared(tmp_path, "pendulum", "semi_implicit", 400)["mine"]
     said, mended = compared(tmp_path, "heavy_tip", "semi_implicit", 800)["mended"]
-    assert said["halved"] == mended.halved > 0 and mended.way.startswith("compiled")
+    assert said["halved"] == mended.halved > 0 and mended.how.startswith("compiled")
 
     def drag(q, v):  # and a little, of a loop that ends where its size falls no more
         return -0.3 * v + repeat(lambda y: (0.5 * y, 2.0 + np.sum(y * y)), v, 60, "no end", 3.0)

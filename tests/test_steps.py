@@ -82,7 +82,7 @@ def in_every_way(rule, system, hold, dt, steps):
     with mock.patch.object(compiled, "Traced", return_value=runs[0].stepper.single.traced):
         runs += map(asked, ways[1:])
     assert all(alike(found, runs[0]) for found in runs)
-    assert all(found.way.startswith("compiled") for found in runs[:3])
+    assert all(found.how.startswith("compiled") for found in runs[:3])
     assert runs[0].watched == np.max(2.0 + runs[0].q[:, 0, 1], initial=0.0)
     return runs[0]
 
@@ -330,8 +330,8 @@ def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, step
     sines = any(words in name for words in inexact)
     same = partial(np.allclose, rtol=0.0, atol=1e-12) if sines else np.array_equal
     assert same(coded[-1].q[-1], plain.q[-1])
-    assert name.split(":")[0] in coded[-1].way
-    assert ("slower: " in coded[-1].way) == (name not in FINE)
+    assert name.split(":")[0] in coded[-1].how
+    assert ("slower: " in coded[-1].how) == (name not in FINE)
 
 
 def filling(system, q, v):
@@ -352,14 +352,14 @@ def filing(system, q, v):
 def test_a_force_may_fill_what_comes_of_masses_and_not_its_system(force, way, monkeypatch):
     monkeypatch.setattr(c, "external_force", force)
     found, plain = (run(dict(DOUBLE), "rk4", "none", 0.005, 40, way=x) for x in (Compiled, Plain))
-    assert way in found.way and np.array_equal(found.tip, plain.tip)
+    assert way in found.how and np.array_equal(found.tip, plain.tip)
 
 
 def test_what_blows_up_in_a_plane_is_no_motion_out_of_it(monkeypatch):
     feel(monkeypatch, lambda q, v: q * np.exp(800.0 + np.sum(q)))  # where q is zero, 0 * inf
     found = [run(DOUBLE, "rk4", "none", 0.005, 9, way=way) for way in WAYS]
     assert {x.stopped for x in found} == {"diverged at step 1"}
-    assert not any("slower" in x.way for x in found)
+    assert not any("slower" in x.how for x in found)
 
 
 def making(q, v):
@@ -530,7 +530,7 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
     feel(monkeypatch, drag)
     found = run(PENDULUM, "semi_implicit", "none", 0.005, 100, range(101))
     assert not -0.8 < found.q[1, 0, 1] < -0.05 and not -0.8 < found.q[-1, 0, 1] < -0.05
-    assert "slower: it does something else" in found.way
+    assert "slower: it does something else" in found.how
 
     def left(q):
         return isinstance(q[0, 0], float) and q[0, 0] < 0.0
@@ -538,7 +538,7 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
     feel(monkeypatch, lambda q, v: -0.1 * v if left(q) else 0.0 * v)
     found = run(PENDULUM, timid, "none", 0.04, 90, range(91))  # of halves on both ways
     lengths = np.array([too_long(x, 0.04) for x in found.v[:-1]])
-    assert "slower: " in found.way and found.halved == np.sum(lengths > 1.0) > 0
+    assert "slower: " in found.how and found.halved == np.sum(lengths > 1.0) > 0
 
 
 def test_a_step_of_many_forces_is_compared_at_fewer_states_but_as_often():
@@ -594,7 +594,7 @@ def test_a_loop_may_note_what_it_likes(energy, often, monkeypatch):
     """Also where all energies are equal."""
     monkeypatch.setattr(c, "energy", energy)
     quick, plain = (taken(way, often=often) for way in (Compiled, Plain))
-    assert alike(quick, plain) and quick.way.startswith("compiled")
+    assert alike(quick, plain) and quick.how.startswith("compiled")
 
 
 @pytest.mark.parametrize("change", [lambda k, v: None, lambda k, v: 0.99 * v])
@@ -628,16 +628,16 @@ def test_what_the_loop_changes_the_force_feels_or_it_is_told(monkeypatch):
 
     late = pytest.raises(ValueError, match="the global WIND was changed while steps were")
     found, plain = (blown(way, -1) for way in (Compiled, Plain))
-    assert "slower: the loop changes the global WIND" in found.way and found.stepper.lies
+    assert "slower: the loop changes the global WIND" in found.how and found.stepper.lies
     assert np.array_equal(found.tip, plain.tip)
     for begin in (3, 30, 58):
         with late:
             blown(Compiled, begin)
-    assert blown(Plain, 3).way == Plain.way
+    assert blown(Plain, 3).how == Plain.how
     ticking(0, 0)
     shown = Shown()
     monkeypatch.setattr(c, "external_force", shown)
-    assert taken(Compiled, lambda k, v: shown.on_frame()).way.startswith("compiled")
+    assert taken(Compiled, lambda k, v: shown.on_frame()).how.startswith("compiled")
     usual = c.energy
     monkeypatch.setattr(c, "energy", lambda *state: usual(*state) + WIND)
     with late:
@@ -755,7 +755,7 @@ def test_a_switch_that_a_step_throws_is_felt(monkeypatch):
     monkeypatch.setattr(f"{__name__}.WIND", 0.0)
     feel(monkeypatch, lambda q, v: [WIND, 0.0, 0.0] + 0.0 * q)
     found, plain = (run(DOUBLE, splitting, steps=40, way=way) for way in (Compiled, Plain))
-    assert "it changes the global WIND" in found.way and np.array_equal(found.tip, plain.tip)
+    assert "it changes the global WIND" in found.how and np.array_equal(found.tip, plain.tip)
 
 
 def test_an_interrupt_leaves_no_symbols_behind(monkeypatch):
@@ -774,14 +774,14 @@ def test_an_interrupt_leaves_no_symbols_behind(monkeypatch):
 def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
     monkeypatch.setattr(tape, "LONG", 20)  # operations
     few, many = (run(DOUBLE, steps=steps) for steps in (2, 100))
-    assert "it is too long to be compiled for so few steps" in few.way
-    assert many.way.startswith("compiled") and np.array_equal(many.tip[:3], few.tip)
+    assert "it is too long to be compiled for so few steps" in few.how
+    assert many.how.startswith("compiled") and np.array_equal(many.tip[:3], few.tip)
 
 
 def test_a_step_of_many_rods_is_bytecode_at_first():
     chain = c.build_system("chain", links=150)
     found, plain = (run(chain, hold="project", steps=9, way=way) for way in (Compiled, Plain))
-    assert ("bytecode" in found.way) == llvm.available()
+    assert ("bytecode" in found.how) == llvm.available()
     assert alike(found, plain)
 
 
@@ -795,7 +795,7 @@ def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypat
         monkeypatch.setattr(compiled, "COMPILING", cost)
         runs.append(run(chain, "rk4", "project", 0.005, 40, range(41)))
     assert all(alike(found, runs[0]) for found in runs)
-    ways = ["compiled to machine code" in found.way for found in runs]
+    ways = ["compiled to machine code" in found.how for found in runs]
     assert ways == [False, False, llvm.available(), False]
     full, some = runs[0], [0, 7, 33, 40]
     few = run(chain, "rk4", "project", 0.005, 40, some)
@@ -831,7 +831,7 @@ def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
 
     for change in changes:
         quick, plain = (taken(way, partial(once, change)) for way in (Compiled, Plain))
-        assert alike(quick, plain) and quick.way.startswith("compiled")
+        assert alike(quick, plain) and quick.how.startswith("compiled")
         assert abs(quick.energies[41] - quick.energies[40]) > 0.1
     with pytest.raises(ValueError, match="read-only") as found:
         taken(Compiled, partial(once, lambda v: v.__imul__(0.9)))
@@ -847,7 +847,7 @@ def test_runs_in_threads_are_the_runs_in_turn():
 
     with ThreadPoolExecutor(4) as pool:
         beside = list(pool.map(one, cases))
-    assert all(found.way.startswith("compiled") for found in beside)
+    assert all(found.how.startswith("compiled") for found in beside)
     assert all(map(alike, beside, map(one, cases)))
 
 

@@ -139,7 +139,7 @@ def paths(way, function, *starts, count=2):
             while len(path) < count and np.isfinite(q).all():
                 q, v, _ = step(q, v)
                 path.append(q)
-        assert step.single, step.way  # else the lines as they stand have mended it
+        assert step.single, step.how  # else the lines as they stand have mended it
         found.append(path)
     return found
 

@@ -36,8 +36,8 @@ class Compiled(Plain):
     with the plain step at first, after FIRST steps, since a start may be at rest, whenever they are
     OFTEN times as many, and in the end. Where they differ, or the step cannot be traced, steps are
     plain. With `only` that raises Untraceable, since it would take too long, and only one block is
-    compared. `steps`: how many are to come. `way` says how steps are done; `source` is the code;
-    `taken` steps took `seconds`, counted from zero where the way changes. `lies`: why what was
+    compared. `steps`: how many are to come. `how` says how steps are done; `source` is the code;
+    `taken` steps took `seconds`, counted from zero where that changes. `lies`: why what was
     compiled was given up, or None. `halvings`: how often, at most, a step that fails is halved.
     """
 
@@ -46,7 +46,7 @@ class Compiled(Plain):
     ):
         super().__init__(step_fn, m, force, dt, measure)
         self.given, self.only, self.halvings = (step_fn, m, force), only, halvings
-        self.single, self.way = None, ""  # until the step is traced
+        self.single, self.how = None, ""  # until the step is traced
         self.uses = steps or math.inf  # if that is not known yet
         self.measure_all, self.compared = mapped(measure, uses=steps), False
         self.watch = mapped(watch, uses=steps) if watch else None
@@ -67,7 +67,7 @@ class Compiled(Plain):
     @property
     def source(self):
         """The code that a step has become."""
-        return self.single.traced.source if self.single else f"# {self.way}"
+        return self.single.traced.source if self.single else f"# {self.how}"
 
     def __call__(self, q, v):
         latest = self.latest
@@ -85,18 +85,18 @@ class Compiled(Plain):
         except Untraceable as why:
             self.give_up(why)
             return
-        self.way = "compiled to Python"
+        self.how = "compiled to Python"
         if self.single.size > LARGE and llvm.available():
             with contextlib.suppress(llvm.Unavailable):
                 self.single.machine = Bytecode(self.single.traced.program)
-                self.way = "compiled to bytecode"
+                self.how = "compiled to bytecode"
         self.single.prepare()
 
     def give_up(self, why):
         """Go on plainly."""
         self.lies = why if self.single else None
         self.single, self.why = None, str(why)
-        self.way = f"{Plain.way}, which is slower: {why}"
+        self.how = f"{Plain.how}, which is slower: {why}"
         self.block, self.ahead = None, iter(())
         self.taken, self.seconds = 0, 0.0
 
@@ -122,7 +122,7 @@ class Compiled(Plain):
     def compute(self, q, v):
         """The state after this one; and many more, ahead of time."""
         self.confirm()
-        if not self.way:
+        if not self.how:
             self.trace(q, v)
         if not self.single and self.only:
             raise Untraceable(f"steps are not compiled: {self.why}")
@@ -230,6 +230,6 @@ class Compiled(Plain):
         if worth and llvm.available():  # which looks at files
             with contextlib.suppress(llvm.Unavailable):  # it goes on as it is
                 self.single.machine = Native(self.single.traced.program, best=begun)
-                self.way, self.taken, self.seconds = "compiled to machine code", 0, 0.0
+                self.how, self.taken, self.seconds = "compiled to machine code", 0, 0.0
         if llvm.FAILED and not self.single.machine:
-            self.way = f"compiled to Python; {llvm.FAILED[0]}"
+            self.how = f"compiled to Python; {llvm.FAILED[0]}"

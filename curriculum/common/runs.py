@@ -27,7 +27,7 @@ class Run(SimpleNamespace):
     halved: int  # steps that were taken in halves
     watched: float  # the largest of what the stepper was to watch
     pace: float  # us a step, of the steps alone
-    way: str  # how the steps were computed
+    how: str  # the steps were computed, in words
     stepper: object  # what took the steps, a Plain or a Compiled
 
     def __iter__(self):
@@ -40,7 +40,7 @@ class Run(SimpleNamespace):
             f"  tip: from {self.tip[0]} to {self.tip[-1]} m\n"
             f"  violations: at most {np.max(self.violations):.3g} m\n"
             f"  energies: from {self.energies[0]:.6g} to {self.energies[-1]:.6g} J\n"
-            f"  q, v: kept at {kept}; {self.pace:.3g} us a step, {self.way}"
+            f"  q, v: kept at {kept}; {self.pace:.3g} us a step, {self.how}"
         )
 
     def __reduce__(self):
@@ -187,4 +187,4 @@ class Log:
         ended = {"stopped": self.stopped, "watched": self.watched}
         ended["halved"] = self.halved + stepper.halved
         pace = 1e6 * stepper.seconds / max(1, stepper.taken)
-        return Run(**series, **kept, **ended, pace=pace, way=stepper.way, stepper=stepper)
+        return Run(**series, **kept, **ended, pace=pace, how=stepper.how, stepper=stepper)

@@ -72,7 +72,7 @@ class Plain:
     `watch`: what else is asked, a function (q, v) -> number; here it becomes one of many states.
     """
 
-    way = source = "in plain numpy: the lines as they stand"
+    how = source = "in plain numpy: the lines as they stand"
     block, latest = None, NO_STATE  # what was handed out last; only Compiled computes ahead
     lies, halvings = None, HALVINGS
 
