@@ -168,44 +168,64 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     if len(system["pairs"]) > MOST:
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
     system = check_system(system)
-    lines = chapter.make_force, chapter.hold_table, chapter.energy, chapter.rod_errors
-    memory = Memory(step_fn, *lines, chapter.tensions)
-    if memory.asks:
-        raise Untraceable(memory.asks[0])
-    w, time_constant, impedance = knobs
-    holds, why = chapter.hold_table(dt, *knobs), None
-    modes = [mode for mode, hold in holds.items() if not misfit(hold, rule)]
-    try:
-        tracer = traced(chapter, system, step_fn, modes, impedance)
-    except Exception as reason:  # a mistake of the reader's shows in the run itself
-        why = str(reason) or type(reason).__name__
-    why = memory.restore() or why
-    if why:
-        raise Untraceable(why)
-    axes, limit = tracer.axes, chapter.STABILITY_LIMIT.get(rule)
-    stiff = STIFF
-    if limit:  # there is a cliff: with the last w before it, and the next
-        edge = 5.0 * np.floor(limit / dt / 5.0)
-        stiff = [x for x in STIFF if x < 0.98 * edge] + [edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
-    lists = {"dt": (*STEPS, 0.5 * dt, dt), "w": (*stiff, w), "T": (*TIMES, time_constant)}
-    state = system["q0"], system["v0"]
-    size = float(np.sum(system["lengths"]))
-    weight = np.sum(system["m"]) * np.linalg.norm(chapter.GRAVITY)
-    data = {"name": name, "rule": rule, "modes": modes, "axes": axes, "limit": limit}
-    data |= {"halvings": HALVINGS, "inexact": sorted(tracer.inexact)}
-    data |= {key: system[key].tolist() for key in ("lengths", "anchors")}
-    data["pairs"] = [list(map(int, pair)) for pair in system["pairs"]]
-    data["masses"] = system["m"].ravel().tolist()
-    data["start"] = [float(state[k][at]) for k, at in tracer.live]
-    data["box"] = [corner[:axes].tolist() for corner in reach(system)]
-    data |= {"mgl": float(energy_scale(system, chapter.GRAVITY)), "newtons": float(weight) or 1.0}
-    data |= {"far": 100.0 * size, "knobs": {"dt": dt, "w": w, "T": time_constant}}
+    tracer = put_back(chapter, system, rule, step_fn, dt, knobs)
+    data = {"name": name, "rule": rule, "modes": list(tracer.steps), "axes": tracer.axes}
+    data |= {"limit": chapter.STABILITY_LIMIT.get(rule), "halvings": HALVINGS}
+    data["inexact"] = sorted(tracer.inexact)
+    data |= described(chapter, system, tracer)
+    w, time_constant, _ = knobs
+    data["knobs"] = {"dt": dt, "w": w, "T": time_constant}
+    lists = {"dt": (*STEPS, 0.5 * dt, dt), "w": (*stiffnesses(data["limit"], dt), w)}
+    lists["T"] = *TIMES, time_constant
     data["lists"] = {key: sorted({float(x) for x in values}) for key, values in lists.items()}
     lines = f"{PRELUDE}{tracer.writer.source()}const measure = {tracer.measure};\n"
     for key, functions in (("steps", tracer.steps), ("tensions", tracer.tensions)):
         table = ", ".join(f"{json.dumps(mode)}: {f}" for mode, f in functions.items())
         lines += f"const {key} = {{{table}}};\n"
     return filled(lines, data)
+
+
+def put_back(chapter, system, rule, step_fn, dt, knobs):
+    """The Tracer of a page, which has left all that the reader's lines keep as it was."""
+    lines = chapter.make_force, chapter.hold_table, chapter.energy, chapter.rod_errors
+    memory = Memory(step_fn, *lines, chapter.tensions)
+    if memory.asks:
+        raise Untraceable(memory.asks[0])
+    holds, why = chapter.hold_table(dt, *knobs), None
+    modes = [mode for mode, hold in holds.items() if not misfit(hold, rule)]
+    try:
+        tracer = traced(chapter, system, step_fn, modes, knobs[-1])
+    except Exception as reason:  # a mistake of the reader's shows in the run itself
+        why = str(reason) or type(reason).__name__
+    why = memory.restore() or why
+    if why:
+        raise Untraceable(why)
+    return tracer
+
+
+def stiffnesses(limit, dt):
+    """The w in rad/s to choose from; where there is a cliff, the last before it, and the next."""
+    if not limit:
+        return STIFF
+    edge = 5.0 * np.floor(limit / dt / 5.0)
+    return [x for x in STIFF if x < 0.98 * edge] + [edge, edge + 5.0, 1.2 * edge, 2.4 * edge]
+
+
+def described(chapter, system, tracer):
+    """What a page has to know of its scene, as JSON has it."""
+    state = system["q0"], system["v0"]
+    weight = np.sum(system["m"]) * np.linalg.norm(chapter.GRAVITY)
+    return {
+        "lengths": system["lengths"].tolist(),
+        "anchors": system["anchors"].tolist(),
+        "pairs": [list(map(int, pair)) for pair in system["pairs"]],
+        "masses": system["m"].ravel().tolist(),
+        "start": [float(state[k][at]) for k, at in tracer.live],
+        "box": [corner[: tracer.axes].tolist() for corner in reach(system)],
+        "mgl": float(energy_scale(system, chapter.GRAVITY)),
+        "newtons": float(weight) or 1.0,
+        "far": 100.0 * float(np.sum(system["lengths"])),
+    }
 
 
 def filled(lines, data):
