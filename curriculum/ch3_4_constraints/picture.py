@@ -104,7 +104,7 @@ class Picture:
     """A sheet of tiles, a mode of a Comparison each, and one for the chart: a loop of `total` s.
 
     A tile is `wide` pixels, its scene `width` by `tall`, and below it are words. `scale`: pixels a
-    metre; in a tile they are counted in units of 1 / FINE.
+    metre; in a tile they are counted in units of 1 / FINE, from where `top_left` (x, y) in m is.
     """
 
     def __init__(self, comparison, rate, longest):
@@ -113,7 +113,7 @@ class Picture:
         self.steps = even_steps(comparison, rate, longest)
         self.total = max(self.steps[-1], 1) * comparison.dt
         low, high, bar = box(self.system, self.runs)
-        self.corner, size, count = [low[0], high[1]], (high - low)[:2], len(self.runs) + 1
+        self.top_left, size, count = [low[0], high[1]], (high - low)[:2], len(self.runs) + 1
         self.across, self.wide, room = tiling(count, SHEET, size, WORDS, NARROW)
         self.scale = min(self.wide / size[0], room / size[1])
         self.bar = bar / 10.0 if self.scale * bar > BAR else bar  # m
@@ -129,7 +129,7 @@ class Picture:
         sheet.add("defs", element("g", *self.still(), id="still"))
         for k, mode in enumerate(self.runs):
             self.tile(sheet, k, mode)
-        left, top = self.corner_of(len(self.runs))
+        left, top = self.tile_corner(len(self.runs))
         self.drift(sheet, (left, top, left + self.wide, top + self.tall + WORDS))
         self.legend(sheet, self.bottom + 20)
         ticks = np.arange(0.0, self.total - 1e-9, 1.0 / CLOCK)
@@ -137,13 +137,13 @@ class Picture:
         sheet.parts.append(changing(clock, self.total, SHEET[0] - 16, self.bottom + 20, "end"))
         return sheet.text()
 
-    def corner_of(self, k):
+    def tile_corner(self, k):
         """The left and the upper end of tile k, in pixels."""
         return self.wide * (k % self.across), (self.tall + WORDS) * (k // self.across)
 
     def place(self, points):
         """Points (..., 3) in m, in units of a tile: (..., 2), y down."""
-        moved = (points[..., :2] - self.corner) * [1, -1]
+        moved = (points[..., :2] - self.top_left) * [1, -1]
         return np.rint(FINE * self.scale * moved).astype(int)
 
     def rods(self, q, seconds, **style):
@@ -172,7 +172,7 @@ class Picture:
         style = dict.fromkeys(("marker_mid", "marker_end"), f"url(#dot{k})") | {"stroke": color}
         parts = [dots, element("use", href="#still"), self.rods(q, seconds, **style)]
         parts += [moving(pieces, seconds, self.total, **look) for pieces, look in self.off(q)]
-        left, top = self.corner_of(k)
+        left, top = self.tile_corner(k)
         middle, bottom = left + self.wide / 2, top + self.tall
         place = {"x": round(middle - self.width / 2, 1), "y": round(top, 1)}
         view = f"0 0 {FINE * self.width:.0f} {FINE * self.tall:.0f}"

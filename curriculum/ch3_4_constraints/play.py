@@ -168,7 +168,7 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     if len(system["pairs"]) > MOST:
         raise Untraceable(f"more than {MOST} rods are too slow for a browser")
     system = check_system(system)
-    tracer = put_back(chapter, system, rule, step_fn, dt, knobs)
+    tracer = safely_traced(chapter, system, rule, step_fn, dt, knobs)
     data = {"name": name, "rule": rule, "modes": list(tracer.steps), "axes": tracer.axes}
     data |= {"limit": chapter.STABILITY_LIMIT.get(rule), "halvings": HALVINGS}
     data["inexact"] = sorted(tracer.inexact)
@@ -185,7 +185,7 @@ def page(chapter, name, system, rule, step_fn, dt, knobs):
     return filled(lines, data)
 
 
-def put_back(chapter, system, rule, step_fn, dt, knobs):
+def safely_traced(chapter, system, rule, step_fn, dt, knobs):
     """The Tracer of a page, which has left all that the reader's lines keep as it was."""
     lines = chapter.make_force, chapter.hold_table, chapter.energy, chapter.rod_errors
     memory = Memory(step_fn, *lines, chapter.tensions)
