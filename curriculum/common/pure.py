@@ -7,13 +7,11 @@ import random
 import sys
 from array import array
 from collections import deque
-from collections.abc import Callable
 from contextvars import ContextVar
 from dis import get_instructions
 from functools import lru_cache, partial
 from operator import delitem, setitem
 from types import CellType, CodeType, FunctionType, MappingProxyType, ModuleType
-from typing import NamedTuple
 from weakref import ReferenceType, WeakKeyDictionary  # in this singledispatch keeps what it finds
 
 from curriculum.common.origin import of_reader
@@ -36,15 +34,7 @@ LINES = "__code__", "__defaults__", "__kwdefaults__"  # of a function, as a note
 GENERATORS = np.random.BitGenerator, np.random.RandomState, random.Random
 
 
-class Kind(NamedTuple):
-    """How what holds something is remembered."""
-
-    words: str  # what it is called, around its name
-    held: Callable  # x -> dict of what it holds
-    put: Callable  # (names, x, old): have it hold again what a dict says, at least of these names
-
-
-# What KINDS are put back by: (names, x, old), as above.
+# put(names, x, old): have x hold again what a dict says, at least of these names
 def put_names(names, x, old):
     put, drop = (setitem, delitem) if isinstance(x, dict) else (setattr, delattr)
     for name in names:
@@ -85,19 +75,22 @@ def put_class(_, x, old):
     (x.__class__,) = old.values()
 
 
+# what holds something: what it is called, what it holds, as a dict, and its put
 KINDS = {
-    dict: Kind("the dict {}", dict, put_keys),
-    type: Kind("the global {}", lambda x: dict(vars(x)), put_names),
-    set: Kind("the set {}", lambda x: {y: y for y in x}, put_keys),
-    (list, deque): Kind("the list {}", lambda x: dict(enumerate(x)), put_items),
-    np.ndarray: Kind("the array {}", entries, put_entries),
-    CellType: Kind("the variable {}", content, put_names),
-    FunctionType: Kind("the function {}", lambda x: {n: getattr(x, n) for n in LINES}, put_names),
-    GENERATORS: Kind(
-        "the random generator {}", lambda x: {0: pickle.dumps(x.__getstate__())}, put_state
+    dict: ("the dict {}", dict, put_keys),
+    type: ("the global {}", lambda x: dict(vars(x)), put_names),
+    set: ("the set {}", lambda x: {y: y for y in x}, put_keys),
+    (list, deque): ("the list {}", lambda x: dict(enumerate(x)), put_items),
+    np.ndarray: ("the array {}", entries, put_entries),
+    CellType: ("the variable {}", content, put_names),
+    FunctionType: ("the function {}", lambda x: {n: getattr(x, n) for n in LINES}, put_names),
+    GENERATORS: (
+        "the random generator {}",
+        lambda x: {0: pickle.dumps(x.__getstate__())},
+        put_state,
     ),
 }
-CLASS = Kind("the class {}", lambda x: {type(x).__name__: type(x)}, put_class)  # of an object
+CLASS = ("the class {}", lambda x: {type(x).__name__: type(x)}, put_class)  # of an object
 
 
 @lru_cache
@@ -122,23 +115,6 @@ def same(x, y):
     return (type(x) in PLAIN or isinstance(x, np.generic)) and x == y
 
 
-class Part(NamedTuple):
-    """Something that can be put back, as it was."""
-
-    words: str  # what it is called; {} stands for a name in it
-    x: object
-    kind: Kind
-    old: dict  # what it held
-
-
-class Space(NamedTuple):
-    """Names, of a module, a class or an object, of which only some matter."""
-
-    space: object  # a dict, or what vars of a class is
-    names: set  # these; it grows
-    own: bool  # it is an object's, or a class's: by getattr and the like all are reached
-
-
 class Memory:
     """What some functions can reach and change, as it is now.
 
@@ -148,7 +124,10 @@ class Memory:
     """
 
     def __init__(self, *functions, **others):
-        self.parts, self.spaces, self.asks = {}, {}, []
+        self.parts = {}  # {id: (its words, x, what holds, put, what it held)}
+        # of modules, classes and objects: (a dict, or vars of a class; the names in it that matter;
+        # whether it is an object's or a class's, of which getattr and the like reach all)
+        self.spaces, self.asks = {}, []
         self.attributes = {"__call__", "__getitem__"}  # that are named, or used without
         todo = [(np.random.get_state.__self__, "of numpy"), (random.getstate.__self__, "of Python")]
         for x in functions:
@@ -211,7 +190,8 @@ class Memory:
         kept, words = getattr(x, "__dict__", None), f"the attribute {{}} of {name}"
         if of_reader(type(x).__module__):
             yield type(x), name
-            self.parts["class", id(x)] = Part(CLASS.words, x, CLASS, CLASS.held(x))
+            words, held, put = CLASS
+            self.parts["class", id(x)] = words, x, held, put, held(x)
             if kept is not None:
                 self.open_space(kept, self.attributes, name)
             if any(vars(kind).get("__slots__") for kind in type(x).__mro__):
@@ -231,7 +211,7 @@ class Memory:
             yield from self.note(kept, name, words)
 
     def note(self, x, name, words=None):
-        """(y, name) of all that x holds; it is a Part, if it is of one of KINDS."""
+        """(y, name) of all that x holds; noted, if x is of one of KINDS."""
         if isinstance(x, UNSEEN):
             self.asks.append(f"it uses {name}, which cannot be put back")
         if isinstance(x, (tuple, frozenset)):  # what it holds may change, but not it
@@ -239,15 +219,15 @@ class Memory:
         kind = next((KINDS[known] for known in KINDS if isinstance(x, known)), None)
         if kind is None:
             return []
+        called, held, put = kind
         try:
             if id(x) not in self.parts:
-                words = words or kind.words.format(name)
-                self.parts[id(x)] = Part(words, x, kind, kind.held(x))
+                self.parts[id(x)] = words or called.format(name), x, held, put, held(x)
         except Exception:  # a generator without a state
             self.asks.append(f"it uses {name}, which cannot be put back")
             return []
         keys = x if isinstance(x, dict) else ()
-        return [(y, name) for y in (*keys, *self.parts[id(x)].old.values())]
+        return [(y, name) for y in (*keys, *self.parts[id(x)][-1].values())]
 
     def is_readers(self, module):
         """Whether a module of this name is the reader's; if it is one of ASKED, that is told."""
@@ -262,9 +242,10 @@ class Memory:
         """
         self.note(x, owner, "the global {}" if owner is None else f"the attribute {{}} of {owner}")
         of_class = isinstance(x, type)
-        space = Space(vars(x) if of_class else x, names, of_class or owner is not None)
-        key = id(space.space), names is self.attributes
-        return self.spaces.setdefault(key, space).names
+        space = vars(x) if of_class else x
+        key = id(space), names is self.attributes
+        own = of_class or owner is not None
+        return self.spaces.setdefault(key, (space, names, own))[1]
 
     def changes(self, besides=()):
         """[(what is not as it was, in words; what puts it back)].
@@ -272,18 +253,18 @@ class Memory:
         `besides`: types of what may have changed.
         """
         found, spaces = [], {}
-        for (place, _), space in self.spaces.items():
-            spaces[place] = spaces.get(place, set()) | space.names
-        for place, (words, x, kind, old) in self.parts.items():
+        for (place, _), (_, names, _) in self.spaces.items():
+            spaces[place] = spaces.get(place, set()) | names
+        for place, (words, x, held, put, old) in self.parts.items():
             if isinstance(x, besides):
                 continue
-            now, names = kind.held(x), spaces.get(place, EVERY)
+            now, names = held(x), spaces.get(place, EVERY)
             every = names & EVERY  # else other threads may use the other names
             asked = old | now if every else [k for k in old | now if k in names]
             new = [k for k in asked if not same(old.get(k, self), now.get(k, self))]
             if new:
-                put = kind.put if every else put_names
-                found.append((words.format(new[0]), partial(put, new, x, old)))
+                back = partial(put if every else put_names, new, x, old)
+                found.append((words.format(new[0]), back))
         return found
 
     def restore(self):
