@@ -215,6 +215,13 @@ def forces():
         calls += 1
         return np.full(q.shape, calls // 5 % 2)
 
+    latest: np.ndarray  # which has no value yet
+
+    def keeping(q, v):
+        nonlocal latest
+        latest = v
+        return -0.1 * latest
+
     def tired(q, v):
         options.gain *= 0.99
         return -options.gain * v
@@ -238,6 +245,7 @@ def forces():
         "changes the global CALLS": count,
         "changes the global gain": lambda q, v: setattr(Slot, "gain", -Slot.gain) or Slot.gain * v,
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
+        "changes the variable latest": keeping,
         "changes the attribute gain of hold": lambda q, v: controller(q, v),
         "changes the attribute gain of options": tired,
         "changes the attribute turn of heir": lambda q, v: -0.01 * next(heir) * v,
