@@ -291,6 +291,13 @@ def test_a_motion_is_shown_no_further_than_where_two_steps_part():
     assert len(found) == 3
 
 
+def test_where_two_steps_agree_to_the_end_no_third_is_tried():
+    """Though the coarse one has few of the frames, and not the last."""
+    for frames in (17, 18, 19, 20):
+        found, asked = sought(lambda step, times: times, np.arange(frames), ruler.FIRST)
+        assert len(found) == frames and len(asked) == 2
+
+
 def test_of_frames_that_are_long_the_last_are_compared_too():
     def place(step, times):
         return 100.0 * step * (times > 5.5 * many * ruler.FIRST)
