@@ -313,13 +313,13 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
         q, v = states(system, q, v)  # to measure is to change nothing
         return constraint_violation(system, q), energy(system, q, v)
 
-    step = way(step_fn, system["m"], force, dt, measure, steps)  # a step, and what it measures
-    log = Log(step, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
+    stepper = way(step_fn, system["m"], force, dt, measure, steps)  # it steps, and measures
+    log = Log(stepper, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
     q, v = system["q0"], system["v0"]
     log.note(q, v, *measure(q, v))
     with log:  # a Stop ends this run, not the program: the other modes still have theirs
         for _ in range(steps):
-            q, v, worst, joules = step(q, v)
+            q, v, worst, joules = stepper.step(q, v)
             log.note(q, v, worst, joules)
     return log.run()  # the Run: all that was noted
 

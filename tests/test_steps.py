@@ -574,12 +574,12 @@ def taken(way, change=lambda k, v: None, often=lambda k: 1, steps=60):
     def measure(q, v):
         return c.constraint_violation(DOUBLE, q), c.energy(DOUBLE, q, v)
 
-    step = way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps)
-    log, q, v = Log(step, steps, range(steps + 1), 100.0), DOUBLE["q0"], DOUBLE["v0"]
+    stepper = way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps)
+    log, q, v = Log(stepper, steps, range(steps + 1), 100.0), DOUBLE["q0"], DOUBLE["v0"]
     log.note(q, v, *measure(q, v))
     with log:
         for k in range(steps):
-            q, v, *measured = step(q, v)
+            q, v, *measured = stepper.step(q, v)
             other = change(k, v)
             if other is not None:
                 v, measured = other, measure(q, other)

@@ -131,15 +131,15 @@ def step_of(function):
 
 def paths(way, function, *starts, count=2):
     """Where a function leads from starts (2, 3), turn by turn, as far as it goes."""
-    step, found = way(step_of(function), None, None, 0.0, lambda q, v: (v[0, 0],)), []
+    stepper, found = way(step_of(function), None, None, 0.0, lambda q, v: (v[0, 0],)), []
     for q in starts:
-        step.start(0.0, count)
+        stepper.start(0.0, count)
         v, path = 0.0 * q, []
         with np.errstate(all="ignore"), contextlib.suppress(Stop):
             while len(path) < count and np.isfinite(q).all():
-                q, v, _ = step(q, v)
+                q, v, _ = stepper.step(q, v)
                 path.append(q)
-        assert step.single, step.how  # else the lines as they stand have mended it
+        assert stepper.single, stepper.how  # else the lines as they stand have mended it
         found.append(path)
     return found
 

@@ -69,7 +69,7 @@ class Compiled(Plain):
         """The code that a step has become."""
         return self.single.traced.source if self.single else f"# {self.how}"
 
-    def __call__(self, q, v):
+    def step(self, q, v):
         latest = self.latest
         if q is latest[0] and v is latest[1]:  # else the reader has changed it
             for latest in self.ahead:  # the next, if there is one: this is quicker than next()
@@ -127,7 +127,7 @@ class Compiled(Plain):
         if not self.single and self.only:
             raise Untraceable(f"steps are not compiled: {self.why}")
         if not self.single:
-            return super().__call__(q, v)
+            return super().step(q, v)
         if not self.single.traced.fits(q, v):  # the loop has moved what stood still
             self.compared = False
             self.due = 0

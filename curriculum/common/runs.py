@@ -131,8 +131,8 @@ class Log:
 
     def note(self, q, v, violation, energy):
         """Take a state, and what was measured of it."""
-        state, row = self.stepper.latest, self.row
-        handed = q is state[0] and v is state[1] and violation is state[2] and energy is state[3]
+        row, state = self.row, self.stepper.latest
+        handed = energy is state[3] and q is state[0] and v is state[1] and violation is state[2]
         if handed and energy is self.sane[row]:  # as nearly always: the next row of the block
             self.row = row + 1
             return

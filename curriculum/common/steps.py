@@ -67,7 +67,7 @@ class Block:
 
 
 class Plain:
-    """step_fn as it stands, in numpy: q, v -> q, v, and what `measure` says of them.
+    """Takes steps by step_fn as it stands, in numpy, and asks `measure` of each state.
 
     `watch`: what else is asked, a function (q, v) -> number; here it becomes one of many states.
     """
@@ -77,7 +77,7 @@ class Plain:
     lies, halvings = None, HALVINGS
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
-        self.step = lambda state, dt: as_state(step_fn(*state, m, force, dt), step_fn)
+        self.lines = lambda state, dt: as_state(step_fn(*state, m, force, dt), step_fn)
         self.dt, self.measure = float(dt), measure  # numpy's short numbers would round
         self.watch = (lambda q, v: list(map(watch, q, v))) if watch else None
         self.taken = self.halved = 0
@@ -86,11 +86,12 @@ class Plain:
     def confirm(self):
         """Nothing was computed ahead."""
 
-    def __call__(self, q, v):
+    def step(self, q, v):
+        """The state after q, v, and what is measured of it: (q, v, *measured)."""
         clock = time.perf_counter()
         try:
             state = ordered(q), ordered(v)
-            (q, v), halved = tried(self.step, state, self.dt, self.halvings)
+            (q, v), halved = tried(self.lines, state, self.dt, self.halvings)
         finally:
             self.seconds += time.perf_counter() - clock
         self.taken += 1

@@ -97,7 +97,8 @@ class Traced:
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
         both = zip((q, v), self.moving.reshape(2, -1), strict=True)
-        return np.concatenate([x.reshape(-1, moving.size).T[moving] for x, moving in both])
+        entries = [(np.moveaxis(x, (-2, -1), (0, 1)), moving) for x, moving in both]
+        return np.concatenate([x.reshape(moving.size, -1)[moving] for x, moving in entries])
 
     def fits(self, q, v):
         """Whether q, v (..., N, 3) are zero in all that is taken to stay zero."""
