@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# To follow the force, know two of these: `solve` solves a linear system, and `states` makes arrays
-# of q and v whose sums and products with @ add from first to last. (`ordered` makes one of these.)
+# To follow the force, know three of these: `solve` solves a linear system; `states` of q and v, and
+# `ordered` of one array, make arrays whose sums and products with @ add from first to last.
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
@@ -33,15 +33,14 @@ from curriculum.common.programs import repeat
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain, followed
 
-import numpy as np  # after curriculum, which answers Ctrl-C in words while numpy loads
+import numpy as np  # last on purpose: curriculum answers Ctrl-C in words while numpy loads
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
-PIVOT = np.zeros(3)  # m: the anchor of a system that names none
+PIVOT = np.zeros((1, 3))  # m, (K, 3): the anchors of a system that names none
 HERE = Path(__file__).resolve().parent
 CHAPTER = "curriculum/ch3_4_constraints"
 OUT = "outputs/ch3.4-constraints"
 SMOKE_STEPS = 800  # of a --smoke run: enough to tell the modes apart
-EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
 # --- endregion ---
 # --- region: systems ---
 # A system is N particles, C rods and K anchors, and nothing derived from them: a dict of
@@ -50,7 +49,7 @@ EXAMPLES = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator ga
 #     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, where j
 #                      is negative, to an anchor, which stands still: -1 is the first, -2 the next
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
+#     anchors  (K, 3)  where they stand, in m; without this key they are PIVOT
 # A state is q and v, (N, 3) each: where the particles are now, in m, and how fast, in m/s.
 SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # made here: how many rods each has
 
@@ -73,7 +72,7 @@ def build_system(name, rng=0, links=10):
         "m": np.ones((count, 1)),
         "pairs": [(k, k - 1) for k in range(count)],  # rod 0 hangs on anchor -1
         "lengths": np.ones(count),
-        "anchors": np.array([PIVOT]),
+        "anchors": PIVOT.copy(),
     }
 
 
@@ -83,7 +82,7 @@ def external_force(system, q, v=None):
 
 
 def applied_force(system, q, v):
-    """What external_force returns, (N, 3). Yours may take no v, return lists, or one [x, y, z]."""
+    """external_force, checked: yours may take no v, return lists, or one [x, y, z]. (N, 3) in N."""
     return run_checks.own_force(external_force, system, q, v)
 
 
@@ -106,7 +105,7 @@ def constraint_terms(system, q, v):
     """J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
     q, v = states(system, q, v)  # @ and sums add from first to last: the same bits everywhere
     rods = len(system["pairs"])
-    anchors = system.get("anchors", PIVOT[None])
+    anchors = system.get("anchors", PIVOT)
     jac = np.zeros_like(q, shape=(rods, *q.shape))  # (C, N, 3), of floats or symbols, as q is
     g, gdot, jdotv = np.zeros_like(q, shape=(3, rods))  # three arrays of zeros, (C,) each
     for k, (i, j) in enumerate(system["pairs"]):
@@ -118,8 +117,8 @@ def constraint_terms(system, q, v):
             rate = v[i] - v[j]
             jac[k, j] = -d
         jac[k, i] = d
-        length = float(system["lengths"][k])
-        g[k] = 0.5 * (d @ d - length * length)
+        L = float(system["lengths"][k])  # a float32 would be squared with its few digits
+        g[k] = 0.5 * (d @ d - L * L)
         gdot[k] = d @ rate  # = (J v)_k
         jdotv[k] = rate @ rate  # = (Jdot v)_k
     return jac.reshape(rods, q.size), g, gdot, jdotv
@@ -131,6 +130,18 @@ def constraint_terms(system, q, v):
 # e^(rt) solves that if r = -w: errors die like e^(-wt), and do not swing. Most remedies differ by
 # four numbers only. (use_jdotv is 1 or 0, A is J M^-1 J^T, and diag A is its diagonal.)
 #     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
+class Hold(NamedTuple):
+    """A way to hold rods: what it asks of gddot, and for which steps it is meant."""
+
+    use_jdotv: float  # 1, or 0 without the term Jdot v
+    damping: float  # 1/s
+    stiffness: float  # 1/s^2
+    softness: float  # a share of A's diagonal
+    dt: float | None = None  # s, if it is for steps of this length only
+    rule: str | None = None  # the name of an integrator, if it is for that one only
+    after: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v): it mends a step
+
+
 def multipliers(system, q, v, hold, f=None):
     """J (C, 3N); lambda (C,) in N/m; A (C, C), its softness included, and b (C,): A lambda = b.
 
@@ -143,10 +154,10 @@ def multipliers(system, q, v, hold, f=None):
     m = np.repeat(system["m"], 3)  # kg, (3N,)
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness > 0.0:  # MuJoCo's error is |d| - L, and its row of J is ours / |d|; gdot stays
-        size = np.sqrt(2.0 * g + np.square(ordered(system["lengths"])))  # |d|: 2 g = |d|^2 - L^2
-        g = size * (size - system["lengths"])  # MuJoCo's error, times |d| as its row is
-        A = A * (1.0 + hold.softness * np.eye(len(g)))  # entry by entry: A + softness diag A
+    if hold.softness > 0.0:  # MuJoCo's error is |d| - L, for its row of J is ours / |d|
+        stretch = rod_errors(system, q)  # |d| - L
+        g = (system["lengths"] + stretch) * stretch  # |d| (|d| - L): for a row of J like ours
+        A = A + hold.softness * np.diag(np.diag(A))
     b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
     b = b - hold.damping * gdot - hold.stiffness * g
     lam = solve(system, A, b, v, jac)  # as np.linalg.solve(A, b); v, jac: where rods close a loop
@@ -157,18 +168,6 @@ def constraint_force(system, q, v, hold="none", f=None):
     """The rods' force J^T lambda (N, 3) in N; f: all other forces, or else external_force's."""
     jac, lam, _, _ = multipliers(system, q, v, hold, f)
     return (jac.T @ lam).reshape(np.shape(q))
-
-
-class Hold(NamedTuple):
-    """A way to hold rods: what it asks of gddot, and for which steps it is meant."""
-
-    use_jdotv: float  # 1, or 0 without the term Jdot v
-    damping: float  # 1/s
-    stiffness: float  # 1/s^2
-    softness: float  # a share of A's diagonal
-    dt: float | None = None  # s, if it is for steps of this length only
-    rule: str | None = None  # the name of an integrator, if it is for that one only
-    after: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v): it mends a step
 
 
 def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
@@ -204,15 +203,15 @@ def project(system, q_start, q, v, dt):
     """
     m = np.repeat(system["m"], 3)
     jac_start, _, _, _ = constraint_terms(system, q_start, v)  # only J is used, and it needs no v
-    close = statics.near(system["lengths"], q_start)  # m^2: a g that counts as zero
+    close = statics.near(system["lengths"], q_start)  # a g that counts as zero: 1e-12 L^2, or so
 
-    def newton(q):  # a better q, and how far the old one is off: at most 1 is close
+    # while off @ off > 1: q = newton(q), at most 20 times. repeat() is that loop, and compiled.
+    def newton(q):  # a better q, and how far this one is off
         jac, g, _, _ = constraint_terms(system, q, v)
         mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # kg; the next round corrects it
         off = g / close
         return q - (jac_start.T @ mu / m).reshape(q.shape), off @ off
 
-    # while off @ off > 1, q = better q, at most 20 times: a while loop that can be compiled
     end = repeat(newton, q, 20, "no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
@@ -223,7 +222,7 @@ def project(system, q_start, q, v, dt):
 # --- endregion ---
 # --- region: integrators ---
 class Force(NamedTuple):
-    """force(q, v) -> (N, 3) in N, the rods' included: all that an integrator sees of them."""
+    """force(q, v) -> (N, 3) in N, the rods' included: a function that remembers its system."""
 
     system: dict
     hold: Hold
@@ -274,7 +273,7 @@ INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": 
 INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # order 8; 8 stages, order 16
 
 # Baumgarte's spring is stable up to this z = dt w. A step multiplies its error by 1 - z (Euler) or
-# 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4), which must be within -1..1. Semi-implicit: 4 - 4z - z^2 > 0.
+# 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4): within -1..1. Semi-implicit (see chapter): 4 - 4z - z^2 > 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
@@ -291,7 +290,7 @@ def energy(system, q, v):
 def rod_errors(system, q):
     """|d| - L (C,) in m: what a ruler would show."""
     q = states(system, q)[0]
-    d = statics.differences(q, system.get("anchors", PIVOT[None]), system["pairs"])
+    d = statics.differences(q, system.get("anchors", PIVOT), system["pairs"])  # (C, 3): each d
     return np.sqrt(np.sum(d * d, axis=1)) - system["lengths"]
 
 
@@ -307,7 +306,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
     system = run_checks.check_run(system, force, dt, steps, keep, way, step_fn, INTEGRATORS, PIVOT)
-    step_fn = followed(step_fn, getattr(force, "after", None))  # your own force may have none
+    step_fn = followed(step_fn, getattr(force, "after", None))  # and then what mends a step
 
     def measure(q, v):
         q, v = states(system, q, v)  # to measure is to change nothing
@@ -319,7 +318,7 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     log.note(q, v, *measure(q, v))
     with log:  # a Stop ends this run, not the program: the other modes still have theirs
         for _ in range(steps):
-            q, v, worst, joules = stepper.step(q, v)
+            q, v, worst, joules = stepper.step(q, v)  # q, v = step_fn(q, v, m, force, dt), measured
             log.note(q, v, worst, joules)
     return log.run()  # the Run: all that was noted
 
@@ -338,10 +337,11 @@ def unheld(system, q, v, hold="none"):
     return unanswered(system, jac, A, b, lam, v)
 
 
-# What follows is flags, tables and files: of rods it has nothing to tell.
+# Stop reading here: what follows serves the command line, with flags, tables and files.
 def parse(argv):
     """Parser, command line, and the system it names; scene() and method() add flags to --help."""
-    parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, EXAMPLES)
+    examples = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
+    parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, examples)
     modes = ["all", *hold_table()]
     orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
     scene("--scenes", action="store_true", help="list them")
@@ -375,7 +375,7 @@ def parse(argv):
         parser.attempt("--rerun", installed, "rerun")
     links = 10 if args.links is None else args.links
     own = parser.attempt("--system", build_system, args.system, args.seed, links)
-    system = parser.attempt("build_system", run_checks.check_system, own, PIVOT[None])
+    system = parser.attempt("build_system", run_checks.check_system, own, PIVOT)
     if not args.show_step:  # last, so that every other mistake is told first
         args.out = parser.attempt("--out", publish.results_folder, args.out)
     return parser, args, system

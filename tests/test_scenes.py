@@ -171,7 +171,7 @@ def test_a_length_in_a_file_is_judged_by_its_rods_own():
 
 
 def test_a_system_without_anchors_hangs_on_the_pivot_wherever_that_is(monkeypatch):
-    monkeypatch.setattr(c, "PIVOT", np.array([0.0, 1.0, 0.0]))
+    monkeypatch.setattr(c, "PIVOT", np.array([[0.0, 1.0, 0.0]]))
     full = c.build_system("pendulum")
     bare = {key: full[key] for key in full if key != "anchors"}
     one, other = (c.simulate(c.rk4_step, x, c.make_force(x, "none"), 0.1, 9) for x in (full, bare))

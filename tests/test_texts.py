@@ -157,8 +157,10 @@ def shown_by(name):
 @pytest.mark.parametrize(("name", "right", "wrong", "says"), WRONG)
 def test_a_wrong_answer_is_told_of(name, right, wrong, says):
     ran = shown_by(name)
+    exercise = load(name, right, wrong)
     with pytest.raises(Wrong, match=says):
-        CHECKS[name](load(name, right, wrong), ran)
+        checks.check_before_run(name, exercise)
+        CHECKS[name](exercise, ran)
 
 
 def test_a_guess_is_understood_as_it_is_written_and_counts_as_it_was_before_the_run(tmp_path):

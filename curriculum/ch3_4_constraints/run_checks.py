@@ -142,9 +142,9 @@ def righted(system, project):
     return system | {"q0": np.array(q), "v0": np.array(v)}
 
 
-def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
+def check_run(system, force, dt, steps, keep, way, step_fn, rules, anchors):
     """The system as check_system gives it; ValueError if something does not fit a run. `rules`:
-    integrators by name; another step_fn is the caller's affair. pivot (3,): a default anchor."""
+    integrators by name; another step_fn is the caller's affair. `anchors` (K, 3): by default."""
     for name, given, such in (("step_fn", step_fn, "rk4_step"), ("force", force, "make_force's")):
         if not callable(given):
             raise ValueError(f"{name} is {shorten(repr(given))}; must be a function, as {such} is")
@@ -171,10 +171,10 @@ def check_run(system, force, dt, steps, keep, way, step_fn, rules, pivot):
         if not (whole and 0 <= x <= steps):
             must = f"must be steps of the run, whole numbers 0 to {steps}"
             raise ValueError(f"keep has {shorten(repr(x))}; {must}")
-    system = check_system(system, pivot[None])
+    system = check_system(system, anchors)
     own = getattr(force, "system", system)
     need(isinstance(own, Mapping), "the system of this force", own, "a dict, as that of the run")
-    own = {"anchors": pivot[None], **own}
+    own = {"anchors": anchors, **own}
     for key in TIED:
         if not np.array_equal(own[key], system[key]):
             raise ValueError(f"this force is for another system: {key} are not those of the run")

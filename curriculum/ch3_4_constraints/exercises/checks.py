@@ -1,12 +1,13 @@
-"""Runs an exercise and judges it, by a check that takes its module, and what its main returned.
+"""Runs an exercise and judges it: some functions before the run, which could not bear a wrong one.
 
-A check raises Blank where something is left to do, Wrong where an answer is not so. What is right
-it asks of the engine, or of theory.
+Then a check takes its module, and what its main returned. It raises Blank where something is left
+to do, Wrong where an answer is not so. What is right it asks of the engine, or of theory.
 """
 
 import json
 import sys
 import traceback
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -69,6 +70,9 @@ def check_drift(exercise, shown):
         ("that is the rod error in m: g is (d . d - 1) / 2", np.sqrt(1.0 + 2.0 * right) - 1.0),
         ("a step counts with the speed after it: the last one counts, too", 0.5e-4),
         ("the speeds: square them", 1.5e-4),
+        ("that is the way gone, in m: g is in m^2", 0.03),
+        ("a dt is missing: the tangent is dt |v| long", 0.025),
+        ("every step adds to g: the sum of all", 2e-4),
     ):
         need(not near(two, wrong, 1e-6), f"expected_g: {said}")
     need(near(line, g, 1e-6), f"expected_g says {line} m^2 after 20 s, and the run has {g:.9f}")
@@ -106,11 +110,15 @@ MISTAKES = {  # of exercise 2: a function, what is to be said of a typical wrong
     ),
     "wanted: -w g is gdot of e^(-wt): differentiate that once more": lambda g, gdot, w: -w * g,
     "wanted: w g: the unit of gddot is that of w^2 g": lambda g, gdot, w: -2.0 * w * gdot - w * g,
+    "wanted: this dies like e^(-wt/2), half as fast as it is to": lambda g, gdot, w: (
+        -w * gdot - w**2 * g / 4.0
+    ),
+    "wanted: gdot wants 2 w, and g wants w^2": lambda g, gdot, w: -w * gdot - w * g,
 }
 
 
-def check_solve(exercise, _):
-    """Typical mistakes are named; then the force equals the engine's on random chains."""
+def early_solve(exercise):
+    """Typical mistakes are named."""
     rng = np.random.default_rng(0)
     tried = {"turning": rng.normal(size=(2, 3)), "wanted": (*rng.normal(size=(2, 3)), 3.0)}
     tried["mobility"] = rng.normal(size=(2, 6)), rng.uniform(2.0, 3.0, 6)
@@ -119,6 +127,11 @@ def check_solve(exercise, _):
         mine, wrong = getattr(exercise, name)(*tried[name]), mistake(*tried[name])
         need(not np.allclose(mine, wrong), said)
     need(not np.any(exercise.wanted(D, D, 0.0)), "wanted: at w = 0 it is to be zero")
+
+
+def check_solve(exercise, _):
+    """The force equals the engine's on random chains."""
+    rng = np.random.default_rng(0)
     for n in (1, 2, 5, 8):
         d, v, f = rng.normal(size=(3, n, 3))
         lengths = np.linalg.norm(d, axis=1) * rng.uniform(0.98, 1.02, n)
@@ -133,15 +146,12 @@ def check_solve(exercise, _):
             need(off <= 1e-12, said)
 
 
-def check_chaos(exercise, shown):
-    """same() sees the last bit, parted() a gap that never opens; the answers are what runs do."""
+def early_chaos(exercise):
+    """same() sees the last bit, parted() a gap that never opens."""
     a = np.linspace(-1.0, 1.0, 12).reshape(4, 3)
     b = np.where(a == a[2, 1], np.nextafter(a, 2.0), a)
-    equal, unequal = exercise.same(a, a.copy()), exercise.same(a, b)
-    said = f"same: one True or False for all entries, not an array of shape {np.shape(unequal)}"
-    need(np.shape(equal) == np.shape(unequal) == (), said)
-    need(equal, "same: these two arrays are equal")
-    need(not unequal, "same: these two arrays differ, though in one last bit only")
+    need(exercise.same(a, a.copy()), "same: these two arrays are equal")
+    need(not exercise.same(a, b), "same: these two arrays differ, though in one last bit only")
     gap = np.array([0.0, 0.4, 0.9, 1.3, 0.2, 1.7])
     found = exercise.parted(gap, 0.1)
     need(near(found, 0.3, 1e-9), f"parted: of {gap}, dt 0.1, it is 0.3 s, not {found} s")
@@ -150,27 +160,34 @@ def check_chaos(exercise, shown):
     except (IndexError, StopIteration, ValueError):  # as of the first of none
         never = None
     need(never == np.inf, "parted: [0, 0.4, 0.9] never passes a metre, so the time is np.inf")
+
+
+def check_chaos(exercise, shown):
+    """The answers are what runs do."""
     found = exercise.answer()
     wide, fine = (shown[f"{angle} rad higher"] for angle in ("1e-03", "1e-12"))
     said = f"1e-12: not {found['1e-12']} s: see the last line of the table"
-    need(near(found["1e-12"], fine, 0.01), said)
+    need(near(found["1e-12"], fine, 0.02), said)
     farther = fine + (fine - wide) / 9.0 * 12.0  # nine digits bought so much, and twelve more?
     same = "by the table a factor of 1000 buys about the same time again; there are four more"
     said = f"1e-24: not {found['1e-24']} s: {same}"
     need(near(found["1e-24"], farther, 0.3), said)
 
 
-def check_cliff(exercise, shown):
-    """A bisection, not a search; a matrix that steps as the rule does; and the answers follow."""
-    calls, found = [], exercise.answer()
-    need(isinstance(found, dict), f"answer: a dict of rules, as the blank had it, not {found!r}")
+def early_bisect(exercise):
+    """A bisection, not a search, which would take very long on runs."""
+    calls = []
     edge = exercise.bisect(lambda x: calls.append(x) or x < np.sqrt(2.0), 0.0, 4.0, 1e-6)
     said = f"bisect: x < sqrt(2) holds up to 1.414214, not {edge}"
     need(abs(edge - np.sqrt(2.0)) <= 1e-6, said)
     said = f"bisect: {len(calls)} calls from an interval of 4 to 1e-6, where 22 halvings will do"
     need(len(calls) <= 24, said)
+
+
+def early_matrix(exercise):
+    """A matrix that steps as the rule does."""
     x, z = np.array([0.3, -0.7]), 0.9
-    for rule, limit in c.STABILITY_LIMIT.items():
+    for rule in c.STABILITY_LIMIT:
         after = c.INTEGRATORS[rule](*x, 1.0, lambda x, v: -z * v - z**2 * x, 1.0)
         mine = np.asarray(exercise.step_matrix(rule, z))
         said = f"step_matrix: of {rule} at z = {z}, it takes (g, gdot) elsewhere than a step does"
@@ -178,7 +195,16 @@ def check_cliff(exercise, shown):
         twice = c.INTEGRATORS[rule](*x, 1.0, lambda x, v: -2.0 * z * v - z**2 * x, 1.0)
         full = "this is full damping, 2 z; here it is half of that"
         need(not np.allclose(mine @ x, twice), f"step_matrix: of {rule}: {full}")
-        need(np.allclose(mine @ x, after), said)
+        spring = f"step_matrix: of {rule}: that is the spring, d/dt of (g, gdot); the rule makes"
+        need(not np.allclose(mine, [[0.0, 1.0], [-(z**2), -z]]), f"{spring} a step of it")
+        need(np.allclose(mine @ x, after), f"{said}; a step is 1 s, and z stands in the spring")
+
+
+def check_cliff(exercise, shown):
+    """The answers follow from the table."""
+    found = exercise.answer()
+    need(isinstance(found, dict), f"answer: a dict of rules, as the blank had it, not {found!r}")
+    for rule, limit in c.STABILITY_LIMIT.items():
         so, guess = "sooner" if shown[rule] < limit else "later", found.get(rule)
         need(means(guess, so), f"{rule}: not {guess!r}: compare its z with that of full damping")
 
@@ -186,11 +212,12 @@ def check_cliff(exercise, shown):
 def check_linkage(exercise, shown):
     """The mode shipped is the cheapest that will do; the scene's loop tells remedies apart."""
     mode, leg, hold = exercise.ship(), c.build_system("jansen_leg"), c.hold_table(exercise.DT)
+    mode = str(mode).strip().lower()
     need(mode in hold, f"ship: {mode!r}: the modes are {', '.join(hold)}")
     off = exercise.worst(leg, mode) * np.min(leg["lengths"])
     seconds = exercise.DT * exercise.STEPS
     said = f"ship: under {mode} a rod of the leg is {1e3 * off:.2g} mm off within {seconds:g} s"
-    need(off <= 1e-3, f"{said}, and no less within the 20 s of the command")
+    need(off <= 1e-3, f"{said}, and at least as far within the 20 s of the command")
     said = f"ship: {mode} solves more systems after each step; another will do with one"
     need(hold[mode].after is None, said)
     system, scene = c.build_system(str(exercise.SCENE)), exercise.SCENE.name
@@ -209,7 +236,10 @@ RETURNS = {  # of an exercise: a function, what it is tried with, shapes that ar
         ("mobility", (J, np.ones(6)), [(2, 2)], "(2, 2) where J is (2, 6): one row a rod"),
         ("wanted", (D, D, 1.0), [(3,), ()], "(3,) of three rods: one number a rod"),
     ],
-    "ex3_chaos": [("parted", (2.0 * D, 1.0), [()], "one number")],
+    "ex3_chaos": [
+        ("same", (D, D), [()], "one True or False"),
+        ("parted", (2.0 * D, 1.0), [()], "one number"),
+    ],
     "ex4_cliff": [
         ("bisect", (lambda x: x < 1.0, 0.0, 4.0, 1.0), [()], "one number"),
         ("step_matrix", ("euler", 0.1), [(2, 2)], "(2, 2)"),
@@ -242,8 +272,18 @@ def check_returns(exercise, tries):
         need(np.shape(found) in shapes, said)
 
 
+EARLY = {"ex2_solve": [early_solve], "ex3_chaos": [early_chaos]}
+EARLY |= {"ex4_cliff": [early_bisect, early_matrix]}
 CHECKS = {"ex1_drift": check_drift, "ex2_solve": check_solve, "ex3_chaos": check_chaos}
 CHECKS |= {"ex4_cliff": check_cliff, "ex5_linkage": check_linkage}
+
+
+def check_before_run(name, exercise):
+    """What a run would stop at, or never come to an end by, is told of first."""
+    check_returns(exercise, RETURNS.get(name, []))
+    for early in EARLY.get(name, []):
+        with suppress(Blank):  # the run says so, once it has shown what comes before
+            early(exercise)
 
 
 def first_guess(note, guess):
@@ -274,7 +314,7 @@ def judge(main):
                 note, guess = c.HERE / f"outputs/guess_{name}.json", exercise.answer()
                 print(f"you wrote down {guess if told else first_guess(note, guess)}")
                 print("" if told else f"(to guess again, delete {note.relative_to(c.HERE)})\n")
-            check_returns(exercise, RETURNS.get(name, []))
+            check_before_run(name, exercise)
             CHECKS[name](exercise, exercise.main())
         except (Blank, Wrong, SceneError) as message:
             print(message)

@@ -19,7 +19,7 @@ WHY = "What in your scene hurts one remedy and not the other?"
 
 
 def ship():
-    """The mode you would ship for Jansen's leg: 200 steps a second, rods 1 mm off, few solves.
+    """The mode you would ship for Jansen's leg: 200 steps a second, rods 1 mm off, few us a step.
 
     See what the modes make of it: python constraints.py --system jansen_leg --no-rerun
     That is 20 s. The check goes by the first 2 s, and finds no larger errors.
