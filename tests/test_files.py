@@ -2,10 +2,7 @@
 
 import os
 import signal
-import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from unittest import mock
 
 import constraints as c
@@ -13,21 +10,10 @@ from curriculum.ch3_4_constraints import publish, recording
 from curriculum.common import banner, files
 
 import pytest
-from conftest import complaint, python, script
+from conftest import complaint, python
 
 NAMES = publish.METRICS, publish.PICTURE, publish.PAGE, publish.RECORDING
 FULL = OSError(28, "No space left on device", "a temporary name")
-FAILS = [("write_bytes", error) for error in (KeyboardInterrupt(), FULL, ZeroDivisionError())]
-FAILS.append(("replace", FULL))
-HALF = """def half(path, content):
-    path.write_text("half")
-    os.kill(os.getpid(), int(sys.argv[2]))
-    while True: pass
-files.Path.write_bytes = half
-files.write_whole(sys.argv[1], "new")"""
-FORTY = """for k in range(40):
-    files.write_together(sys.argv[1], dict.fromkeys("abc", f"{sys.argv[2]} {k}"))
-    time.sleep(0.001)"""
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="no signals, locks or pipes there")
 
 
@@ -36,21 +22,18 @@ def contents(folder):
     return {path.name: path.read_text() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("links", [True, False])
-@pytest.mark.parametrize(("call", "error"), FAILS)
-def test_a_set_left_unfinished_leaves_all_as_it_was(call, error, links, tmp_path, monkeypatch):
-    """Whatever was written, replaced, made or removed before it; also on a disk without links."""
-    usual = getattr(files.Path, call)
-    if not links:
-        monkeypatch.setattr(os, "link", mock.Mock(side_effect=PermissionError))
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL, ZeroDivisionError()])
+def test_a_set_left_unfinished_leaves_all_as_it_was(error, tmp_path, monkeypatch):
+    """Whatever was written before it."""
+    usual = files.Path.write_bytes
 
     def failing(path, x):
-        if path.name == "d" and path.parent.name.endswith("-new"):
+        if path.name == "d":
             raise error
         return usual(path, x)
 
     files.write_together(tmp_path, dict.fromkeys("abd", "old"))
-    monkeypatch.setattr(files.Path, call, failing)
+    monkeypatch.setattr(files.Path, "write_bytes", failing)
     with pytest.raises(type(error)) as raised:
         files.write_together(tmp_path, {"a": "new", "b": None, "c": "new", "d": "new"})
     assert contents(tmp_path) == dict.fromkeys("abd", "old")
@@ -73,66 +56,6 @@ def test_a_signal_between_two_files_of_a_set_waits_for_the_second(name, tmp_path
     finally:
         signal.signal(number, before)
     assert contents(tmp_path) == {"a": "new", "b": "new"}
-
-
-def test_a_second_signal_waits_until_nothing_is_left_half_written(tmp_path, monkeypatch):
-    """As it comes where Ctrl-C is pressed twice, or a shell and its job are both told to end."""
-    remove = os.rmdir
-
-    def interrupted(*place, **more):
-        signal.raise_signal(signal.SIGINT)
-        remove(*place, **more)
-
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    monkeypatch.setattr(files.Path, "write_bytes", mock.Mock(side_effect=KeyboardInterrupt))
-    monkeypatch.setattr(os, "rmdir", interrupted)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            files.write_together(tmp_path, dict.fromkeys("ab", "new"))
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert not any(tmp_path.iterdir())
-
-
-def test_two_processes_at_once_leave_one_whole_set(tmp_path):
-    with ThreadPoolExecutor(2) as pool:
-        ended = pool.map(lambda name: script(FORTY, tmp_path, name), ("one", "two"))
-        assert [process.returncode for process in ended] == [0, 0]
-    found = contents(tmp_path)
-    assert sorted(found) == ["a", "b", "c"] and len(set(found.values())) == 1
-
-
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGHUP"])
-def test_what_a_signal_leaves_half_done_is_gone_after_the_next_write(name, tmp_path):
-    """And so is what another program left under our name."""
-    number = int(getattr(signal, name))
-    heed = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
-    done = script(HALF, tmp_path / "a", number, preexec_fn=heed)
-    assert done.returncode == (-number if name == "SIGKILL" else 128 + number)
-    assert any(tmp_path.iterdir()) == (name == "SIGKILL")
-    (tmp_path / f"{files.UNFINISHED}77").touch()
-    (tmp_path / f"{files.UNFINISHED}78/folder").mkdir(parents=True)
-    files.write_whole(tmp_path / "a", "whole")
-    assert contents(tmp_path) == {"a": "whole"}
-
-
-def test_a_file_that_must_not_be_replaced_is_found_out_before_a_run(tmp_path, monkeypatch, capsys):
-    old, why = tmp_path / publish.PICTURE, "is there and must not be replaced"
-    old.write_text("old")
-    old.chmod(0o444)
-    c.main(["--steps", "1", "--no-rerun", "--out", str(tmp_path)])
-    assert old.read_text() != "old"  # read-only is no more than a wish
-    capsys.readouterr()
-    tmp_path.chmod(0o1777)
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "geteuid", lambda: old.stat().st_uid + 1)  # as somebody else sees it
-        assert why in complaint(capsys, "--out", tmp_path)
-    tmp_path.chmod(0o777)
-    if not subprocess.run(["chattr", "+i", old], capture_output=True).returncode:
-        try:  # only root may, and not on every disk
-            assert why in complaint(capsys, "--out", tmp_path)
-        finally:
-            subprocess.run(["chattr", "-i", old], check=True)
 
 
 def test_what_could_not_be_written_later_is_found_out_before_a_run(tmp_path, monkeypatch, capsys):
