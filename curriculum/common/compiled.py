@@ -11,7 +11,7 @@ from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, NO_STATE, Block, Plain
-from curriculum.common.tape import Stop, Tape, Untraceable
+from curriculum.common.tape import Tape, Untraceable
 from curriculum.common.traced import Single, Traced
 
 import numpy as np
@@ -24,9 +24,6 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps left take so many times as long: the quick, then the best
 QUICK, BEST = 1.5, 6.0
 OFTEN = 4  # times as many steps: then what is compiled is compared again
-LOOKS, LOOKED = 6, 20_000  # steps that are compared of a block, and operations in all, at most
-CALL = 5  # a call of numpy counts as so many of them
-CLOSE = 1e-6  # as a share of what a step changes: so far sines may be apart
 
 
 class Compiled(Plain):
@@ -182,40 +179,16 @@ class Compiled(Plain):
         return max(1, min(most, BLOCK // entries, work // self.single.size))
 
     def differs(self, start, rows, halved):
-        """Whether a step of a block (count, entries) is another than the plain one: the last or, if
-        the last is not finite, the first, and some in between. Those `halved`, by number, were
-        taken in halves, and the plain one must want that, too.
+        """Whether the last step of a block (count, entries) is another than the plain one or, in a
+        long block, the middle one; where the last is not finite, the first. Those `halved`, by
+        number, were taken in halves, and the plain one must want that, too.
         """
-        last = len(rows) - 1
-        if not np.isfinite(rows[last]).all():
-            last = 0
-        work = max(self.single.size, CALL * self.single.traced.numpy_calls)  # of a plain step
-        looks = max(1, min(LOOKS, LOOKED // work))
-        if self.done <= FIRST and len(rows) < self.steps:  # the first of many
-            looks = 1
-        for k in sorted(set(np.linspace(last, 0, looks, endpoint=False, dtype=int).tolist())):
+        last = len(rows) - 1 if np.isfinite(rows[-1]).all() else 0
+        for k in {last, last // 2} if len(rows) > FIRST else {last}:
             before = rows[k - 1] if k else start
-            try:
-                if self.elsewhere(before, rows[k], self.single.traced.plain(before, self.dt)):
-                    return True
-            except Stop:
-                if k not in halved:
-                    return True
-            except Untraceable:
+            if self.single.traced.differs(before, rows[k], self.dt, k in halved):
                 return True
         return False
-
-    def elsewhere(self, before, end, expected):
-        """Whether a step ends elsewhere than expected, all (entries,). Sums and products are the
-        same to the last bit; a sine need not be."""
-        if self.single.traced.exact:
-            return not np.array_equal(end, expected, equal_nan=True)
-        known = np.isfinite(expected)
-        if np.isfinite(end).all() and not known.all():  # 0 * exp(1000): the lines have no number
-            return True
-        before, end, expected = before[known], end[known], expected[known]
-        size = np.max(np.abs([expected - before, 1e-9 * expected]), initial=0.0)
-        return not np.all(np.abs(end - expected) <= CLOSE * size)
 
     def improve(self, pace, left):
         """Machine code where `left` steps of `pace` s repay it: the soonest made, then the best."""

@@ -15,6 +15,7 @@ from curriculum.common.tape import Stop, Tape, Untraceable, effort
 
 import numpy as np
 
+CLOSE = 1e-6  # as a share of what a step changes, or of what is measured: so far sines may be off
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
@@ -120,6 +121,31 @@ class Traced:
         if np.isfinite(moved).all() and np.any(end[~self.moving]):  # 0 * inf is no motion
             raise Untraceable("it moves what stays where it is when it is compiled")
         return np.concatenate([moved, *map(np.ravel, self.measure(q, v))]).astype(float, copy=False)
+
+    def differs(self, before, end, dt, halved=False):
+        """Whether the lines as they stand take a state (entries,) elsewhere than to `end`.
+
+        Behind both ends is what is measured there. A step that was `halved` must want that as it
+        stands, too. Sums and products are the same to the last bit; a sine need not be.
+        """
+        try:
+            expected = self.plain(before, dt)
+        except Stop:
+            return not halved and bool(np.isfinite(end).all())  # as if nothing stopped
+        except Untraceable:
+            return True
+        if self.exact:
+            return not np.array_equal(end, expected, equal_nan=True)
+        known = np.isfinite(expected)
+        if np.isfinite(end).all() and not known.all():  # 0 * exp(1000): the lines have no number
+            return True
+        state, measured = slice(len(before)), slice(len(before), None)
+        for part, start in ((state, before), (measured, 0.0)):
+            wanted, off = expected[part], abs(end[part] - expected[part])
+            size = np.maximum(abs(wanted - start), 1e-9 * abs(wanted))[known[part]]
+            if not np.all(off[known[part]] <= CLOSE * np.max(size, initial=0.0)):
+                return True
+        return False
 
 
 class Single:
