@@ -136,26 +136,23 @@ class Log:
         if handed and energy is self.sane[row]:  # as nearly always: the next row of the block
             self.row = row + 1
             return
-        block = self.stepper.block if handed else None
-        if block is not None:  # a loop may leave out some states
-            following = row if block is self.block else 0
-            block = block if block.handed() == following + 1 else None
-        if block is None:
+        block = self.stepper.block
+        if not (handed and block not in (None, self.block) and block.handed() == 1):
+            # no row of a block: a loop may change, leave out or repeat a state
             measured = number("constraint_violation", violation), number("energy", energy)
             copies = q[None].copy(), v[None].copy()  # a step may fill the same arrays again
             block = Block(*copies, np.array(measured)[:, None])
-        if block is not self.block:
-            self.close()
-            violations, energies = block.measured
-            wild = ~((violations < self.far) & np.isfinite(energies))
-            many = int(np.argmax(wild)) if wild.any() else len(wild)
-            self.block, self.sane = block, [*block.last[:many], None]
-        if self.sane[self.row] is None:
+        self.close()
+        violations, energies = block.measured
+        wild = ~((violations < self.far) & np.isfinite(energies))
+        many = int(np.argmax(wild)) if wild.any() else len(wild)
+        self.block, self.sane = block, [*block.last[:many], None]
+        if self.sane[0] is None:
             if self.done < 0:
                 raise ValueError("this is no start: a rod is far off, or a number is not finite")
-            self.stopped = f"diverged at step {self.done + self.row + 1}"
+            self.stopped = f"diverged at step {self.done + 1}"
             raise Stop(self.stopped)
-        self.row += 1
+        self.row = 1
 
     def close(self):
         """Take from the block what was noted of it."""
