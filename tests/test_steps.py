@@ -18,7 +18,7 @@ from unittest import mock
 import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
-from curriculum.ch3_4_constraints.studies._runs import SHIPPED, run
+from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, llvm, tape
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
@@ -319,17 +319,16 @@ def forces():
 
 
 FINE = [name for name in forces() if name.startswith("compiled")]
-FROZEN = [(name, "semi_implicit", "none", 40) for name in forces() if name not in FINE]
-FROZEN += [(name, "rk4", "none", 40) for name in FINE]
-FROZEN += [(name, "semi_implicit", "project", 60) for name in FINE]
+FROZEN = [(name, "semi_implicit" if name not in FINE else "rk4", "none") for name in forces()]
+FROZEN += [(f"compiled: {name}", "semi_implicit", "project") for name in ("in place", "pure")]
 
 
-@pytest.mark.parametrize(("name", "rule", "mode", "steps"), FROZEN)
-def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, steps, monkeypatch):
+@pytest.mark.parametrize(("name", "rule", "mode"), FROZEN)
+def test_a_force_is_as_it_is_in_plain_numpy_or_it_is_told(name, rule, mode, monkeypatch):
     ends = []
     for way in WAYS if "compiled" in name else (Machine, Plain):  # what is not is in no other code
         feel(monkeypatch, forces()[name])
-        ends.append(run(DOUBLE, rule, mode, 0.005, steps, way=way))
+        ends.append(run(DOUBLE, rule, mode, 0.01, 20, way=way))
     *coded, plain = ends
     stop = "diverged at step 1" if "no number" in name else None
     assert {found.stopped for found in ends} == {stop}
@@ -792,8 +791,8 @@ def test_a_step_of_many_rods_is_bytecode_at_first():
 
 def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypatch):
     """Whichever states are kept, and wherever machine code takes over."""
-    chain, runs, same = c.build_system("chain", links=9), [], np.array_equal
-    chain = chain | {"v0": np.random.default_rng(6).normal(size=(9, 3))}
+    chain, runs, same = c.build_system("chain", links=4), [], np.array_equal
+    chain = chain | {"v0": np.random.default_rng(6).normal(size=(4, 3))}
     for block, cost in ((1 << 17, 1e9), (100, 1e9), (100, 0.0), (10, 1e9)):  # of one step, at last
         monkeypatch.setattr(compiled, "BLOCK", block)
         monkeypatch.setattr(compiled, "LOADING", cost)
@@ -818,9 +817,9 @@ def test_a_loop_typed_by_hand_has_the_bits_of_simulate(rule):
     """And a run unpacks as the chapter has it."""
     system = c.build_system("triple")
     step, force = c.INTEGRATORS[rule], c.make_force(system, 20.0)
-    tip, _, _ = c.simulate(step, system, force, 0.005, 30)
+    tip, _, _ = c.simulate(step, system, force, 0.005, 9)
     q, v = system["q0"], system["v0"]
-    for k in range(1, 31):
+    for k in range(1, 10):
         q, v = step(q, v, system["m"], force, 0.005)
         assert np.array_equal(tip[k], q[-1])
 
@@ -845,10 +844,10 @@ def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
 
 def test_runs_in_threads_are_the_runs_in_turn():
     """While one traces, the others' plain steps are of numbers, whatever rule they are."""
-    cases = [*product(("semi_implicit", "rk4", "gauss"), ("none", "project"))] * 2
+    cases = [*product(("semi_implicit", "gauss:3"), ("none", "project"))] * 2
 
     def one(case):
-        return run(DOUBLE, *case, steps=300)
+        return run(DOUBLE, *case, steps=60)
 
     with ThreadPoolExecutor(4) as pool:
         beside = list(pool.map(one, cases))
@@ -871,12 +870,12 @@ def fast_step(q, v, m, force, dt):
 
 
 CASES = [  # name, rule, mode, dt, steps, how it ends
-    ("pendulum", "gauss", "none", 1e4, 2, "stopped at step {}: the Gauss stages do not settle"),
+    ("pendulum", "gauss:3", "none", 1e4, 2, "stopped at step {}: the Gauss stages do not settle"),
     ("triple", "rk4", "project", 0.3, 9, "stopped at step {}: no way back onto the rods"),
     ("fourbar_coupler", "semi_implicit", "baumgarte", 0.1, 40, "diverged at step {}"),
     ("double", there_and_back, "none", 0.005, 40, "diverged at step 1"),
     ("pendulum", fast_step, "none", 0.005, 5, "diverged at step 1"),
-    ("pendulum", "gauss", "none", 0.5, 12, None),
+    ("pendulum", "gauss", "none", 0.5, 4, None),
     ("braced", "semi_implicit", "none", 0.02, 90, None),
     ("double", in_place_step, "project", 0.005, 10, None),
 ]
@@ -885,9 +884,11 @@ STAGES = [("double", 4), ("pendulum", 16), ("windows", 4), ("jansen_leg", 3)]
 CASES += [(name, make_gauss(stages, 1e-9), "none", 0.02, 3, None) for name, stages in STAGES]
 FITS = product(c.INTEGRATORS, c.hold_table().items())
 FITS = [(rule, mode) for rule, (mode, hold) in FITS if not misfit(hold, rule)]
-SHORT = {(name, "semi_implicit", "project") for name in {*c.SYSTEMS, *SHIPPED} - {"long_chain"}}
-SHORT |= {("double", *fit) for fit in FITS}
-SHORT |= {("fourbar_coupler", *x) for x in FITS if "project" in x or "semi_implicit" in x}
+SCENES = "pendulum", "triple", "braced", "jansen_leg", "ring", "spin", "windows"
+SHORT = {(name, "semi_implicit", "project") for name in SCENES}
+SHORT |= {("double", *fit) for fit in FITS if {"semi_implicit", "none", "project"} & {*fit}}
+LOOP = ("semi_implicit", "soft"), *product(("semi_implicit", "rk4", "gauss"), ["project"])
+SHORT |= {("fourbar_coupler", *fit) for fit in LOOP}
 CASES += [(*case, 0.005, 3, None) for case in sorted(SHORT)]
 
 
@@ -900,8 +901,8 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
     assert all(np.isfinite(x).all() for x in (*alone, alone.q, alone.v))
     names = "__", "import", name  # a scene file stays data, whatever it holds
     assert not any(x in alone.source for x in names)
-    quick = len(system["m"]) < 5 and (rule not in ("midpoint", "gauss") or mode == "none")
-    if quick and not alone.stopped and not alone.halved:
+    long = rule in ("midpoint", "gauss")  # four stages will do
+    if name in ("double", "fourbar_coupler") and not long and not alone.stopped:
         q, v = side_by_side(alone, system, rule, mode, dt)
         assert np.array_equal(q, alone.q[1:]) and np.array_equal(v, alone.v[1:])
 
