@@ -80,10 +80,10 @@ def test_every_exact_operation_is_written_as_python_has_it(tmp_path):
     assert np.array_equal(found, expected, equal_nan=True)
 
 
-LONG = "double", "jansen_leg", "heavy_tip", "peaucellier", "windows"
-RUNS = [(name, "semi_implicit", 4000) for name in LONG]
-RUNS += [(name, "semi_implicit", 400) for name in ("tight_cable", "ring")]  # where loops are taut
-RUNS += [("double", rule, 400) for rule in ("euler", "rk4", "midpoint", "gauss")]
+RUNS = [("double", "semi_implicit", 4000), ("heavy_tip", "semi_implicit", 4000)]
+RUNS += [("jansen_leg", "semi_implicit", 100), ("windows", "semi_implicit", 400)]
+RUNS += [("tight_cable", "semi_implicit", 20)]  # where a loop is taut
+RUNS += [("double", rule, 100) for rule in ("rk4", "gauss")]
 
 
 @pytest.mark.parametrize(("name", "rule", "steps"), RUNS)
