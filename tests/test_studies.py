@@ -130,7 +130,7 @@ def test_soft_is_mujocos_equality_constraint_of_a_tendon(rods, dt):
 
 PEERS = {  # an engine: its runs of a task, coarse and fine; its crowd's; how near that is, in m
     "mujoco": (
-        lambda task: map(peers.hinges(task), (60, 40_000)),
+        lambda task: map(peers.hinges(task), (60, 20_000)),
         lambda task: peers.hinges(task)(2000),
         1e-7,
     ),
@@ -151,7 +151,7 @@ def test_a_peer_finds_the_same_motion_the_finer_it_goes_and_its_crowd_ends_where
     far, near = (task.error(q) for _, q in runs(task))
     assert near < 1e-8 * far
     _, found = crowd(Task(system, 1, 5.0, None))
-    ours = _runs.crowd(system, "gauss:12", "none", 0.05)
+    ours = _runs.crowd(system, "gauss:8", "none", 0.05)
     ours.advance(100)
     assert np.abs(found - ours.states()[0][..., :2]).max() < close
 
