@@ -171,7 +171,7 @@ def test_what_is_known_is_not_sought_further_than_it_helps():
 
 
 WILD = make_system([[1.0, 0.0, 0.0]], [[0.0, 1e5, 0.0]], [1.0], [(0, -1)])
-UNKNOWN = [("triple", 20.0), (WILD, 0.1), ("peaucellier", 2.0), (LONG, 2.0), (FAR, 2.0)]
+UNKNOWN = [("triple", 20.0), (WILD, 0.02), ("peaucellier", 2.0), (LONG, 2.0), (FAR, 2.0)]
 
 
 @pytest.mark.parametrize(("system", "seconds"), UNKNOWN)
@@ -183,7 +183,7 @@ def test_a_place_that_is_not_known_to_a_nanometre_is_not_known(system, seconds):
 
 def test_behind_a_kink_of_the_force_it_is_known_how_well_a_place_is_known(monkeypatch):
     """Steps gain little there, and now and then two meet by chance."""
-    for drag in np.geomspace(0.05, 0.3, 12):
+    for drag in np.geomspace(0.05, 0.3, 12)[[2, 8, 9]]:  # with others a careless doubt is right
         feel(monkeypatch, lambda q, v, drag=drag: -drag * np.abs(v) * v)
         q, known = true_position(true_run("pendulum"), 2.0)
         other = held("pendulum", "project")("rk4", 1e-4, 20_000)
@@ -245,13 +245,20 @@ def test_a_rule_that_is_compiled_once_feels_the_hold_of_each_length_of_step():
 
 def test_an_error_is_reached_by_the_rule_that_asks_for_the_fewest_forces():
     """midpoint: (order / 2)^2 + 1 of them a step; those of gauss are counted at states of a run."""
-    runs = [held("double", "none")]
+    asked, found = held("double", "none"), {}
+
+    def once(rule, dt, steps, keep=(), way=Compiled):
+        key = rule, dt, steps, keep
+        if key not in found:
+            found[key] = asked(rule, dt, steps, keep, way)
+        return found[key]
+
+    runs, costs = [once], {}
     q, _ = true_position(true_run("double"), 2.0)
-    costs = {}
     for order in (4, 8, 12):
         rule = rules.named(f"midpoint:{order}", c.INTEGRATORS)
-        error, dt, (found, states) = aim.climb(1e-7, 2.0, q, runs, rule)
-        forces = aim.cost(found, rule, dt, states)
+        error, dt, (reached, states) = aim.climb(1e-7, 2.0, q, runs, rule)
+        forces = aim.cost(reached, rule, dt, states)
         assert error <= 1e-7 and forces == (order / 2) ** 2 + 1
         costs[f"midpoint:{order}"] = forces / dt
     table = {name: rules.named(name, c.INTEGRATORS) for name in costs}
