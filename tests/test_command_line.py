@@ -231,7 +231,7 @@ def test_an_end_to_be_expected_is_one_line(lines, shell, status, printed, said):
 
 
 @posix
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_that_comes_when_all_is_done_has_nothing_to_tell(name):
     """As the second of two, or while Python shuts down."""
     heed = partial(signal.signal, getattr(signal, name), signal.SIG_DFL)

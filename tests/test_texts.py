@@ -2,7 +2,6 @@
 
 import ast
 import importlib
-import itertools
 import json
 import re
 import runpy
@@ -274,8 +273,9 @@ def test_the_numbers_in_the_answers_are_those_of_the_runs(capsys):
     times = re.findall(r" ([\d.]+) s\n", capsys.readouterr().out)
     lines = "the first two lines stay, {0} and {1} s, and the last becomes {4} s"
     said += [f"stretched by {worst:g} m", lines.format(*times)]
-    for mode, steps in itertools.product(("baumgarte", "soft"), (400, 4000)):
-        said += [f"{1e3 * run(leg, hold=mode, steps=steps).violations.max():.1f} mm"]
+    for mode in ("baumgarte", "soft"):
+        off = 1e3 * run(leg, hold=mode).violations
+        said += [f"{off[:401].max():.1f} mm", f"{off.max():.1f} mm"]
     said += [f"{name} --solved" for name in CHECKS]
     solutions = " ".join((FOLDER / "solutions/README.md").read_text(encoding="utf-8").split())
     assert [words for words in said if words not in solutions] == []
