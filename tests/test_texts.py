@@ -130,6 +130,7 @@ def test_a_decimal_in_prose_stands_in_a_table_of_its_section(name):
 FOLDER, PACKAGE, CHECKS = Path(checks.__file__).parent, checks.__package__, checks.CHECKS
 ONE, TWO, THREE, FOUR, FIVE = CHECKS
 WRONG = [(name, *row) for name, rows in MISTAKES["exercises"].items() for row in rows]
+SHAPES = [(name, *row) for name, rows in MISTAKES["shapes"].items() for row in rows]
 LISTED = ["git", "ls-files", "--modified", "--", "ex*.py", "my_linkage.json"]
 EDITED = shutil.which("git") and subprocess.run(LISTED, cwd=FOLDER, capture_output=True).stdout
 unedited = pytest.mark.skipif(bool(EDITED), reason="somebody is at work on the exercises")
@@ -194,34 +195,7 @@ def test_an_exercise_ends_by_the_next_blank_of_its_file(name, monkeypatch, capsy
         assert ended.pop() == 0 and function.lineno < line <= function.end_lineno
 
 
-@pytest.mark.parametrize(
-    ("name", "right", "wrong", "says"),
-    [
-        (ONE, "(speeds**2).sum()", "speeds**2", "expected_g: an array of shape (3,), must be one"),
-        (
-            ONE,
-            "(speeds**2).sum()",
-            "speed.sum()",
-            "ex1_drift.py, line 6: name 'speed' is not defin",
-        ),
-        (TWO, "rate @ rate", "rate * rate", "turning: an array of shape (3,), must be one number"),
-        (TWO, "(jac * inverse_m) @ jac.T", "jac.T @ jac", "mobility: an array of shape (6, 6), "),
-        (TWO, "return -2.0", "-2.0", "wanted returns nothing"),
-        (
-            TWO,
-            "return -2.0 * w * gdot - w**2 * g",
-            "return g[:2]",
-            "wanted: an array of shape (2,)",
-        ),
-        (TWO, "rate @ rate", "v @ v", "ex2_solve.py, line 2: name 'v' is not defined; d is (3,), "),
-        (TWO, "(jac * inverse_m)", "jac @ inverse_m", "ex2_solve.py, line 6: matmul: "),
-        (ONE, '"grows"', "grows", "ex1_drift.py, line 2: name 'grows' is not defined; a word"),
-        (FIVE, '"impulse"', "impulse", "ex5_linkage.py, line 7: name 'impulse' is not"),
-        (THREE, "return dt", "dt", "parted returns nothing"),
-        (FOUR, "return low", "return low, high", "bisect: an array of shape (2,), "),
-        (FOUR, "return np.array", "return np.ravel", "step_matrix: an array of shape (4,), "),
-    ],
-)
+@pytest.mark.parametrize(("name", "right", "wrong", "says"), SHAPES)
 def test_an_answer_of_another_shape_is_told_of_before_a_run_stops_in_a_line_of_its_own(
     name, right, wrong, says, monkeypatch, capsys
 ):
