@@ -6,7 +6,6 @@ import random as dice
 import sys
 import time
 import weakref
-from argparse import Namespace
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
@@ -179,12 +178,11 @@ def forces():
     their names say, up to a colon, what the run says of them."""
     global CALLS
     CALLS = calls = SLOW.gain = 0
-    start, faded, seen, recent = [], [], set(), deque(maxlen=50)
+    faded, seen, recent = [], set(), deque(maxlen=50)
     ticks, ones, rng = iter(range(1000)), np.ones(1), np.random.default_rng(3)
     endless = {"of": Controller, "file": open, "lock": np.lib}
     endless["self"] = [endless]
     controller = Controller(hold=SimpleNamespace(gain=1.0))
-    options = Namespace(gain=0.1)
     drag = SimpleNamespace(time=0.1)  # s, and not the module of that name
     heir, normal = Heir(), np.random.default_rng(3).normal
     raw, sized = bytearray(2), {SLOW: "the drag"}
@@ -222,10 +220,6 @@ def forces():
         latest = v
         return -0.1 * latest
 
-    def tired(q, v):
-        options.gain *= 0.99
-        return -options.gain * v
-
     def reading(q, v):
         with open(__file__) as file:
             return 0.1 * (file.read(1) == "'") * v
@@ -236,7 +230,6 @@ def forces():
         return 0.0 * secrets.randbelow(2) * v
 
     return {
-        "changes the list start": lambda q, v: start.append(q.copy()) or 40.0 * (start[0] - q),
         "changes the list recent": lambda q, v: recent.append(1) or -0.1 * len(recent) * v,
         "changes the list held": lambda q, v, *, held=[]: held.append(1) or -0.1 * len(held) * v,
         "changes the list faded": lambda q, v: -fading.gain * v,
@@ -247,7 +240,6 @@ def forces():
         "changes the variable calls": singledispatch(counter),  # in a closure of the library
         "changes the variable latest": keeping,
         "changes the attribute gain of hold": lambda q, v: controller(q, v),
-        "changes the attribute gain of options": tired,
         "changes the attribute turn of heir": lambda q, v: -0.01 * next(heir) * v,
         "uses raw, which cannot be put back": lambda q, v: -0.1 * raw[0] * v,
         "changes the attribute gain": lambda q, v: -(1.0 + slower(next(iter(sized)))) * v,
@@ -273,7 +265,6 @@ def forces():
         "when it is compiled: its plane": lambda q, v: 0.0 * q + [0, 0, 1e-9 * (q.dtype == float)],
         "when it is compiled": lambda q, v: 0.0 * q if q.dtype == object else 9.0 * (q < -0.06),
         # and those that it does not answer
-        "branches on a value": branching,
         "branches on a value: caught": catching,
         "branches on a value: any": lambda q, v: -v if np.any(q < -0.1) else v,
         "wants a plain number": lambda q, v: float(q[0, 0]) * v,
@@ -283,12 +274,10 @@ def forces():
         "order of its own": lambda q, v: np.einsum("ij,ij->i", q, q)[:, None] * v,
         "order of its own: matmul": lambda q, v: np.matmul(v, np.full((3, 3), 0.1)),
         "order of its own: reduce": lambda q, v: -np.add.reduce(v, axis=0),
-        "order of its own: convolve": lambda q, v: np.convolve(v[:, 0], q[0])[:3],
         "a product of symbols is one of": lambda q, v: (np.eye(3) @ v[:, :, None])[:, :, 0],
         "adds what comparisons made": lambda q, v: -v * ((q < -0.06) + (v < -0.1)),
         "unsupported operand type(s) for &": lambda q, v: -v * np.logical_and(q < -0.06, 2.0 + v),
         # nothing: Python alone would refuse to divide, or overflow
-        "compiled: 0 / 0": lambda q, v: np.nan_to_num(v / v, nan=2.0),
         "compiled: 1 / 0 of constants": lambda q, v: -v * np.tanh(1.0 / abs(q - q)),
         "compiled: a soft wall": lambda q, v: 5.0 / (1.0 + np.exp(2000.0 * (q + 0.1))),
         "compiled: constants": lambda q, v: -np.minimum(1.0 / np.maximum(q + 0.05, 0.0), 5.0),
@@ -297,7 +286,6 @@ def forces():
         "compiled: between": lambda q, v: -v * np.where((q < -0.05) & (q > -0.1), 1.0, 0.1),
         "compiled: all": lambda q, v: -v * np.where(np.all(q > -0.1) | np.any(v > 1.0), 1.0, 0.1),
         "compiled: sign": lambda q, v: -0.1 * np.sign(v) - np.sign(q[0, 0] + 0.05),
-        "compiled: an angle": lambda q, v: -v * np.arctan2(q[:, 1], q[:, 0])[:, None],
         "compiled: an angle of new arrays": lambda q, v: (
             -v * np.arctan2(np.array([q[0, 1], q[1, 1]]), np.array([q[0, 0], 2.0]))[:, None]
         ),
@@ -305,7 +293,6 @@ def forces():
         "compiled: not a number": lambda q, v: -v * (np.nan_to_num(np.sqrt(-0.03 - q[1, 1])) + 0.1),
         "compiled: formatted": lambda q, v: -v if f"{q[0, 0]:.3f}" else v,
         "compiled: masks": lambda q, v: -v * np.maximum(q < -0.06, True * (v < -0.1)) * abs(q < 1),
-        "adds what comparisons made: bools": lambda q, v: -v * (True + (q < -0.06)),
         "adds what comparisons made: if": lambda q, v: v * (np.where(q < 0, v < 0, True) + (v < 0)),
         "decided by its sign": lambda q, v: -v * np.arctan2(q[0, 2], q[0, 0]),
         "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
@@ -909,7 +896,7 @@ def test_a_run_is_alike_in_every_way_alone_or_side_by_side(name, rule, mode, dt,
 
 @pytest.mark.parametrize("way", [Compiled, Plain])
 def test_where_a_force_becomes_no_number_steps_are_kept_watched_or_not(way, monkeypatch):
-    system = c.build_system("braced")
+    system = c.build_system("fourbar_coupler")
 
     def lost(q, v):
         return 0.0 * v + np.sqrt(1.0 - 1e3 * np.sum(np.square(q - system["q0"])))
