@@ -49,7 +49,7 @@ def made(folder, *flags):
     """The Comparison that a run has found, and its files read again: `seen` {entity: {column:
     rows}}, `views` {origin: {property: rows}} and `drawn`, the picture's elements."""
     with mock.patch.object(recording, "record", wraps=recording.record) as noted:
-        c.main([*flags, "--out", str(folder)])
+        c.main([*flags, "--no-page", "--out", str(folder)])
     (comparison,) = noted.call_args.args
     reader = RrdReader(str(folder / publish.RECORDING))
     (store,), (blueprint,) = reader.recordings(), reader.blueprints()
@@ -364,7 +364,7 @@ def test_the_file_of_a_scene_may_be_called_anything(tmp_path, capfd):
         scene = tmp_path / name
         scene.write_bytes((c.HERE / c.CHAPTER / "scenes/spin.json").read_bytes())
         flags = ["--system", str(scene), "--steps", "2", "--out", str(tmp_path)]
-        c.main([*flags, "--rerun", "--stabilization", "none"])
+        c.main([*flags, "--rerun", "--no-page", "--stabilization", "none"])
         assert capfd.readouterr().err == ""
         title = ElementTree.parse(tmp_path / publish.PICTURE).find(f"{SVG}title").text
         assert scene.stem.replace("\x01", "?") in title
