@@ -25,6 +25,7 @@ def pytest_cmdline_main(config):
     """All tests go in two processes if pytest-xdist is installed, which may be told otherwise."""
     all_of_them = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     here = hasattr(config, "workerinput") or config.option.usepdb
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of those two: more would wait by turning
     if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
         config.option.numprocesses = 2
         config.option.dist = "worksteal"
