@@ -224,7 +224,7 @@ VERDICTS = {
     "--system chain --links 3": None,  # not the chapter's
     "--dt 0.05 --baumgarte 40": None,  # diverges
     "--baumgarte 0": None,  # is none itself
-    "--integrator gauss:4 --dt 0.005 --system pendulum": None,  # does not drift
+    "--integrator rk4 --dt 0.001 --system pendulum": None,  # hardly drifts
 }
 
 
