@@ -74,7 +74,7 @@ def test_the_shortest_rod_says_what_is_held_and_the_energy_is_asked_too():
     assert not hard_cases.held(c.build_system("pendulum"), "euler", "project", 0.02, 2.0)  # pumped
 
 
-@pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
+@pytest.mark.parametrize("rule", ["semi_implicit", "gauss:4"])
 def test_rods_are_held_far_away_and_where_lengths_differ_by_a_million(rule):
     double, chain, away = c.build_system("double"), c.build_system("chain", links=7), [1e7, 0, 0]
     far = double | {"q0": double["q0"] + away, "anchors": double["anchors"] + away}

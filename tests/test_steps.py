@@ -573,7 +573,6 @@ def taken(way, change=lambda k, v: None, often=lambda k: 1, steps=60):
 
 TURNS = {  # of a loop: after which steps it notes the state, and how often
     "each": lambda k: 1,
-    "every other": lambda k: k % 2,
     "one in ten": lambda k: k % 10 == 9,
     "twice": lambda k: 2,
 }
@@ -799,7 +798,7 @@ def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypat
     assert same(full.energies, energies)
 
 
-@pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
+@pytest.mark.parametrize("rule", ["semi_implicit", "gauss"])
 def test_a_loop_typed_by_hand_has_the_bits_of_simulate(rule):
     """And a run unpacks as the chapter has it."""
     system = c.build_system("triple")
@@ -867,11 +866,11 @@ CASES = [  # name, rule, mode, dt, steps, how it ends
     ("double", in_place_step, "project", 0.005, 10, None),
 ]
 # stages fill a register, leave lanes over, and take more than one
-STAGES = [("double", 4), ("pendulum", 16), ("windows", 4), ("jansen_leg", 3)]
+STAGES = [("double", 4), ("pendulum", 16), ("jansen_leg", 3)]
 CASES += [(name, make_gauss(stages, 1e-9), "none", 0.02, 3, None) for name, stages in STAGES]
 FITS = product(c.INTEGRATORS, c.hold_table().items())
 FITS = [(rule, mode) for rule, (mode, hold) in FITS if not misfit(hold, rule)]
-SCENES = "pendulum", "triple", "braced", "jansen_leg", "ring", "spin", "windows"
+SCENES = "pendulum", "braced", "jansen_leg", "spin", "windows"
 SHORT = {(name, "semi_implicit", "project") for name in SCENES}
 SHORT |= {("double", *fit) for fit in FITS if {"semi_implicit", "none", "project"} & {*fit}}
 LOOP = ("semi_implicit", "soft"), *product(("semi_implicit", "rk4", "gauss"), ["project"])
