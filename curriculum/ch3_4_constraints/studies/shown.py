@@ -5,12 +5,14 @@ processors agree: a reader sees the digits of the text. `hour`, which takes long
 """
 
 import math
+from functools import partial
 from itertools import pairwise, product
 
 import constraints as c
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import G, drift, energy_scale, make_system, run
 from curriculum.ch3_4_constraints.tables import show
+from curriculum.common.crowds import mapped
 from curriculum.common.runs import distance
 
 import numpy as np
@@ -165,9 +167,9 @@ def work():
     for mode in ("none", "baumgarte"):
         hold = c.hold_table(DT)[mode]
         found = run(DOUBLE, hold=hold, keep=range(4001))
-        pulls = [c.tensions(DOUBLE, q, v, hold) for q, v in zip(found.q, found.v, strict=True)]
-        sizes = [c.rod_errors(DOUBLE, q) + DOUBLE["lengths"] for q in found.q]
-        lam = -np.divide(pulls, sizes)
+        pulls = mapped(partial(c.tensions, DOUBLE, hold=hold))(found.q, found.v)
+        sizes = mapped(partial(c.rod_errors, DOUBLE))(found.q, found.v) + DOUBLE["lengths"]
+        lam = -pulls / sizes
         changes = np.diff(0.5 * np.square(sizes), axis=0)
         done = np.sum(0.5 * (lam[1:] + lam[:-1]) * changes)
         yield mode, found.energies[-1] - found.energies[0], done
