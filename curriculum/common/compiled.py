@@ -180,11 +180,11 @@ class Compiled(Plain):
 
     def differs(self, start, rows, halved):
         """Whether the last step of a block (count, entries) is another than the plain one or, in a
-        long block, the middle one; where the last is not finite, the first. Those `halved`, by
-        number, were taken in halves, and the plain one must want that, too.
+        long block of short steps, the middle one; where the last is not finite, the first. Those
+        `halved`, by number, were taken in halves, and the plain one must want that, too.
         """
         last = len(rows) - 1 if np.isfinite(rows[-1]).all() else 0
-        for k in {last, last // 2} if len(rows) > FIRST else {last}:
+        for k in {last, last // 2} if len(rows) > FIRST and self.single.size < LARGE else {last}:
             before = rows[k - 1] if k else start
             if self.single.traced.differs(before, rows[k], self.dt, k in halved):
                 return True
