@@ -775,6 +775,19 @@ def test_a_step_of_many_rods_is_bytecode_at_first():
     assert alike(found, plain)
 
 
+@pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
+def test_the_best_of_machine_code_is_never_made_of_a_step_of_many_operations(monkeypatch):
+    """However soon it would repay its making: for hundreds of rods LLVM takes minutes."""
+    monkeypatch.setattr(compiled, "BLOCK", 100)  # numbers: it is asked after every 12 steps
+    monkeypatch.setattr(compiled, "LOADING", 0.0)
+    monkeypatch.setattr(compiled, "COMPILING", 0.0)
+    for large, best in ((compiled.LARGE, True), (20, False)):
+        monkeypatch.setattr(compiled, "LARGE", large)
+        found = run(DOUBLE, steps=100)
+        assert found.how == "compiled to machine code"
+        assert found.stepper.single.machine.best == best
+
+
 def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypatch):
     """Whichever states are kept, and wherever machine code takes over."""
     chain, runs, same = c.build_system("chain", links=4), [], np.array_equal
