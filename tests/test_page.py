@@ -111,8 +111,8 @@ def test_rows_and_forces_of_the_readers_own_are_in_the_page(monkeypatch, tmp_pat
     said, mended = compared(tmp_path, "heavy_tip", "semi_implicit", 800)["mended"]
     assert said["halved"] == mended.halved > 0 and mended.how.startswith("compiled")
 
-    def drag(q, v):  # and a little, of a loop that ends where its size falls no more
-        return -0.3 * v + repeat(lambda y: (0.5 * y, 2.0 + np.sum(y * y)), v, 60, "no end", 3.0)
+    def drag(q, v):  # and a little, of a loop
+        return -0.3 * v + repeat(lambda y: (0.5 * y, 1e3 * np.sum(y * y)), v, 60, "no end")
 
     feel(monkeypatch, drag)
     _, dragged = compared(tmp_path, "pendulum", "semi_implicit", 400)["mine"]
@@ -469,7 +469,7 @@ def test_reduced_motion_is_paused_and_of_a_sine_bits_may_differ(visit, monkeypat
 
 def test_a_force_that_comes_to_no_end_stops_what_it_moves_and_not_the_page(visit, monkeypatch):
     def drag(q, v):  # of slow particles alone
-        return repeat(lambda y: (0.9 * y, 100.0 * np.sum(y * y)), -v, 20, "too fast", 0.0)
+        return repeat(lambda y: (0.9 * y, 100.0 * np.sum(y * y)), -v, 20, "too fast")
 
     feel(monkeypatch, drag)
     tab = visit("drag", text=page("pendulum"))

@@ -105,11 +105,6 @@ def halving(q):
     return repeat(body, q, 60, "no end"), kept
 
 
-def nearing(q, nearly):
-    """A loop that ends where its size falls no more and is at most `nearly`."""
-    return repeat(lambda x: (0.5 * (x + 0.1), 2.0 + np.sum(abs(x - 0.1))), q, 90, "no end", nearly)
-
-
 def motor(q, v):
     """It acts on single particles, and out of the plane."""
     f = 0.0 * q
@@ -268,7 +263,6 @@ def forces():
         "branches on a value: caught": catching,
         "branches on a value: any": lambda q, v: -v if np.any(q < -0.1) else v,
         "wants a plain number": lambda q, v: float(q[0, 0]) * v,
-        "wants a plain number: of a loop": lambda q, v: -nearing(q, 2.5 + q[0, 1] ** 2) * v,
         "makes a complex number": lambda q, v: ((1.0 + 1e-9j) * q).real,
         "arcsinh": lambda q, v: np.arcsinh(q),
         "order of its own": lambda q, v: np.einsum("ij,ij->i", q, q)[:, None] * v,
@@ -297,7 +291,6 @@ def forces():
         "decided by its sign": lambda q, v: -v * np.arctan2(q[0, 2], q[0, 0]),
         "compiled: counted": lambda q, v: -0.1 * np.sum(q < -0.06) * v,
         "compiled: objects": lambda q, v: np.full(q.shape, 0.5, object) * -v,
-        "compiled: a limit of numpy's": lambda q, v: -nearing(q, np.float64(2.5)) * v,
         "compiled: in place": lambda q, v: halving(q)[0],
         # nothing that changes
         "compiled: a name of its own": lambda q, v: -drag.time * v,

@@ -104,9 +104,6 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
         lambda y: (np.stack([0.5 * y[0], y[0] + y[2], 0.25 * y[0]]), 1e3 * np.sum(y[0] * y[0])),
         np.stack([x[0], 0.0 * x[0], 0.0 * x[1]]),
     )[1:],
-    "nearly": lambda x: loop(  # a size that falls no more is an end, where it is small enough
-        lambda y: (0.6 * y + 0.2 * x[0], 3.0 + np.sum(abs(y - x[0, 0]))), 2.0 * x, nearly=99.0
-    ),
     "routines": lambda x: OUTER(KEPT * x, -x) + OUTER(x, x[::-1]) - OUTER(-x, x + 1.0),
     "rows": rows,
     "rows that call": handed_on,

@@ -113,20 +113,16 @@ class Assembler:
     def loop(self, loop):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
         names = [self.register(name) for name in loop.names]
-        turn, done, last = (self.register(f"{x} {loop.names[0]}") for x in ("turn", "done", "last"))
+        turn, done = (self.register(f"{x} {loop.names[0]}") for x in ("turn", "done"))
         zero, one = self.register(0.0), self.register(1.0)
         start = [self.number(s) for s in loop.start]
-        self.exchange([*names, turn, done, last], [*start, zero, zero, self.register(math.inf)])
+        self.exchange([*names, turn, done], [*start, zero, zero])
         head = len(self.rows)
         more = self.new("<", turn, self.register(float(loop.most)))
         leave = [self.row("unless", None, more)]
         self.row("+", turn, turn, one)
         self.operations(loop.tape, loop.test)
-        size = self.number(loop.size)
-        small = self.new("<=", size, self.register(float(loop.nearly)))
-        near = self.new("*", self.new("<=", last, size), small)
-        self.row("max", done, done, self.new("max", self.new("<=", size, one), near))
-        self.row("copy", last, size)
+        self.row("max", done, done, self.new("<=", self.number(loop.size), one))
         leave.append(self.row("unless", None, self.new("-", one, done)))
         self.operations(loop.tape, loop.rest)
         following = [self.number(s) for s in loop.following]

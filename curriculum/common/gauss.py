@@ -91,13 +91,16 @@ def make_gauss(stages, tol=1e-16):
         first, moved = iterate(np.zeros((stages, *q.shape)))  # the particles coast
         scale = tol**2 * (start + moved) + 1e-300
 
-        def another(state):  # accelerations, and behind them the move that led to them
-            following, moved = iterate(state[:-1].reshape(first.shape))
-            return np.append(following, moved / scale), state[-1]
+        def another(state):  # accelerations, the move that led to them, and the move before it
+            size, last = state[-2:]
+            settled = (size <= 1.0) | ((last <= size) & (size <= nearly))  # or it falls no more
+            following, moved = iterate(state[:-2].reshape(first.shape))
+            following = np.concatenate([following.ravel(), [moved / scale, size]])
+            return following, np.where(settled, 0.0, 2.0)
 
         why, nearly = "the Gauss stages do not settle", 1e-18 / tol**2
-        state = repeat(another, np.append(first, moved / scale), MOST, why, nearly)
-        a = state[:-1].reshape(first.shape)
+        begun = np.concatenate([first.ravel(), [moved / scale, np.inf]])
+        a = repeat(another, begun, MOST, why)[:-2].reshape(first.shape)
         ends, checked = np.stack([b, b * (1.0 - c), *last_terms]), stages > 5
         ends = ends if checked else ends[:2]
         speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)

@@ -75,20 +75,15 @@ class Writer(Language):
 
     def loop(self, loop, signed):
         """A loop, which throws a Stop if it comes to no end."""
-        names = loop.names
-        size, last, turn = (f"{word}_{names[0]}" for word in ("size", "last", "turn"))
+        names, turn = loop.names, f"turn_{loop.names[0]}"
         (test, (now,)), (rest, following) = self.write(loop.tape, [loop.size], loop.following)
-        ends = f"{size} <= 1 || ({last} <= {size} && {size} <= {self.number(loop.nearly)})"
         changed = {name: x for name, x in zip(names, following, strict=True) if x != name}
         return [
             *(f"let {name} = {x};" for name, x in zip(names, map(signed, loop.start), strict=True)),
-            f"let {last} = Infinity;",
             f"for (let {turn} = 0; ; {turn}++) {{",
             f"if ({turn} === {loop.most}) throw new Stop({json.dumps(loop.complaint)});",
             *test,
-            f"const {size} = {now};",
-            f"if ({ends}) break;",
-            f"{last} = {size};",
+            f"if ({now} <= 1) break;",
             *rest,
             *(f"const next_{name} = {x};" for name, x in changed.items()),
             *(f"{name} = next_{name};" for name in changed),

@@ -128,14 +128,13 @@ class Writer(Function):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
         k, carried = next(self.count), Carried(self, loop, env)
         turn, done = self.variable("0", "i64"), self.variable("zeroinitializer", self.truth)
-        last = self.variable(self.constant(np.inf))
         self.begin(f"head{k}")
         before, values = self.load(done, self.truth), carried.load()
         inner = env | carried.named(values)
         self.operations(loop.tape, loop.test, inner)
         size = self.value(inner, loop.size)
-        good = self.ended(loop, size, last, before)
-        self.store(size, last)
+        small = self.new(f"fcmp ole {self.type} {size}, {self.constant(1.0)}")
+        good = self.new(f"or {self.truth} {small}, {before}")
         self.store(good, done, self.truth)
         ready = self.reduced("and", good)
         self.begin(f"body{k}", f"i1 {ready}, label %end{k}, label %body{k}")
@@ -150,16 +149,6 @@ class Writer(Function):
         if self.alone:
             ended = self.new(f"and i1 {self.load(ENDED, 'i1')}, {self.reduced('and', good)}")
             self.store(ended, ENDED, "i1")
-
-    def ended(self, loop, size, last, before):
-        """Whether a loop of this size has ended, now or `before`; at `last` is the size before."""
-        least = f"fcmp ole {self.type}"
-        small = self.new(f"{least} {size}, {self.constant(1.0)}")
-        nearly = self.new(f"{least} {size}, {self.constant(loop.nearly)}")
-        falls_no_more = self.new(f"{least} {self.load(last)}, {size}")
-        settled = self.new(f"and {self.truth} {falls_no_more}, {nearly}")
-        good = self.new(f"or {self.truth} {small}, {settled}")
-        return self.new(f"or {self.truth} {good}, {before}")
 
 
 class Carried:

@@ -5,7 +5,6 @@ program, one or several side by side, and a Loop. Each has a tape of its own. Wr
 into Python (python.py), rows of numbers (bytecode.py), machine code (native.py) or JavaScript.
 """
 
-import math
 from operator import index
 
 from curriculum.common.arrays import ordered
@@ -218,39 +217,38 @@ class Calls:
         self.results = [program.renamed(names, tape) for names in self.names]
 
 
-def repeat(body, x, most, complaint, nearly=1.0):
+def repeat(body, x, most, complaint):
     """The first of x, body's x, ... whose size is at most 1, where body(x) = (following, size).
 
     It is a while loop that can be compiled: on symbols it becomes a loop of the code, which is left
-    out like all that no result needs, so use what it returns. It ends, too, where a size of at most
-    `nearly` falls no more: rounding allows no less. Raises Stop(complaint) after `most` turns.
+    out like all that no result needs, so use what it returns. Raises Stop(complaint) after `most`
+    turns.
     """
-    x, last = ordered(np.array(x)), math.inf
+    x = ordered(np.array(x))
     if current.tape is not None and x.dtype == object:
-        return Loop(body, lifted(x), most, complaint, nearly).result
+        return Loop(body, lifted(x), most, complaint).result
     for _ in range(most):
         following, size = body(x.copy())
         if type(size) is Symbol:
-            return Loop(body, lifted(x), most, complaint, nearly).result
-        if size <= 1.0 or last <= size <= nearly:
+            return Loop(body, lifted(x), most, complaint).result
+        if size <= 1.0:
             return x
-        x, last = following, size
+        x = following
     raise Stop(complaint)
 
 
 class Loop:
     """A loop on a tape: `names` begin as `start`; until it ends they become what `following` says.
 
-    It ends where size <= 1, or last size <= size <= `nearly`. Its body has a tape of its own, and
-    needs the numbers `taken` from around it. `test` names the operations that size comes from,
-    `rest` those besides that `following` comes from.
+    It ends where size <= 1. Its body has a tape of its own, and needs the numbers `taken` from
+    around it. `test` names the operations that size comes from, `rest` those besides that
+    `following` comes from.
     """
 
     sign = "loop"
 
-    def __init__(self, body, x, most, complaint, nearly):
+    def __init__(self, body, x, most, complaint):
         self.most, self.complaint, outer = index(most), complaint, current.tape
-        self.nearly = float(nearly)  # of no symbol: it says so
         places = [place for place in np.ndindex(x.shape) if x[place].x != 0.0]
         while True:
             self.tape, self.names = Tape(outer), outer.new_names(len(places))

@@ -59,17 +59,11 @@ class Python(Language):
         yield f"{', '.join(sum(calls.names, []))}, = {everything}"
 
     def loop(self, loop, signed):
-        names, size = ", ".join(loop.names), f"size_{loop.names[0]}"
-        last = f"last_{loop.names[0]}"
+        names = ", ".join(loop.names)
         (test, (now,)), (rest, following) = self.write(loop.tape, [loop.size], loop.following)
         yield f"{names}, = {', '.join(map(signed, loop.start))},"
-        if loop.nearly > 1.0:
-            yield f"{last} = inf"
-            ends = f"if {size} <= 1.0 or {last} <= {size} <= {loop.nearly!r}"
-            test += [f"{size} = {now}", block(ends, ["break"]), f"{last} = {size}"]
-        else:
-            test.append(block(f"if {now} <= 1.0", ["break"]))
-        turn = [*test, *rest, f"{names}, = {', '.join(following)},"]
+        ends = block(f"if {now} <= 1.0", ["break"])
+        turn = [*test, ends, *rest, f"{names}, = {', '.join(following)},"]
         yield block(f"for _ in range({loop.most})", turn)
         yield block("else", [f"raise Stop({loop.complaint!r})"])
 
