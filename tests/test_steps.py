@@ -18,7 +18,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import compiled, llvm, tape
+from curriculum.common import compiled, llvm, native, tape
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
@@ -769,16 +769,17 @@ def test_a_step_of_many_rods_is_bytecode_at_first():
 
 
 @pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
-def test_the_best_of_machine_code_is_never_made_of_a_step_of_many_operations(monkeypatch):
-    """However soon it would repay its making: for hundreds of rods LLVM takes minutes."""
+def test_the_best_of_machine_code_is_not_made_of_many_operations_in_a_row(monkeypatch):
+    """However soon it would repay its making, nor asked for again: LLVM would take minutes."""
     monkeypatch.setattr(compiled, "BLOCK", 100)  # numbers: it is asked after every 12 steps
     monkeypatch.setattr(compiled, "LOADING", 0.0)
     monkeypatch.setattr(compiled, "COMPILING", 0.0)
-    for large, best in ((compiled.LARGE, True), (20, False)):
-        monkeypatch.setattr(compiled, "LARGE", large)
-        found = run(DOUBLE, steps=100)
-        assert found.how == "compiled to machine code"
-        assert found.stepper.single.machine.best == best
+    for most, best in ((native.LONG, [False, True]), (20, [False])):
+        monkeypatch.setattr(native, "LONG", most)
+        with mock.patch.object(native, "machine_code", wraps=native.machine_code) as made:
+            assert run(DOUBLE, steps=100).how == "compiled to machine code"
+            _runs.crowd(DOUBLE | {x: DOUBLE[x][None] for x in ("q0", "v0")}, "euler", "none", 0.005)
+        assert [call.args[2] for call in made.call_args_list] == [*best, best[-1]]
 
 
 def test_every_step_is_measured_and_the_edges_of_blocks_change_nothing(monkeypatch):

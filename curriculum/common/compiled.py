@@ -191,14 +191,10 @@ class Compiled(Plain):
         return False
 
     def improve(self, pace, left):
-        """Machine code where `left` steps of `pace` s repay it: the soonest made, then the best.
-
-        A LARGE program is never the best, whatever it would repay: the time that LLVM takes for it
-        grows faster than its length, to minutes.
-        """
+        """Machine code where `left` steps of `pace` s repay it: the soonest made, then the best."""
         machine = self.single.machine
         begun = isinstance(machine, Native)
-        if begun and (machine.best or self.single.size > LARGE):
+        if begun and machine.best:
             return
         cost = COMPILING * self.single.size + LOADING * ("llvmlite.binding" not in sys.modules)
         if not begun:  # where there were runs before, as many steps will follow

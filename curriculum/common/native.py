@@ -13,6 +13,7 @@ from curriculum.common.trace import Symbol
 import numpy as np
 
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
+LONG = 5000  # operations in a row: for more LLVM's best takes minutes, a time that grows as squares
 ENDED = "@ended"  # of a single member: whether all loops have
 
 # a number in a vector, of which the first `many` count
@@ -253,14 +254,16 @@ def assembly(program, lanes):
 class Native:
     """A Program's function, iterated: call it with where to begin, and how many times.
 
-    `lanes` members go in step, others one after the other. `best`: LLVM optimizes it; else the code
-    is made many times sooner. Raises Unavailable.
+    `lanes` members go in step, others one after the other. `best`: LLVM optimizes it, unless it is
+    LONG; else the code is made many times sooner, and may be the `best` there is. Raises
+    Unavailable.
     """
 
     def __init__(self, program, lanes=1, best=True):
         arguments = POINTER, WORD, POINTER, WORD, POINTER, POINTER
-        self.function = machine_code(assembly(program, lanes), arguments, best)
-        self.lanes, self.best = lanes, best
+        long = max(len(tape.nodes) for tape in program.tapes()) > LONG
+        self.function = machine_code(assembly(program, lanes), arguments, best and not long)
+        self.lanes, self.best = lanes, best or long
 
     def __call__(self, state, count, out, *knobs):
         """(the steps done, unsettled). state (entries, members), part of an array, becomes the end.
