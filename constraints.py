@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# To follow the force, know three of these: `solve` solves a linear system; `states` of q and v, and
-# `ordered` of one array, make arrays whose sums and products with @ add from first to last.
+# To follow the force, know three of these: `solve` solves a linear system; `states`, of q and v,
+# and `ordered`, of any array, make arrays whose sums and @ add from first to last. Skip the rest.
 from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
 from curriculum.ch3_4_constraints.comparison import Comparison, frames
 from curriculum.ch3_4_constraints.solving import solve, unanswered
