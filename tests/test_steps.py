@@ -18,7 +18,8 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import compiled, llvm, native, tape
+from curriculum.common import compiled, llvm, native, tape, traced
+from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
@@ -766,6 +767,16 @@ def test_a_step_of_many_rods_is_bytecode_at_first():
     found, plain = (run(chain, hold="project", steps=9, way=way) for way in (Compiled, Plain))
     assert ("bytecode" in found.how) == llvm.available()
     assert alike(found, plain)
+
+
+def test_a_step_in_a_plane_is_traced_once_though_a_particle_begins_at_its_origin():
+    leg = c.build_system("jansen_leg")
+    rule, force = _runs.case(leg, "semi_implicit", "none", 0.005)
+    with mock.patch.object(traced, "Program", wraps=traced.Program) as made:
+        found = Traced(rule, leg["m"], force, *map(ordered, (leg["q0"], leg["v0"])))
+    at_origin = (leg["q0"] == 0.0) & (leg["v0"] == 0.0)
+    assert np.any(at_origin[:, :2]) and np.all(at_origin[:, 2]) and made.call_count == 1
+    assert np.array_equal(found.moving[0], np.broadcast_to([True, True, False], (6, 3)))
 
 
 @pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")

@@ -12,7 +12,7 @@ from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
 from curriculum.common.tape import PRICE, Stop, Untraceable
-from curriculum.common.traced import Traced
+from curriculum.common.traced import Traced, resting
 
 import numpy as np
 
@@ -182,8 +182,7 @@ class mapped:  # noqa: N801 - it is called as a function is
         return made
 
     def __call__(self, q, v):
-        resting = np.all((q == 0.0) & (v == 0.0), axis=0)  # and so it stays zero in what is traced
-        key, made = (q.shape[1:], resting.tobytes()), None
+        key, made = (q.shape[1:], resting(q, v).tobytes()), None
         entry = self.entries.get(key)
         if entry and entry.traced.changed():
             del self.entries[key]

@@ -19,6 +19,11 @@ CLOSE = 1e-6  # as a share of what a step changes, or of what is measured: so fa
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
+def resting(q, v):
+    """Along which axes (3,) all that moves, q, v (..., N, 3), is at zero and at rest."""
+    return np.all((q == 0.0) & (v == 0.0), axis=tuple(range(q.ndim - 1)))
+
+
 class Traced:
     """A step as a Program of what does not stay zero: where `moving` (2, N, 3) says so of q and v.
 
@@ -45,9 +50,9 @@ class Traced:
 
     def trace(self, step_fn, m, force, q, v, measure):
         """Trace the step, as if it kept nothing."""
-        zero = [np.all(x == 0.0, axis=tuple(range(x.ndim - 2))) for x in (q, v)]
-        still, routine = [zero[0] & zero[1]] * 2, Routine(force)
-        self.shape = q.shape[-2:]
+        self.shape, routine = q.shape[-2:], Routine(force)
+        # where one particle is not at zero, others soon leave it: a plane is what motions stay in
+        still = [np.broadcast_to(resting(q, v), self.shape)] * 2
         self.as_it_stands = lambda q, v, dt: as_state(step_fn(q, v, m, force, dt), step_fn)
         self.measure = measure or (lambda q, v: ())
 
