@@ -531,13 +531,13 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
 
 def test_a_long_block_is_compared_in_its_middle_too_and_a_short_one_in_the_end():
     looks = []
-    for steps in (60, 12):
+    for rule, steps in (("rk4", 60), ("rk4", 12), ("gauss", 60)):  # a step of gauss takes long
         plain = mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain)
         with plain as asked:
-            run(DOUBLE, "gauss", "none", 0.005, steps)
+            run(DOUBLE, rule, "none", 0.005, steps)
         looks.append(asked.call_count)
     # one at the first block, which is one step long; and one for what is measured of each later one
-    assert looks == [1 + (1 + 1) + (2 + 1), 1 + (1 + 1)]
+    assert looks == [1 + (1 + 1) + (2 + 1), 1 + (1 + 1), 1 + (1 + 1) + (1 + 1)]
 
 
 WIND = 0.0  # N, or J

@@ -24,6 +24,7 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps left take so many times as long: the quick, then the best
 QUICK, BEST = 1.5, 6.0
 OFTEN = 4  # times as many steps: then what is compiled is compared again
+SOON_DONE = 2000  # calls of numpy in a plain step: of fewer a block is compared at two
 
 
 class Compiled(Plain):
@@ -184,7 +185,8 @@ class Compiled(Plain):
         `halved`, by number, were taken in halves, and the plain one must want that, too.
         """
         last = len(rows) - 1 if np.isfinite(rows[-1]).all() else 0
-        for k in {last, last // 2} if len(rows) > FIRST and self.single.size < LARGE else {last}:
+        soon_done = self.single.traced.numpy_calls < SOON_DONE
+        for k in {last, last // 2} if len(rows) > FIRST and soon_done else {last}:
             before = rows[k - 1] if k else start
             if self.single.traced.differs(before, rows[k], self.dt, k in halved):
                 return True
