@@ -89,7 +89,8 @@ def make_gauss(stages, tol=1e-16):
 
         start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
         first, moved = iterate(np.zeros((stages, *q.shape)))  # the particles coast
-        scale = tol**2 * (start + moved) + 1e-300
+        scale = tol**2 * (start + moved) + 1e-300  # the square of a move that is small enough
+        nearly = 1e-18 / tol**2  # by this scale: from so small on rounding may end the fall
 
         def another(state):  # accelerations, the move that led to them, and the move before it
             size, last = state[-2:]
@@ -98,9 +99,9 @@ def make_gauss(stages, tol=1e-16):
             following = np.concatenate([following.ravel(), [moved / scale, size]])
             return following, np.where(settled, 0.0, 2.0)
 
-        why, nearly = "the Gauss stages do not settle", 1e-18 / tol**2
         begun = np.concatenate([first.ravel(), [moved / scale, np.inf]])
-        a = repeat(another, begun, MOST, why)[:-2].reshape(first.shape)
+        ended = repeat(another, begun, MOST, "the Gauss stages do not settle")
+        a = ended[:-2].reshape(first.shape)
         ends, checked = np.stack([b, b * (1.0 - c), *last_terms]), stages > 5
         ends = ends if checked else ends[:2]
         speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)
