@@ -205,7 +205,7 @@ def project(system, q_start, q, v, dt):
     jac_start, _, _, _ = constraint_terms(system, q_start, v)  # only J is used, and it needs no v
     close = statics.near(system["lengths"], q_start)  # a g that counts as zero: 1e-12 L^2, or so
 
-    # while off @ off > 1: q = newton(q), at most 20 times. repeat() is that loop, and compiled.
+    # while off @ off > 1: q = newton(q), at most 20 times: repeat() is that, and can be compiled.
     def newton(q):  # a better q, and how far this one is off
         jac, g, _, _ = constraint_terms(system, q, v)
         mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # kg; the next round corrects it

@@ -15,7 +15,8 @@ from curriculum.common.tape import Stop, Tape, Untraceable, effort
 
 import numpy as np
 
-CLOSE = 1e-6  # as a share of what a step changes, or of what is measured: so far sines may be off
+# so far sines may be off: as a share of what a step changes, and of what is measured
+CLOSE, ALIKE = 1e-6, 1e-9
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
@@ -145,10 +146,10 @@ class Traced:
         if np.isfinite(end).all() and not known.all():  # 0 * exp(1000): the lines have no number
             return True
         state, measured = slice(len(before)), slice(len(before), None)
-        for part, start in ((state, before), (measured, 0.0)):
+        for part, start, close in ((state, before, CLOSE), (measured, 0.0, ALIKE)):
             wanted, off = expected[part], abs(end[part] - expected[part])
             size = np.maximum(abs(wanted - start), 1e-9 * abs(wanted))[known[part]]
-            if not np.all(off[known[part]] <= CLOSE * np.max(size, initial=0.0)):
+            if not np.all(off[known[part]] <= close * np.max(size, initial=0.0)):
                 return True
         return False
 
