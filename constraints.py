@@ -314,12 +314,10 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
 
     stepper = way(step_fn, system["m"], force, dt, measure, steps)  # it steps, and measures
     log = Log(stepper, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
-    q, v = system["q0"], system["v0"]
-    log.note(q, v, *measure(q, v))
+    q, v = log.start(system["q0"], system["v0"])
     with log:  # a Stop ends this run, not the program: the other modes still have theirs
         for _ in range(steps):
-            q, v, worst, joules = stepper.step(q, v)  # q, v = step_fn(q, v, m, force, dt), measured
-            log.note(q, v, worst, joules)
+            q, v = log.step(q, v)  # q, v = step_fn(q, v, m, force, dt), measured and noted
     return log.run()  # the Run: all that was noted
 
 

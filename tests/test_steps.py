@@ -19,7 +19,6 @@ from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import run
 from curriculum.common import compiled, llvm, native, tape, traced
-from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
@@ -31,7 +30,7 @@ from curriculum.common.ruler import once_for_all
 from curriculum.common.runs import Log
 from curriculum.common.steps import Plain
 from curriculum.common.tape import Stop, Untraceable
-from curriculum.common.traced import Single, Traced
+from curriculum.common.traced import Single, Traced, moves
 
 import numpy as np
 import pytest
@@ -543,42 +542,53 @@ def test_a_long_block_is_compared_in_its_middle_too_and_a_short_one_in_the_end()
 WIND = 0.0  # N, or J
 
 
-def taken(way, change=lambda k, v: None, often=lambda k: 1, steps=60):
-    """The Run of a loop that is typed by hand: after step k it goes on from what change(k, v)
-    returns, unless that is None, and it notes the state `often`(k) times."""
+def begun(way, steps):
+    """A Log of the double pendulum that has begun, and its start."""
     force = c.make_force(DOUBLE, "none")
 
     def measure(q, v):
         return c.constraint_violation(DOUBLE, q), c.energy(DOUBLE, q, v)
 
     stepper = way(c.semi_implicit_step, DOUBLE["m"], force, 0.005, measure, steps)
-    log, q, v = Log(stepper, steps, range(steps + 1), 100.0), DOUBLE["q0"], DOUBLE["v0"]
-    log.note(q, v, *measure(q, v))
+    log = Log(stepper, steps, range(steps + 1), 100.0)
+    return log, *log.start(DOUBLE["q0"], DOUBLE["v0"])
+
+
+def taken(way, change=lambda k, v: None, steps=60):
+    """The Run of a loop that is typed by hand: after step k it goes on from what change(k, v)
+    returns, unless that is None."""
+    log, q, v = begun(way, steps)
     with log:
         for k in range(steps):
-            q, v, *measured = stepper.step(q, v)
+            q, v = log.step(q, v)
             other = change(k, v)
-            if other is not None:
-                v, measured = other, measure(q, other)
-            for _ in range(min(often(k), steps - log.done - log.row)):
-                log.note(q, v, *measured)
+            v = v if other is None else other
     return log.run()
 
 
-TURNS = {  # of a loop: after which steps it notes the state, and how often
-    "each": lambda k: 1,
-    "one in ten": lambda k: k % 10 == 9,
-    "twice": lambda k: 2,
+CHANGES = {  # of a loop
+    "none": lambda k, v: None,
+    "each": lambda k, v: 0.99 * v,
+    "one in ten": lambda k, v: 0.9 * v if k % 10 == 9 else None,
 }
 
 
-@pytest.mark.parametrize("often", TURNS.values(), ids=TURNS)
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 @pytest.mark.parametrize("energy", [c.energy, lambda *_: 1])
-def test_a_loop_may_note_what_it_likes(energy, often, monkeypatch):
+def test_a_loop_may_change_what_it_is_handed(energy, change, monkeypatch):
     """Also where all energies are equal."""
     monkeypatch.setattr(c, "energy", energy)
-    quick, plain = (taken(way, often=often) for way in (Compiled, Plain))
+    quick, plain = (taken(way, change) for way in (Compiled, Plain))
     assert alike(quick, plain) and quick.how.startswith("compiled")
+
+
+def test_a_run_has_no_more_steps_than_were_asked_for():
+    for way in (Compiled, Plain):
+        log, q, v = begun(way, 3)
+        with log, pytest.raises(ValueError, match="the 3 steps of this run are done"):
+            for _ in range(5):
+                q, v = log.step(q, v)
+        assert len(log.run().tip) == 4
 
 
 @pytest.mark.parametrize("change", [lambda k, v: None, lambda k, v: 0.99 * v])
@@ -773,7 +783,7 @@ def test_a_step_in_a_plane_is_traced_once_though_a_particle_begins_at_its_origin
     leg = c.build_system("jansen_leg")
     rule, force = _runs.case(leg, "semi_implicit", "none", 0.005)
     with mock.patch.object(traced, "Program", wraps=traced.Program) as made:
-        found = Traced(rule, leg["m"], force, *map(ordered, (leg["q0"], leg["v0"])))
+        found = Traced(rule, leg["m"], force, moves(leg["q0"], leg["v0"]))
     at_origin = (leg["q0"] == 0.0) & (leg["v0"] == 0.0)
     assert np.any(at_origin[:, :2]) and np.all(at_origin[:, 2]) and made.call_count == 1
     assert np.array_equal(found.moving[0], np.broadcast_to([True, True, False], (6, 3)))
@@ -829,7 +839,7 @@ def test_a_loop_typed_by_hand_has_the_bits_of_simulate(rule):
 
 
 def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
-    """What follows goes on from there, and what was changed is what is measured."""
+    """What follows goes on from there."""
     out_of_its_plane = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
     single = np.float32
     changes = lambda v: 0.5 * v, lambda v: v + out_of_its_plane, lambda v: 0.5 * v.astype(single)
@@ -840,7 +850,7 @@ def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
     for change in changes:
         quick, plain = (taken(way, partial(once, change)) for way in (Compiled, Plain))
         assert alike(quick, plain) and quick.how.startswith("compiled")
-        assert abs(quick.energies[41] - quick.energies[40]) > 0.1
+        assert abs(quick.energies[42] - quick.energies[41]) > 0.1
     with pytest.raises(ValueError, match="read-only") as found:
         taken(Compiled, partial(once, lambda v: v.__imul__(0.9)))
     assert found.value.__notes__[0].endswith("v = 0.9 * v.")

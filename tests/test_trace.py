@@ -7,6 +7,7 @@ from curriculum.common import crowds, llvm, programs, tape
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, OneByOne, mapped
+from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine, side_by_side
 from curriculum.common.python import Columns, source_of
 from curriculum.common.tape import Stop
@@ -134,7 +135,7 @@ def paths(way, function, *starts, count=2):
         v, path = 0.0 * q, []
         with np.errstate(all="ignore"), contextlib.suppress(Stop):
             while len(path) < count and np.isfinite(q).all():
-                q, v, _ = stepper.step(q, v)
+                q, v = next(iter(stepper.ahead(q, v)))
                 path.append(q)
         assert stepper.single, stepper.how  # else the lines as they stand have mended it
         found.append(path)
@@ -237,12 +238,13 @@ def test_what_is_soon_done_of_few_states_is_compiled_once_there_are_many():
 
 
 @pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
-def test_a_long_function_of_many_states_is_rows_which_are_sooner_made(monkeypatch):
-    """Also without a loop."""
-    monkeypatch.setattr(crowds, "LARGE", 2)
+@pytest.mark.parametrize(("bound", "kind"), [("LARGE", Bytecode), ("MANY", Native)])
+def test_a_function_that_is_long_or_asked_often_becomes_machine_code(bound, kind, monkeypatch):
+    """Also without a loop: rows, which are sooner made, or code that is sooner done."""
+    monkeypatch.setattr(crowds, bound, 2)
     asked, many = mapped(lambda q, v: np.sum(q / (1.0 + q * q))), np.repeat(CROWD, 20, axis=0)
     found = asked(many, many)
-    assert isinstance(next(iter(asked.entries.values())).kernel, Bytecode)
+    assert isinstance(next(iter(asked.entries.values())).kernel, kind)
     assert np.array_equal(found, [asked.measure(ordered(q), q)[0] for q in many])
 
 

@@ -10,9 +10,9 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
-from curriculum.common.steps import HALVINGS, NO_STATE, Block, Plain
+from curriculum.common.steps import HALVINGS, Block, Plain
 from curriculum.common.tape import Tape, Untraceable
-from curriculum.common.traced import Single, Traced
+from curriculum.common.traced import Single, Traced, moves
 
 import numpy as np
 
@@ -28,9 +28,9 @@ SOON_DONE = 2000  # calls of numpy in a plain step: of fewer a block is compared
 
 
 class Compiled(Plain):
-    """What Plain is, compiled: it computes a block of states ahead, and hands them out.
+    """What Plain is, compiled: its blocks are long.
 
-    A state that is not the one handed out last begins a new block. What was compiled is compared
+    What was compiled is compared
     with the plain step at first, after FIRST steps, since a start may be at rest, whenever they are
     OFTEN times as many, and in the end. Where they differ, or the step cannot be traced, steps are
     plain. With `only` that raises Untraceable, since it would take too long, and only one block is
@@ -58,28 +58,18 @@ class Compiled(Plain):
         self.done_before, self.done = self.done_before + self.done, 0
         self.steps, self.due = steps, 0  # those left; how many done call for a comparison
         self.taken, self.seconds = 0, 0.0
-        self.latest, self.ahead, self.block = NO_STATE, iter(()), None
+        self.block = None  # the latest
         self.most = math.inf  # steps of a block: few where the loop changes what it is handed
-        self.halved = 0  # plain steps; a Block knows its own
 
     @property
     def source(self):
         """The code that a step has become."""
         return self.single.traced.source if self.single else f"# {self.how}"
 
-    def step(self, q, v):
-        latest = self.latest
-        if q is latest[0] and v is latest[1]:  # else the reader has changed it
-            for latest in self.ahead:  # the next, if there is one: this is quicker than next()
-                self.latest = latest
-                return latest
-        self.latest = self.compute(q, v)
-        return self.latest
-
     def trace(self, q, v):
         """Trace the step; or find out why that cannot be done."""
         try:
-            self.single = Single(Traced(*self.given, q, v, uses=self.uses), self.halvings)
+            self.single = Single(Traced(*self.given, moves(q, v), uses=self.uses), self.halvings)
         except Untraceable as why:
             self.give_up(why)
             return
@@ -95,8 +85,7 @@ class Compiled(Plain):
         self.lies = why if self.single else None
         self.single, self.why = None, str(why)
         self.how = f"{Plain.how}, which is slower: {why}"
-        self.block, self.ahead = None, iter(())
-        self.taken, self.seconds = 0, 0.0
+        self.block, self.taken, self.seconds = None, 0, 0.0
 
     def confirm(self):
         """Go on plainly if what the step depends on was changed by the loop that takes the steps.
@@ -106,7 +95,7 @@ class Compiled(Plain):
         """
         if self.block is None:
             return
-        handed, whole, self.block = self.block.handed(), len(self.block.last), None
+        handed, whole, self.block = self.block.handed(), len(self.block.v), None
         self.steps -= handed
         self.most = math.inf if handed == whole else 2 * handed  # the loop changes the state
         with Tape.lock:  # while others trace, nothing is as it is
@@ -117,41 +106,40 @@ class Compiled(Plain):
         if changed:
             self.give_up(f"the loop changes {changed}")
 
-    def compute(self, q, v):
-        """The state after this one; and many more, ahead of time."""
+    def ahead(self, q, v):
+        """The Block of states that follow q, v."""
         self.confirm()
         if not self.how:
             self.trace(q, v)
         if not self.single and self.only:
             raise Untraceable(f"steps are not compiled: {self.why}")
         if not self.single:
-            return super().step(q, v)
+            return super().ahead(q, v)
         if not self.single.traced.fits(q, v):  # the loop has moved what stood still
             self.compared = False
             self.due = 0
             self.trace(q, v)
-            return self.compute(q, v)
+            return self.ahead(q, v)
         clock = time.perf_counter()
         start = self.single.traced.columns(q, v)[:, 0]
         try:
             rows, why, halved = self.single(start, self.count(len(start)), self.dt)
         except Untraceable as reason:  # found out by the lines as they stand
             self.give_up(reason)
-            return self.compute(q, v)
+            return self.ahead(q, v)
         spent, count = time.perf_counter() - clock, len(rows)
         if why and not count:
             raise why
         self.done += count
         if self.comparison_is_due(count, halved) and self.differs(start, rows, halved):
             self.give_up("it does something else when it is compiled")
-            return self.compute(q, v)
+            return self.ahead(q, v)
         self.taken, self.seconds = self.taken + count, self.seconds + spent
         # the first steps of a long one are slow, and with a Stop the next block begins
         if self.done >= FIRST and not why:
             self.improve(spent / count, self.steps - count)
         self.block = self.measured(rows, halved)
-        self.ahead = iter(self.block)
-        return next(self.ahead)
+        return self.block
 
     def comparison_is_due(self, count, halved):
         """Whether a block of so many steps, some of them `halved`, is to be compared."""
@@ -164,8 +152,9 @@ class Compiled(Plain):
 
     def measured(self, rows, halved):
         """The Block of rows (count, entries)."""
-        states = self.single.traced.states(rows)
-        measured = self.measure_all(*states)
+        traced = self.single.traced
+        states = traced.states(rows)
+        measured = self.measure_all(*states, traced.moving, rows.T)
         with Tape.lock:
             if self.measure_memory is None or self.measure_memory.changed():  # since confirm
                 self.measure_memory = Memory(self.measure_all.function)  # for the next confirm

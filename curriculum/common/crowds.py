@@ -12,13 +12,15 @@ from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
 from curriculum.common.tape import PRICE, Stop, Untraceable
-from curriculum.common.traced import Traced, resting
+from curriculum.common.traced import Traced, moves
 
 import numpy as np
 
 CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
+OFTEN = 4  # times as many states: then what is made of them is compared again
 PIECE = 1 << 13  # members at a time in Python: a dozen columns of them stay near the processor
+MANY = 20_000_000  # operations: from so many on those of columns take longer than it
 EVERY = 2.0**53  # up to here every whole number is a float
 NARROW = 8  # lanes of it: more would be far from the processor
 
@@ -108,7 +110,7 @@ class Crowd:
     """
 
     def __init__(self, step_fn, m, force, dt, q, v, measure=None):
-        self.traced, self.dt = Traced(step_fn, m, force, q, v, measure), float(dt)
+        self.traced, self.dt = Traced(step_fn, m, force, moves(q, v), measure), float(dt)
         self.kernel = kernel_of(self.traced, Native, LANES)
         self.put(q, v)
         self.moved = False
@@ -160,14 +162,16 @@ class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), or function(q), for many: q, v (K, N, 3).
 
     What the function makes of one state, a number, an array, or a tuple of these, comes with a
-    leading axis (K, ...). It is traced once, and of each K the last is compared, and the one with
-    the most zeros; or done one by one if it cannot be, or while that is soon done, as for few
-    states and few calls of numpy on long arrays. `uses`: how many states are to come, if known.
+    leading axis (K, ...). It is traced once, and of the first K the last is compared, and the one
+    with the most zeros, and whenever states are OFTEN times as many, and when those come that are
+    the last, as far as is known by `uses`, how many are to come. Or it is done one by one if it
+    cannot be traced, or while that is soon done, as for few states and few calls of numpy on long
+    arrays.
     """
 
     def __init__(self, function, uses=0):
-        self.function, self.uses = function, uses
-        self.entries = {}  # by shape and what rests: traced, kernel, states so far; or None
+        self.function, self.uses, self.asked = function, uses, 0
+        self.entries = {}  # by shape and what rests: a namespace, see below, or None
         self.kinds, self.single = [], False  # dtypes of results; whether the one is in no tuple
 
     def measure(self, q, v):
@@ -181,8 +185,12 @@ class mapped:  # noqa: N801 - it is called as a function is
             self.kinds = [float] * len(made)
         return made
 
-    def __call__(self, q, v):
-        key, made = (q.shape[1:], resting(q, v).tobytes()), None
+    def __call__(self, q, v, moving=None, columns=None):
+        """The results. What is known by now: `moving` (2, N, 3), what of q, v need not be zero, and
+        its `columns` (entries, K)."""
+        self.asked += len(q)
+        moving = moves(q, v) if moving is None else moving
+        key, made = (q.shape[1:], moving.tobytes()), None
         entry = self.entries.get(key)
         if entry and entry.traced.changed():
             del self.entries[key]
@@ -190,12 +198,14 @@ class mapped:  # noqa: N801 - it is called as a function is
             self.entries[key] = None
             how = {"measure": self.measure, "uses": max(self.uses, len(q))}
             with contextlib.suppress(Untraceable):  # as a step that leaves all where it is
-                traced = Traced(lambda q, v, *_: (q, v), None, None, q, v, **how)
-                self.entries[key] = SimpleNamespace(traced=traced, kernel=None, states=0)
+                traced = Traced(lambda q, v, *_: (q, v), None, None, moving, **how)
+                # `states` so far, and at how many the next comparison is `due`
+                self.entries[key] = SimpleNamespace(traced=traced, kernel=None, states=0, due=0)
         entry = self.entries.get(key)  # none for a single state: to trace it would take longer
         kernel = self.choose(entry, len(q)) if entry else None
         if kernel is not None:
-            made = self.by_kernel(entry.traced, kernel, q, v)
+            columns = entry.traced.columns(q, v) if columns is None else columns
+            made = self.by_kernel(entry, kernel, columns)
             if made is None:  # a symbol has answered it wrongly
                 self.entries[key] = None
         if made is None:
@@ -209,26 +219,30 @@ class mapped:  # noqa: N801 - it is called as a function is
         """A kernel: None as long as that costs more than it saves; machine code where there is much
         to do or, if there is a loop in it, where there are many states."""
         entry.states += many
-        if isinstance(entry.kernel, (Columns, Bytecode)):
+        if isinstance(entry.kernel, (Columns, Bytecode, Native)):
             return entry.kernel
         program, states = entry.traced.program, max(self.uses, entry.states)
         size = program.size()
         if entry.traced.numpy_calls * states < PRICE * size:
             return None
         repaid = size > LARGE or (program.loops() and states * size > REPAID)
-        entry.kernel = kernel_of(entry.traced, Bytecode if repaid else None, NARROW)
+        kind = Native if size <= LARGE and states * size > MANY else Bytecode if repaid else None
+        entry.kernel = kernel_of(entry.traced, kind, NARROW)
         return entry.kernel
 
-    def by_kernel(self, traced, kernel, q, v):
+    def by_kernel(self, entry, kernel, columns):
         """What a kernel makes of all states; None if the lines make something else."""
-        columns, made, first = traced.columns(q, v), [], 0
+        traced, made, first = entry.traced, [], 0
         ends, rows = iterated(kernel, traced, columns, 1, 0.0)
-        for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):  # those go by themselves
-            rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
-        if differs(traced, columns, (ends, rows), 0.0):
-            return None
+        if not np.isfinite(rows).all():
+            for k in np.flatnonzero(~np.isfinite(rows).all(axis=0)):  # those go by themselves
+                rows[:, k] = traced.plain(columns[:, k], 0.0)[len(ends) :]
+        if entry.states >= entry.due or self.asked >= self.uses:
+            if differs(traced, columns, (ends, rows), 0.0):
+                return None
+            entry.due = OFTEN * entry.states
         for x, kind in zip(traced.program.results[1:], self.kinds, strict=True):
-            part = rows[first : first + x.size].T.reshape(len(q), *x.shape)
+            part = rows[first : first + x.size].T.reshape(columns.shape[1], *x.shape)
             if np.issubdtype(kind, np.integer) and np.any(np.abs(part) > EVERY):
                 return None  # a float may be the next whole number
             made.append(part.astype(kind, copy=False))

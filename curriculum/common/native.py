@@ -14,7 +14,29 @@ import numpy as np
 
 LANES = 16  # doubles: two or four vector registers, which is what keeps a processor busy
 LONG = 5000  # operations in a row: for more LLVM's best takes minutes, a time that grows as squares
+TURNS = 10_000  # steps of groups in a call, which Ctrl-C does not reach
 ENDED = "@ended"  # of a single member: whether all loops have
+
+GIVEN = "ptr noalias {}, i64 %count, ptr noalias {}, i64 %apart, "
+GIVEN += "ptr noalias %knobs, ptr noalias %ended"
+ONE, ALL = GIVEN.format("%state", "%out"), GIVEN.format("%states", "%outs")
+GROUPS = f"""
+{ENDED} = internal global i1 false, align 8
+define i64 @run({ALL}, i64 %members) {{{{
+top:
+  br label %next
+next:
+  %first = phi i64 [ 0, %top ], [ %after, %next ]
+  %state = getelementptr double, ptr %states, i64 %first
+  %out = getelementptr double, ptr %outs, i64 %first
+  %done = call i64 @group({ONE})
+  %after = add i64 %first, {{lanes}}
+  %more = icmp slt i64 %after, %members
+  br i1 %more, label %next, label %end
+end:
+  ret i64 %done
+}}}}
+"""
 
 # a number in a vector, of which the first `many` count
 Lane = namedtuple("Lane", "type vector number many")
@@ -207,7 +229,7 @@ class Carried:
 
 
 def assembly(program, lanes):
-    """i64 run(state, count, out, apart, knobs, ended): see Native. knobs (knobs, lanes).
+    """i64 run(states, count, outs, apart, knobs, ended, members): see Native. knobs (knobs, lanes).
 
     `apart`: numbers from entry to entry. `ended`: 1, or 0 if a loop came to no end. Of all states
     out may be null.
@@ -244,11 +266,8 @@ def assembly(program, lanes):
     for place, end in zip(places, ends, strict=True):
         w.store(w.load(place), end)
     w.store(w.new(f"zext i1 {w.load(ENDED, 'i1')} to i64"), "%ended", "i64")
-    head = "i64 @run(ptr noalias %state, i64 %count, ptr noalias %out, i64 %apart, "
-    head += "ptr noalias %knobs, ptr noalias %ended)"
-    lines = w.function(head, f"i64 {w.load(done, 'i64')}")
-    lines.append(f"{ENDED} = internal global i1 false, align 8")
-    return "\n".join(sum(w.routines.values(), lines))
+    group = w.function(f"internal i64 @group({ONE})", f"i64 {w.load(done, 'i64')}")
+    return "\n".join([*group, *chain(*w.routines.values()), GROUPS.format(lanes=lanes)])
 
 
 class Native:
@@ -260,7 +279,7 @@ class Native:
     """
 
     def __init__(self, program, lanes=1, best=True):
-        arguments = POINTER, WORD, POINTER, WORD, POINTER, POINTER
+        arguments = POINTER, WORD, POINTER, WORD, POINTER, POINTER, WORD
         long = max(len(tape.nodes) for tape in program.tapes()) > LONG
         self.function = machine_code(assembly(program, lanes), arguments, best and not long)
         self.lanes, self.best = lanes, best or long
@@ -275,7 +294,9 @@ class Native:
         """
         begin, rows, apart = state.ctypes.data, out.ctypes.data, state.strides[0] // 8
         given, ended = np.repeat(np.array(knobs, float), self.lanes), np.zeros(1, np.int64)
-        for first in range(0, 8 * state.shape[1], 8 * self.lanes):
-            rest = rows + first, apart, given.ctypes.data, ended.ctypes.data
-            done = self.function(begin + first, count, *rest)
+        some = self.lanes * max(1, TURNS // max(1, count))
+        for first in range(0, state.shape[1], some):
+            rest = rows + 8 * first, apart, given.ctypes.data, ended.ctypes.data
+            members = min(some, state.shape[1] - first)
+            done = self.function(begin + 8 * first, count, *rest, members)
         return done, not ended

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from curriculum.common.cli import shorten
 from curriculum.common.progress import work
-from curriculum.common.steps import Block
+from curriculum.common.steps import Block, alone
 from curriculum.common.tape import Stop
 
 import numpy as np
@@ -95,10 +95,11 @@ def number(name, x):
 
 
 class Log:
-    """What a run is measured to be: `note` every state, and `run` is all of it.
+    """What a run is measured to be: `start` it, `step` through it, and `run` is all of it.
 
-    As a context it takes note of a Stop, which ends the run and not the program. `stepper` hands
-    out `steps` states; those of `keep` are kept. What has a rod that is `far` m off has diverged.
+    As a context it takes note of a Stop, which ends the run and not the program. `stepper` makes
+    Blocks, of `steps` states in all; those of `keep` are kept. What has a rod that is `far` m off
+    has diverged.
     """
 
     def __init__(self, stepper, steps, keep, far):
@@ -108,7 +109,8 @@ class Log:
         self.tip = np.empty((steps + 1, 3))
         self.violations, self.energies = np.empty((2, steps + 1))
         self.kept, self.last, self.watched, self.halved = [], None, 0.0, 0
-        self.block, self.row, self.sane = None, 0, [None]  # of a block: energies of sane states
+        self.block, self.wild = None, False  # whether what follows the block has diverged
+        self.latest, self.ahead = (None, None), iter(())
         self.tick = work.ticks(steps)
 
     def __enter__(self):
@@ -129,35 +131,61 @@ class Log:
         self.tick(self.steps if self.stopped else self.done)
         return isinstance(why, Stop)
 
-    def note(self, q, v, violation, energy):
-        """Take a state, and what was measured of it."""
-        row, state = self.row, self.stepper.latest
-        handed = energy is state[3] and q is state[0] and v is state[1] and violation is state[2]
-        if handed and energy is self.sane[row]:  # as nearly always: the next row of the block
-            self.row = row + 1
-            return
-        block = self.stepper.block
-        if not (handed and block not in (None, self.block) and block.handed() == 1):
-            # no row of a block: a loop may change, leave out or repeat a state
-            measured = number("constraint_violation", violation), number("energy", energy)
-            copies = q[None].copy(), v[None].copy()  # a step may fill the same arrays again
-            block = Block(*copies, np.array(measured)[:, None])
+    def start(self, q, v):
+        """Note the start of the run: q, v."""
+        measured = [[x] for x in self.stepper.measure(q, v)]
+        try:
+            return self.hand_out(Block(*alone(q, v), measured, (), (q, v)))
+        except Stop:
+            why = "this is no start: a rod is far off, or a number is not finite"
+            raise ValueError(why) from None
+
+    def step(self, q, v):
+        """The state after q, v, which is noted, and what was measured of it, too."""
+        latest = self.latest
+        if q is latest[0] and v is latest[1]:  # else the reader has changed it
+            for latest in self.ahead:  # the next, if there is one: this is quicker than next()
+                self.latest = latest
+                return latest
+        return self.go_on(q, v)
+
+    def go_on(self, q, v):
+        """The state after q, v, which a new block begins."""
+        wild = self.wild and q is self.latest[0] and v is self.latest[1]
         self.close()
+        if wild:
+            self.diverge()
+        if self.done == self.steps:
+            raise ValueError(f"the {self.steps} steps of this run are done")
+        return self.hand_out(self.stepper.ahead(q, v))
+
+    def diverge(self):
+        """End the run before what has diverged."""
+        self.stopped = f"diverged at step {self.done + 1}"
+        raise Stop(self.stopped)
+
+    def hand_out(self, block):
+        """The first state of a block; those that have diverged, and what follows, are cut off."""
+        names = "constraint_violation", "energy"
+        if block.given is not None:  # it is one state, which was measured by itself
+            both = zip(names, block.measured, strict=True)
+            block.measured = [np.array([number(name, *x)]) for name, x in both]
         violations, energies = block.measured
         wild = ~((violations < self.far) & np.isfinite(energies))
-        many = int(np.argmax(wild)) if wild.any() else len(wild)
-        self.block, self.sane = block, [*block.last[:many], None]
-        if self.sane[0] is None:
-            if self.done < 0:
-                raise ValueError("this is no start: a rod is far off, or a number is not finite")
-            self.stopped = f"diverged at step {self.done + 1}"
-            raise Stop(self.stopped)
-        self.row = 1
+        self.wild = bool(wild.any())
+        if self.wild:
+            block.cut(int(np.argmax(wild)))
+        self.block, self.ahead = block, iter(block)
+        self.latest = next(self.ahead, None)
+        if self.latest is None:
+            self.diverge()
+        return self.latest
 
     def close(self):
         """Take from the block what was noted of it."""
-        block, count, first = self.block, self.row, self.done + 1
-        self.block, self.row, self.sane = None, 0, [None]
+        block, first = self.block, self.done + 1
+        count = block.handed() if block else 0
+        self.block, self.wild = None, False
         if not count:
             return
         noted = slice(first, first + count)
@@ -182,6 +210,6 @@ class Log:
         names, stepper = ("tip", "violations", "energies"), self.stepper
         series = {name: getattr(self, name)[: self.done + 1] for name in names}
         ended = {"stopped": self.stopped, "watched": self.watched}
-        ended["halved"] = self.halved + stepper.halved
+        ended["halved"] = self.halved
         pace = 1e6 * stepper.seconds / max(1, stepper.taken)
         return Run(**series, **kept, **ended, pace=pace, how=stepper.how, stepper=stepper)

@@ -14,7 +14,6 @@ from curriculum.common.tape import Stop
 import numpy as np
 
 HALVINGS = 8  # of a step that fails, at most
-NO_STATE = None, None, None, None  # instead of q, v and what was measured of them
 
 
 def followed(rule, after):
@@ -45,25 +44,31 @@ def tried(step, state, dt, halvings):
 
 
 class Block:
-    """States, mostly computed ahead: q, v (count, N, 3), and of each what was measured (count,).
+    """States one after another: q, v (count, N, 3), and what was measured of each, (count,) each.
 
-    `last`: what was measured last, as a list of numbers, by which a state is known.
-    `halved`: which of them, by number, were reached in halves.
+    To iterate is to hand them out. `halved`: which of them, by number, were reached in halves.
+    `given`: instead of the only state, the arrays that a step has made, which a loop may change.
     """
 
-    def __init__(self, q, v, measured, halved=()):
+    def __init__(self, q, v, measured, halved=(), given=None):
         self.q, self.v, self.measured, self.halved = q, v, measured, np.array(halved)
-        *self.others, self.last = (x.astype(float).tolist() for x in measured)
-        self.left = iter(self.last)
+        self.given, self.left = given, iter(v)
         for x in (q, v):
             x.flags.writeable = False  # what follows is known already: v *= 0.9 would be lost
 
     def __iter__(self):
-        return zip(self.q, self.v, *self.others, self.left, strict=True)
+        if self.given is not None:
+            return (self.given for _ in self.left)
+        return zip(self.q, self.left, strict=True)
+
+    def cut(self, many):
+        """Keep so many states, before they are handed out."""
+        self.q, self.v = self.q[:many], self.v[:many]
+        self.measured, self.left = [x[:many] for x in self.measured], iter(self.v)
 
     def handed(self):
         """How many of its states were handed out."""
-        return len(self.last) - length_hint(self.left)
+        return len(self.v) - length_hint(self.left)
 
 
 class Plain:
@@ -73,21 +78,19 @@ class Plain:
     """
 
     how = source = "in plain numpy: the lines as they stand"
-    block, latest = None, NO_STATE  # what was handed out last; only Compiled computes ahead
     lies, halvings = None, HALVINGS
 
     def __init__(self, step_fn, m, force, dt, measure, steps=0, watch=None):
         self.lines = lambda state, dt: as_state(step_fn(*state, m, force, dt), step_fn)
         self.dt, self.measure = float(dt), measure  # numpy's short numbers would round
         self.watch = (lambda q, v: list(map(watch, q, v))) if watch else None
-        self.taken = self.halved = 0
-        self.seconds = 0.0
+        self.taken, self.seconds = 0, 0.0
 
     def confirm(self):
         """Nothing was computed ahead."""
 
-    def step(self, q, v):
-        """The state after q, v, and what is measured of it: (q, v, *measured)."""
+    def ahead(self, q, v):
+        """The Block of states that follow q, v: here it is one."""
         clock = time.perf_counter()
         try:
             state = ordered(q), ordered(v)
@@ -95,5 +98,9 @@ class Plain:
         finally:
             self.seconds += time.perf_counter() - clock
         self.taken += 1
-        self.halved += halved
-        return q, v, *self.measure(q, v)
+        return Block(*alone(q, v), [[x] for x in self.measure(q, v)], [0] * halved, (q, v))
+
+
+def alone(q, v):
+    """Copies (1, N, 3) of one state: a step may fill the same arrays again."""
+    return q[None].copy(), v[None].copy()

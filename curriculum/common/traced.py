@@ -20,27 +20,32 @@ CLOSE, ALIKE = 1e-6, 1e-9
 PIECE = 256  # steps of Python's floats at a time: what they take stays near the processor
 
 
-def resting(q, v):
-    """Along which axes (3,) all that moves, q, v (..., N, 3), is at zero and at rest."""
-    return np.all((q == 0.0) & (v == 0.0), axis=tuple(range(q.ndim - 1)))
+def moves(q, v):
+    """What of q, v (..., N, 3) need not stay zero: (2, N, 3) truths, the same for all particles.
+
+    Where one of them is not at zero, others soon leave it: a plane is what motions stay in.
+    """
+    along = [np.any(q[..., k]) or np.any(v[..., k]) for k in range(3)]
+    return np.broadcast_to(along, (2, *q.shape[-2:]))
 
 
 class Traced:
     """A step as a Program of what does not stay zero: where `moving` (2, N, 3) says so of q and v.
 
-    q, v (..., N, 3): one start or many. Behind the state the program makes what `measure`, a
-    function (q, v) -> tuple of arrays, says of a step's end. `uses`: how many steps are to come;
-    `numpy_calls`: of one. Raises Untraceable, and then what step_fn and force keep is as it was.
+    It begins as what may move, and less and less of it does. Behind the state the program makes
+    what `measure`, a function (q, v) -> tuple of arrays, says of a step's end. `uses`: how many
+    steps are to come; `numpy_calls`: of one. Raises Untraceable, and then what step_fn and force
+    keep is as it was.
     """
 
-    def __init__(self, step_fn, m, force, q, v, measure=None, uses=math.inf):
+    def __init__(self, step_fn, m, force, moving, measure=None, uses=math.inf):
         with Tape.lock:
             effort.uses = uses
             memory = self.memory = Memory(step_fn, force, measure, m=m)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
             if not why:
                 try:
-                    self.trace(step_fn, m, force, q, v, measure)
+                    self.trace(step_fn, m, force, moving, measure)
                 except Exception as reason:  # a mistake of the reader's shows in the plain step
                     why = explained(reason)
                 finally:
@@ -49,11 +54,9 @@ class Traced:
         if why:
             raise Untraceable(why)
 
-    def trace(self, step_fn, m, force, q, v, measure):
+    def trace(self, step_fn, m, force, moving, measure):
         """Trace the step, as if it kept nothing."""
-        self.shape, routine = q.shape[-2:], Routine(force)
-        # where one particle is not at zero, others soon leave it: a plane is what motions stay in
-        still = [np.broadcast_to(resting(q, v), self.shape)] * 2
+        self.shape, routine, still = moving.shape[1:], Routine(force), list(~moving)
         self.as_it_stands = lambda q, v, dt: as_state(step_fn(q, v, m, force, dt), step_fn)
         self.measure = measure or (lambda q, v: ())
 
@@ -103,9 +106,12 @@ class Traced:
 
     def columns(self, q, v):
         """What does not stay zero of (..., N, 3): (entries, members)."""
-        both = zip((q, v), self.moving.reshape(2, -1), strict=True)
-        entries = [(np.moveaxis(x, (-2, -1), (0, 1)), moving) for x, moving in both]
-        return np.concatenate([x.reshape(moving.size, -1)[moving] for x, moving in entries])
+        rows = [x.reshape(-1, moving.size)[:, moving] for x, moving in self.each(q, v)]
+        return np.concatenate(rows, axis=1).T
+
+    def each(self, q, v):
+        """q and v, and which of their entries (3N,) move."""
+        return zip((q, v), self.moving.reshape(2, -1), strict=True)
 
     def fits(self, q, v):
         """Whether q, v (..., N, 3) are zero in all that is taken to stay zero."""

@@ -14,7 +14,7 @@ from curriculum.ch3_4_constraints.studies._runs import NATIVE, G, case, crowd, m
 from curriculum.common import crowds
 from curriculum.common.native import Native
 from curriculum.common.steps import followed
-from curriculum.common.traced import Single, Traced
+from curriculum.common.traced import Single, Traced, moves
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def ours(task, rule, mode="none", machine=NATIVE, best=True):
     system = task.system
     rule, force = case(system, rule, mode, DT)
     step = followed(rule, force.after)
-    single = Single(Traced(step, system["m"], force, system["q0"], system["v0"]))
+    single = Single(Traced(step, system["m"], force, moves(system["q0"], system["v0"])))
     if machine:
         single.machine = Native(single.traced.program, best=best)
     start = single.traced.columns(system["q0"], system["v0"])
@@ -57,7 +57,7 @@ def ours(task, rule, mode="none", machine=NATIVE, best=True):
         if machine:  # addresses are taken once, as a peer's binding does
             place = rows.ctypes.data if task.samples > 1 else None
             knobs, ended = np.array([dt]), np.zeros(1, np.int64)
-            ends = knobs.ctypes.data, ended.ctypes.data
+            ends = knobs.ctypes.data, ended.ctypes.data, 1
             call = partial(single.machine.function, state.ctypes.data, steps, place, 1, *ends)
         seconds = least(lambda: done.append(call()), partial(np.copyto, state, start))
         if machine and task.samples == 1:
