@@ -253,31 +253,49 @@ def few_terms(a, b):
 
 def sparse_product(a, b):
     """a @ b of matrices, of which little is not zero for certain."""
+    left, right = filled(a), filled(b)
+    if object not in (a.dtype, b.dtype):
+        return product_of_numbers(left, right, (len(a), *b.shape))
     columns = [[] for _ in b]
-    for k, j, y in filled(b):
+    for k, j, y in zip(*(x.tolist() for x in right), strict=True):
         columns[k].append((j, y))
     sums = [{} for _ in a]
-    for i, k, x in filled(a):
+    for i, k, x in zip(*(x.tolist() for x in left), strict=True):
         row = sums[i]
         for j, y in columns[k]:
             row[j] = row[j] + x * y if j in row else x * y
-    made = np.zeros((len(a), b.shape[1]), np.result_type(a, b))
+    made = np.zeros((len(a), b.shape[1]), object)
     for i, row in enumerate(sums):
         for j, total in row.items():
             made[i, j] = total
     return made
 
 
+def product_of_numbers(left, right, shape):
+    """What sparse_product makes of what is `filled`; `shape`: rows, terms and columns."""
+    (i, k, x), (rows, columns, y) = left, right
+    many = np.bincount(rows, minlength=shape[1])  # entries in each row on the right
+    often = many[k]  # how many terms an entry on the left is in
+    behind = np.cumsum(often) - often
+    other = np.repeat((np.cumsum(many) - many)[k] - behind, often) + np.arange(np.sum(often))
+    place = np.repeat(i * shape[2], often) + columns[other]
+    places, which = np.unique(place, return_inverse=True)
+    made = np.zeros(shape[::2])
+    # bincount adds from first to last
+    made.flat[places] = np.bincount(which, np.repeat(x, often) * y[other])
+    return made
+
+
 def filled(a):
-    """(row, column, entry) of what is not zero for certain in a matrix, row by row."""
+    """Rows, columns and entries of what is not zero for certain in a matrix, row by row."""
     turned = a.T.flags.c_contiguous  # as J^T is: looked through as it lies in memory
-    flat = (a.T if turned else a).ravel()
+    flat = np.asarray(a.T if turned else a).ravel()
     at = np.flatnonzero(certain(flat))
     i, k = np.divmod(at, len(a) if turned else a.shape[1])
     if turned:
         row_by_row = np.argsort(k, kind="stable")
         at, i, k = at[row_by_row], k[row_by_row], i[row_by_row]
-    return zip(i.tolist(), k.tolist(), flat[at].tolist(), strict=True)
+    return i, k, flat[at]
 
 
 def norm(x, ord=None, axis=None, keepdims=False):

@@ -11,6 +11,7 @@ from functools import cache
 from itertools import chain, count
 
 from curriculum.common import llvm
+from curriculum.common.tape import uncollected
 
 import numpy as np
 
@@ -87,12 +88,14 @@ class Assembler:
     def operations(self, tape, names):
         rows, register = self.rows, self.register  # as many times as there are operations
         for name in names:
-            sign, *operands = tape.nodes[name]
-            if name in tape.parts:
-                getattr(self, sign)(tape.parts[name])
-            elif sign != "of":
-                unused = UNUSED[len(operands)]
-                rows.append([NUMBER[sign], register(name), *map(register, operands), *unused])
+            node = tape.nodes[name]
+            number = NUMBER.get(node[0])
+            if len(node) == 3 and number is not None:  # as nearly always
+                rows.append([number, register(name), register(node[1]), register(node[2]), 0])
+            elif name in tape.parts:
+                getattr(self, node[0])(tape.parts[name])
+            elif number is not None:  # else it is one of a part's
+                self.row(node[0], register(name), *map(register, node[1:]))
 
     def calls(self, calls):
         """Calls of a program, one after the other."""
@@ -210,7 +213,8 @@ class Bytecode:
 
     def __init__(self, program, lanes=1):
         self.function = reader(lanes)
-        found = Assembler(program)
+        with uncollected():
+            found = Assembler(program)
         self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
         self.register_count = len(found.registers)
         numbers = [x for x in found.registers if isinstance(x, float)]

@@ -7,7 +7,7 @@ import time
 
 from curriculum.common import llvm
 from curriculum.common.bytecode import LARGE, Bytecode
-from curriculum.common.crowds import mapped
+from curriculum.common.crowds import mapped, mapped_again
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, Block, Plain
@@ -23,20 +23,21 @@ QUICKER = 8  # times as many operations are in a block of machine code, which ta
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps left take so many times as long: the quick, then the best
 QUICK, BEST = 1.5, 6.0
-OFTEN = 4  # times as many steps: then what is compiled is compared again
-SOON_DONE = 2000  # calls of numpy in a plain step: of fewer a block is compared at two
+# times as many steps: then what is compiled is compared again; and where plain steps take long
+OFTEN, SELDOM = 4, 32
+SOON_DONE = 2000  # calls of numpy in a plain step that takes not long; of these two are compared
 
 
 class Compiled(Plain):
     """What Plain is, compiled: its blocks are long.
 
-    What was compiled is compared
-    with the plain step at first, after FIRST steps, since a start may be at rest, whenever they are
-    OFTEN times as many, and in the end. Where they differ, or the step cannot be traced, steps are
-    plain. With `only` that raises Untraceable, since it would take too long, and only one block is
-    compared. `steps`: how many are to come. `how` says how steps are done; `source` is the code;
-    `taken` steps took `seconds`, counted from zero where that changes. `lies`: why what was
-    compiled was given up, or None. `halvings`: how often, at most, a step that fails is halved.
+    What was compiled is compared with the plain step at first, after FIRST steps, since a start may
+    be at rest, whenever they are OFTEN times as many, SELDOM where that takes long, and in the end.
+    Where they differ, or the step cannot be traced, steps are plain. With `only` that raises
+    Untraceable, since it would take too long, and only one block is compared. `steps`: how many are
+    to come. `how` says how steps are done; `source` is the code; `taken` steps took `seconds`,
+    counted from zero where that changes. `lies`: why what was compiled was given up, or None.
+    `halvings`: how often, at most, a step that fails is halved.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class Compiled(Plain):
         self.given, self.only, self.halvings = (step_fn, m, force), only, halvings
         self.single, self.how = None, ""  # until the step is traced
         self.uses = steps or math.inf  # if that is not known yet
-        self.measure_all, self.compared = mapped(measure, uses=steps), False
+        self.measure_all, self.compared = mapped_again(measure, steps), False
         self.watch = mapped(watch, uses=steps) if watch else None
         self.measure_memory = None  # what `measure` keeps, as it was when a block was measured
         self.done = self.done_before = 0  # steps computed in this run, and in those before it
@@ -147,8 +148,14 @@ class Compiled(Plain):
             return False
         due = self.done >= self.due or count >= self.steps  # the last block, too
         if due:
-            self.due, self.compared = max(FIRST, OFTEN * self.done), not halved
+            often = OFTEN if self.soon_done() else SELDOM
+            self.due = often * self.done if self.done >= FIRST else FIRST
+            self.compared = not halved
         return due
+
+    def soon_done(self):
+        """Whether a plain step takes not long."""
+        return self.single.traced.numpy_calls < SOON_DONE
 
     def measured(self, rows, halved):
         """The Block of rows (count, entries)."""
@@ -157,7 +164,7 @@ class Compiled(Plain):
         measured = self.measure_all(*states, traced.moving, rows.T)
         with Tape.lock:
             if self.measure_memory is None or self.measure_memory.changed():  # since confirm
-                self.measure_memory = Memory(self.measure_all.function)  # for the next confirm
+                self.measure_memory = Memory(self.measure)  # for the next confirm
         return Block(*states, measured, halved)
 
     def count(self, entries):
@@ -174,8 +181,7 @@ class Compiled(Plain):
         `halved`, by number, were taken in halves, and the plain one must want that, too.
         """
         last = len(rows) - 1 if np.isfinite(rows[-1]).all() else 0
-        soon_done = self.single.traced.numpy_calls < SOON_DONE
-        for k in {last, last // 2} if len(rows) > FIRST and soon_done else {last}:
+        for k in {last, last // 2} if len(rows) > FIRST and self.soon_done() else {last}:
             before = rows[k - 1] if k else start
             if self.single.traced.differs(before, rows[k], self.dt, k in halved):
                 return True

@@ -2,8 +2,9 @@
 
 import contextlib
 import os
+from collections import deque
 from functools import cache
-from types import SimpleNamespace
+from types import FunctionType, SimpleNamespace
 
 from curriculum.common import llvm
 from curriculum.common.arrays import ordered
@@ -20,6 +21,7 @@ CORES = os.cpu_count() or 1
 REPAID = 3_000_000  # operations: from so many on machine code is worth its making
 OFTEN = 4  # times as many states: then what is made of them is compared again
 PIECE = 1 << 13  # members at a time in Python: a dozen columns of them stay near the processor
+LENGTHY = 1000  # numbers of a state, with which a call of numpy takes twice as long
 MANY = 20_000_000  # operations: from so many on those of columns take longer than it
 EVERY = 2.0**53  # up to here every whole number is a float
 NARROW = 8  # lanes of it: more would be far from the processor
@@ -158,6 +160,23 @@ def differs(traced, columns, made, dt):
     return any(traced.differs(columns[:, k], made[:, k], dt) for k in some)
 
 
+def alike(x, y):
+    """Whether functions have the same lines about alike things; or these are alike."""
+    if x is y or type(x) is not type(y):
+        return x is y
+    if isinstance(x, FunctionType):
+        held = [[cell.cell_contents for cell in f.__closure__ or ()] for f in (x, y)]
+        same = x.__code__ is y.__code__ and x.__globals__ is y.__globals__
+        return same and alike(*held) and alike(x.__defaults__, y.__defaults__)
+    if isinstance(x, dict):
+        return alike([*x], [*y]) and alike([*x.values()], [*y.values()])
+    if isinstance(x, list | tuple):
+        return len(x) == len(y) and all(map(alike, x, y))
+    if isinstance(x, np.ndarray):
+        return x.dtype == y.dtype and x.dtype != object and np.array_equal(x, y)
+    return type(x) in (str, int, float) and x == y
+
+
 class mapped:  # noqa: N801 - it is called as a function is
     """function(q, v) of one state (N, 3), or function(q), for many: q, v (K, N, 3).
 
@@ -171,7 +190,7 @@ class mapped:  # noqa: N801 - it is called as a function is
 
     def __init__(self, function, uses=0):
         self.function, self.uses, self.asked = function, uses, 0
-        self.entries = {}  # by shape and what rests: a namespace, see below, or None
+        self.entries = {}  # by shape and what moves: a namespace, see below, or None
         self.kinds, self.single = [], False  # dtypes of results; whether the one is in no tuple
 
     def measure(self, q, v):
@@ -193,7 +212,7 @@ class mapped:  # noqa: N801 - it is called as a function is
         key, made = (q.shape[1:], moving.tobytes()), None
         entry = self.entries.get(key)
         if entry and entry.traced.changed():
-            del self.entries[key]
+            self.entries.pop(key, None)
         if key not in self.entries and len(q) > 1:
             self.entries[key] = None
             how = {"measure": self.measure, "uses": max(self.uses, len(q))}
@@ -223,7 +242,8 @@ class mapped:  # noqa: N801 - it is called as a function is
             return entry.kernel
         program, states = entry.traced.program, max(self.uses, entry.states)
         size = program.size()
-        if entry.traced.numpy_calls * states < PRICE * size:
+        calls = entry.traced.numpy_calls * (1 + entry.traced.moving.size / LENGTHY)
+        if calls * states < PRICE * size:
             return None
         repaid = size > LARGE or (program.loops() and states * size > REPAID)
         kind = Native if size <= LARGE and states * size > MANY else Bytecode if repaid else None
@@ -248,3 +268,16 @@ class mapped:  # noqa: N801 - it is called as a function is
             made.append(part.astype(kind, copy=False))
             first += x.size
         return made
+
+
+RECENT = deque(maxlen=4)  # functions mapped last
+
+
+def mapped_again(function, uses):
+    """mapped(function, uses): what an alike function has become a short time ago is used again."""
+    found = next((made for made in RECENT if alike(made.function, function)), None)
+    if found is None:
+        found = mapped(function)
+        RECENT.append(found)
+    found.uses, found.asked = uses, 0
+    return found

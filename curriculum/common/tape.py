@@ -3,6 +3,7 @@
 What writes on it is in trace.py. What stands there already is not noted again.
 """
 
+import gc
 import math
 from contextlib import contextmanager
 from itertools import count
@@ -35,11 +36,7 @@ class Current(local):
 
     def tapes(self):
         """The tapes whose numbers can be used: the one that is written, and those around it."""
-        found, tape = [], self.tape
-        while tape is not None:
-            found.append(tape)
-            tape = tape.outer
-        return found
+        return self.tape.around if self.tape else ()
 
 
 current = Current()
@@ -83,14 +80,27 @@ class Effort:
 effort = Effort()  # of the one thread that traces
 
 
+@contextmanager
+def uncollected():
+    """No garbage is looked for meanwhile: there is little, and a long tape to be looked through."""
+    before = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if before:
+            gc.enable()
+
+
 class Tape:
     """Operations in order, nodes {name: (sign, *operands)}; an operand is a name or a float.
 
     Three signs are no arithmetic: a "loop" and "calls" are parts, found in `parts`, whose operands
     are all that they need from this tape; and ("of", part) is one of the numbers that one makes.
-    `outer`: the tape on which a loop or rows stand, whose names its body may use. `names`: what an
-    operation is called that is there already. `numbers`, of new names, `refused`, why all this
-    cannot be traced, and `knobs`, which are never zero, are those of the tapes around it, too.
+    `outer`: the tape on which a loop or rows stand, whose names its body may use; `around`: this
+    and all such. `open`: whether something is traced on it. `names`: what an operation is called
+    that is there already. `numbers`, of new names, `refused`, why all this cannot be traced, and
+    `knobs`, which are never zero, are those of the tapes around it, too.
     """
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
@@ -98,6 +108,8 @@ class Tape:
     def __init__(self, outer=None):
         self.nodes, self.names, self.parts = {}, {}, {}
         self.outer, self.numbers, self.refused, self.knobs = outer, count(), [], ()
+        self.around = (self, *outer.around) if outer else (self,)
+        self.open = False
         if outer:
             self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
 
@@ -107,10 +119,11 @@ class Tape:
             before, current.tape = current.tape, self
             if before is None:
                 effort.begin()
+            self.open = True
             try:
                 return function(*args)
             finally:
-                current.tape = before
+                self.open, current.tape = False, before
 
     def add_part(self, part, operands, names):
         """Note a Loop or Calls, which makes numbers of these names."""

@@ -93,22 +93,29 @@ class Symbol:
     def __format__(self, spec):
         return repr(self)
 
-    def note(self, sign, *others, minus=False):
+    def note(self, sign, *others):
         """The symbol of an operation on x and others'; asked for again, the same one."""
-        if len(others) == 1:  # as nearly always
-            key = (sign, self.x, others[0].x)
-        else:
-            key = (sign, self.x, *(s.x for s in others))
-        tape = current.tape
-        if self.tape is not tape or others and others[0].tape is not tape or len(others) > 1:
-            tape = self.inner(others)
+        return self.noted(self.inner(others), (sign, self.x, *(s.x for s in others)), False)
+
+    def with_one(self, sign, b, minus=False):
+        """note(sign, b), or minus that: as nearly always, so in the shortest way."""
+        tape = self.tape
+        if tape is not b.tape or not tape.open:
+            tape = self.inner((b,))
+        key = sign, self.x, b.x
         name = tape.names.get(key)
         if name is None and sign in ("+", "*"):
-            name = tape.names.get((sign, key[2], key[1]))
+            name = tape.names.get((sign, b.x, self.x))
+        return self.noted(tape, key, minus) if name is None else Symbol(tape, name, minus)
+
+    def noted(self, tape, key, minus):
+        """The symbol of an operation, its sign and operands, which may be new on this tape."""
+        name = tape.names.get(key)
         if name is None:
-            known = type(self.x) is float and all(type(s.x) is float for s in others)
+            sign, *given = key
+            known = all(type(x) is float for x in given)
             if known and key[:2] != ("-", 0.0):  # as which numbers below zero are written
-                return constant(sign, key[1:], minus)
+                return constant(sign, given, minus)
             name = tape.names[key] = f"t{next(tape.numbers)}"
             tape.nodes[name] = key
             effort.note()
@@ -116,11 +123,14 @@ class Symbol:
 
     def inner(self, others):
         """The tape of an operation on numbers of several tapes: the innermost."""
-        given = [s.tape for s in (self, *others) if type(s.x) is str]
+        given = {s.tape for s in (self, *others) if type(s.x) is str}
         tapes = current.tapes()
-        if not all(tape in tapes for tape in given):
+        if not given.issubset(tapes):
             raise Untraceable("it keeps a number from an earlier call")
-        return next((tape for tape in tapes if tape in given), current.tape)
+        for tape in tapes:
+            if tape in given:
+                return tape
+        return current.tape
 
     def plain(self):
         """This number with its minus carried out, as 0 - x on the tape."""
@@ -138,9 +148,19 @@ class Symbol:
         if self.x == 0.0 or b.x == 0.0:
             return b if self.x == 0.0 else self
         if self.minus == b.minus:
-            return self.note("+", b, minus=self.minus)
-        left, right = (b, self) if self.minus else (self, b)
-        return lift(0.0) if left.x == right.x else left.note("-", right)
+            return self.with_one("+", b, self.minus)
+        return b.less(self) if self.minus else self.less(b)
+
+    def subtract(self, b):
+        if self.x == 0.0 or b.x == 0.0:
+            return -b if self.x == 0.0 else self
+        if self.minus != b.minus:
+            return self.with_one("+", b, self.minus)
+        return b.less(self) if self.minus else self.less(b)
+
+    def less(self, b):
+        """What |x| is more than that of b."""
+        return lift(0.0) if self.x == b.x else self.with_one("-", b)
 
     def multiply(self, b):
         minus = self.minus != b.minus
@@ -148,14 +168,14 @@ class Symbol:
             return Symbol(self.tape, self.x, minus)
         if b.x == 0.0 or self.x == 1.0:
             return Symbol(b.tape, b.x, minus)
-        return self.note("*", b, minus=minus)
+        return self.with_one("*", b, minus)
 
     def divide(self, b):
         safe = b.x in b.tape.knobs if isinstance(b.x, str) else b.x > 0.0  # 0 / 0 is not 0
         nothing = self.x == 0.0 and safe
         minus = self.minus != b.minus
         same = Symbol(self.tape, self.x, minus)
-        return same if nothing or b.x == 1.0 else self.note("/", b, minus=minus)
+        return same if nothing or b.x == 1.0 else self.with_one("/", b, minus)
 
     def maximum(self, b):
         """The larger of two numbers, or NaN if one of them is."""
@@ -217,7 +237,7 @@ class Symbol:
         return self.note("abs")
 
     __add__, __radd__ = operators(add, lambda a: a)
-    __sub__, __rsub__ = operators(lambda a, b: a.add(-b))
+    __sub__, __rsub__ = operators(subtract)
     __mul__, __rmul__ = operators(multiply, lambda a: 0)
     __truediv__, __rtruediv__ = operators(divide)
     __pow__, __rpow__ = operators(lambda a, b: a.carried("**", b))

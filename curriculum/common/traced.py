@@ -11,7 +11,7 @@ from curriculum.common.programs import Program, Routine
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, function_of, source_of
 from curriculum.common.steps import HALVINGS, tried
-from curriculum.common.tape import Stop, Tape, Untraceable, effort
+from curriculum.common.tape import Stop, Tape, Untraceable, effort, uncollected
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Traced:
     """
 
     def __init__(self, step_fn, m, force, moving, measure=None, uses=math.inf):
-        with Tape.lock:
+        with Tape.lock, uncollected():
             effort.uses = uses
             memory = self.memory = Memory(step_fn, force, measure, m=m)
             why = next(iter(memory.asks), None)  # what cannot be put back is not even tried
