@@ -18,7 +18,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import compiled, llvm, native, tape, traced
+from curriculum.common import compiled, crowds, llvm, native, tape, traced
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
@@ -529,14 +529,25 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
 
 
 def test_a_long_block_is_compared_in_its_middle_too_and_a_short_one_in_the_end():
+    crowds.RECENT.clear()
     looks = []
     for rule, steps in (("rk4", 60), ("rk4", 12), ("gauss", 60)):  # a step of gauss takes long
         plain = mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain)
         with plain as asked:
             run(DOUBLE, rule, "none", 0.005, steps)
         looks.append(asked.call_count)
-    # one at the first block, which is one step long; and one for what is measured of each later one
-    assert looks == [1 + (1 + 1) + (2 + 1), 1 + (1 + 1), 1 + (1 + 1) + (1 + 1)]
+    # one at the first block, which is one step long; and one for what is measured: of many states
+    # at first, and then, since all these runs ask for the same, in the end of each
+    assert looks == [1 + (1 + 1) + (2 + 1), 1 + (1 + 1), 1 + 1 + (1 + 1)]
+
+
+def test_what_is_measured_of_the_same_system_is_traced_once_and_of_another_again():
+    crowds.RECENT.clear()
+    heavy = DOUBLE | {"m": DOUBLE["m"] * [[1.0], [3.0]]}
+    with mock.patch.object(crowds, "Traced", side_effect=Traced) as traced:
+        for system, count in ((DOUBLE, 1), (DOUBLE | {}, 1), (heavy, 2), (DOUBLE, 2)):
+            runs = [run(system, "semi_implicit", "none", 0.005, 40, way=way) for way in WAYS[::3]]
+            assert alike(*runs) and traced.call_count == count
 
 
 WIND = 0.0  # N, or J
