@@ -160,6 +160,9 @@ def test_a_page_that_cannot_be_made_is_not_there_and_told_of(monkeypatch, tmp_pa
                 page("double")
     with pytest.raises(Untraceable, match="120 rods"):
         page("x", system=c.build_system("chain", links=121))
+    monkeypatch.setattr(play, "LONGEST", 100)
+    with pytest.raises(Untraceable, match=r"^\d{3} operations a step are too slow for a browser"):
+        page("double")
 
 
 def test_a_page_needs_nothing_else_and_is_the_same_each_time():

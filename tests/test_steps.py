@@ -536,9 +536,8 @@ def test_a_long_block_is_compared_in_its_middle_too_and_a_short_one_in_the_end()
         with plain as asked:
             run(DOUBLE, rule, "none", 0.005, steps)
         looks.append(asked.call_count)
-    # one at the first block, which is one step long; and one for what is measured: of many states
-    # at first, and then, since all these runs ask for the same, in the end of each
-    assert looks == [1 + (1 + 1) + (2 + 1), 1 + (1 + 1), 1 + 1 + (1 + 1)]
+    # one at the first block, which is one step long; and one for what is measured of each later one
+    assert looks == [1 + (1 + 1) + (2 + 1), 1 + (1 + 1), 1 + (1 + 1)]
 
 
 def test_what_is_measured_of_the_same_system_is_traced_once_and_of_another_again():

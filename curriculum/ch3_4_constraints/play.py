@@ -24,7 +24,7 @@ from curriculum.common.trace import Symbol, lift
 import numpy as np
 
 TEMPLATE = Path(__file__).with_name("play.html")
-MOST = 120  # rods: a browser is too slow for more
+MOST, LONGEST = 120, 40_000  # rods, and operations of a step: a browser is too slow for more
 DAMPING = 0.1  # s: the hand's spring resists 1 m/s as it does a stretch of so many metres
 STEPS = 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05  # s, to choose from
 STIFF = 0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0, 320.0  # rad/s
@@ -99,6 +99,8 @@ class Tracer:
             program = Program(function, self.still, self.still, knobs=knobs)
         finally:
             current.hand = None
+        if program.size() > LONGEST:
+            raise Untraceable(f"{program.size():,} operations a step are too slow for a browser")
         self.inexact |= program.inexact()
         self.live = program.live
         given = {x: f"state[{k}]" for k, x in enumerate(program.inputs)} | knobs

@@ -171,7 +171,8 @@ class Compiled(Plain):
         """How many steps the next block has; never by the clock, so that runs are alike."""
         if not self.done:  # see confirm
             return 1
-        most = min(self.steps, self.most, FIRST - 1 if self.done < FIRST else math.inf)
+        first = FIRST if self.soon_done() else FIRST * OFTEN  # at its end the lines are asked again
+        most = min(self.steps, self.most, first - 1 if self.done < FIRST else math.inf)
         work = LONG * QUICKER if self.single.machine else LONG
         return max(1, min(most, BLOCK // entries, work // self.single.size))
 

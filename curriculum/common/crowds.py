@@ -12,7 +12,7 @@ from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
 from curriculum.common.python import Columns
-from curriculum.common.tape import PRICE, Stop, Untraceable
+from curriculum.common.tape import Stop, Untraceable
 from curriculum.common.traced import Traced, moves
 
 import numpy as np
@@ -243,7 +243,7 @@ class mapped:  # noqa: N801 - it is called as a function is
         program, states = entry.traced.program, max(self.uses, entry.states)
         size = program.size()
         calls = entry.traced.numpy_calls * (1 + entry.traced.moving.size / LENGTHY)
-        if calls * states < PRICE * size:
+        if calls * states < size:  # for an operation, its code takes as long to make as a call
             return None
         repaid = size > LARGE or (program.loops() and states * size > REPAID)
         kind = Native if size <= LARGE and states * size > MANY else Bytecode if repaid else None
