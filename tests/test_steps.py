@@ -18,7 +18,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.run_checks import misfit, watched
 from curriculum.ch3_4_constraints.studies import _runs
 from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common import compiled, crowds, llvm, native, tape, traced
+from curriculum.common import compiled, crowds, llvm, native, trace, traced
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.compiled import Compiled
 from curriculum.common.crowds import mapped
@@ -776,7 +776,7 @@ def test_an_interrupt_leaves_no_symbols_behind(monkeypatch):
 
 
 def test_a_long_step_is_compiled_if_its_steps_repay_that(monkeypatch):
-    monkeypatch.setattr(tape, "LONG", 20)  # operations
+    monkeypatch.setattr(trace, "LONG", 20)  # operations
     few, many = (run(DOUBLE, steps=steps) for steps in (2, 100))
     assert "it is too long to be compiled for so few steps" in few.how
     assert many.how.startswith("compiled") and np.array_equal(many.tip[:3], few.tip)

@@ -3,7 +3,7 @@
 import contextlib
 from functools import partial
 
-from curriculum.common import crowds, llvm, programs, tape
+from curriculum.common import crowds, llvm, programs, trace
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, OneByOne, mapped
@@ -224,7 +224,7 @@ def test_what_numpy_makes_of_ordered_arrays_adds_in_order_too():
 
 
 def test_what_was_traced_before_does_not_decide_what_can_be(monkeypatch):
-    monkeypatch.setattr(tape, "LONG", 20)
+    monkeypatch.setattr(trace, "LONG", 20)
     mapped(lambda q, v: np.sum(q * q))(CROWD[:2], CROWD[:2])
     assert len(program_of(EXAMPLES["tangle"]).tape.nodes) > 20
 

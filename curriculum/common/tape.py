@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from itertools import count
 from threading import RLock, local
 
-LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
 PRICE = 3  # calls of numpy take as long as it takes to compile an operation
 
 
@@ -61,10 +60,9 @@ class Effort:
         """One more call of numpy."""
         self.numpy_calls += self.factor
 
-    def note(self):
-        """One more operation. Raises Untraceable where compiling would cost more than it saves."""
-        self.noted += 1
-        if self.noted > LONG and self.numpy_calls * self.uses < PRICE * self.noted:
+    def check(self):
+        """Raise Untraceable where compiling what is `noted` would cost more than it saves."""
+        if self.numpy_calls * self.uses < PRICE * self.noted:
             raise TooLong("it is too long to be compiled for so few steps")
 
     @contextmanager

@@ -17,6 +17,7 @@ from curriculum.common.tape import NoNumber, Untraceable, current, effort
 
 import numpy as np
 
+LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
 UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power}
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
 UFUNCS |= {"<": np.less, "<=": np.less_equal}
@@ -36,11 +37,12 @@ def operators(rule, zero=None):
         if type(b) is not Symbol:
             if zero and type(b) in (int, float) and b == 0:
                 return zero(a)
-            if isinstance(b, np.ndarray):
-                if b.ndim:
-                    return NotImplemented
-                b = b.item()  # which may be a Symbol
-            b = lift(b)
+            if type(b) is float:  # as nearly always
+                b = Symbol(a.tape, abs(b), b < 0.0)
+            elif isinstance(b, np.ndarray) and b.ndim:
+                return NotImplemented
+            else:
+                b = lift(b)
         return rule(b, a) if swapped else rule(a, b)
 
     return operator, lambda a, b: operator(a, b, True)
@@ -52,8 +54,6 @@ def lift(number):
         return number
     if type(number) is Truth:
         return number.number
-    if type(number) is float:  # as nearly always
-        return Symbol(current.tape, abs(number), number < 0.0)
     if isinstance(number, (np.ndarray, np.generic)):
         return lift(number.item())
     if isinstance(number, complex):
@@ -70,6 +70,20 @@ def constant(sign, numbers, minus=False):
         with np.errstate(all="ignore"):
             made = UFUNCS[sign](*map(np.float64, numbers))
     return -lift(float(made)) if minus else lift(float(made))
+
+
+def new(tape, key, minus):
+    """The symbol of an operation that is new on a tape, by its sign and operands; or minus that."""
+    # as "0.0 - x" numbers below zero are written
+    known = type(key[1]) is float and all(type(x) is float for x in key[2:])
+    if known and key[:2] != ("-", 0.0):
+        return constant(key[0], key[1:], minus)
+    name = tape.names[key] = f"t{next(tape.numbers)}"
+    tape.nodes[name] = key
+    effort.noted += 1
+    if effort.noted > LONG:
+        effort.check()
+    return Symbol(tape, name, minus)
 
 
 class Symbol:
@@ -95,7 +109,9 @@ class Symbol:
 
     def note(self, sign, *others):
         """The symbol of an operation on x and others'; asked for again, the same one."""
-        return self.noted(self.inner(others), (sign, self.x, *(s.x for s in others)), False)
+        tape, key = self.inner(others), (sign, self.x, *(s.x for s in others))
+        name = tape.names.get(key)
+        return new(tape, key, False) if name is None else Symbol(tape, name)
 
     def with_one(self, sign, b, minus=False):
         """note(sign, b), or minus that: as nearly always, so in the shortest way."""
@@ -106,20 +122,7 @@ class Symbol:
         name = tape.names.get(key)
         if name is None and sign in ("+", "*"):
             name = tape.names.get((sign, b.x, self.x))
-        return self.noted(tape, key, minus) if name is None else Symbol(tape, name, minus)
-
-    def noted(self, tape, key, minus):
-        """The symbol of an operation, its sign and operands, which may be new on this tape."""
-        name = tape.names.get(key)
-        if name is None:
-            sign, *given = key
-            known = all(type(x) is float for x in given)
-            if known and key[:2] != ("-", 0.0):  # as which numbers below zero are written
-                return constant(sign, given, minus)
-            name = tape.names[key] = f"t{next(tape.numbers)}"
-            tape.nodes[name] = key
-            effort.note()
-        return Symbol(tape, name, minus)
+        return new(tape, key, minus) if name is None else Symbol(tape, name, minus)
 
     def inner(self, others):
         """The tape of an operation on numbers of several tapes: the innermost."""
