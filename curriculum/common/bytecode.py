@@ -6,9 +6,10 @@ many members that go in step. Operations and their order are the tape's, and so 
 """
 
 import math
+from array import array
 from collections import defaultdict
 from functools import cache
-from itertools import chain, count
+from itertools import count
 
 from curriculum.common import llvm
 from curriculum.common.tape import uncollected
@@ -33,8 +34,9 @@ class Assembler:
     """
 
     def __init__(self, program):
-        self.rows = []
-        self.registers = defaultdict(count().__next__)  # {a name or a number: its own}
+        self.rows = array("i")
+        self.numbers = count()  # of registers
+        self.registers = defaultdict(self.numbers.__next__)  # {a name or a number: its own}
         self.register = self.registers.__getitem__
         self.routines = []  # programs that are called
         self.leaps = []  # (a row that goes on at the first of a routine, which)
@@ -46,20 +48,37 @@ class Assembler:
         self.end(state, most, [self.number(s) for s in program.out])
         first = []
         for k, routine in enumerate(self.routines):  # which may call others: the list grows
-            first.append(len(self.rows))
+            first.append(self.here())
             self.operations(routine.tape, routine.tape.needed(routine.computed))
             self.row("go", 0, self.register(f"back {k}"))
         for row, k in self.leaps:
-            self.rows[row][1] = first[k]
+            self.go_on(row, first[k])
 
     def row(self, sign, result, *operands):
         """One more row; its number."""
-        self.rows.append([NUMBER[sign], result, *operands, *UNUSED[len(operands)]])
-        return len(self.rows) - 1
+        self.rows.extend((NUMBER[sign], result, *operands, *UNUSED[len(operands)]))
+        return self.here() - 1
+
+    def alike(self, sign, results, *operands):
+        """Rows of one sign, with lists of registers, or one that is the same in all."""
+        columns = NUMBER[sign], results, *operands
+        many = next(len(x) for x in columns if isinstance(x, list))
+        rows = np.zeros((many, WIDTH), np.intc)
+        for k, column in enumerate(columns):
+            rows[:, k] = column
+        self.rows.frombytes(rows.tobytes())
+
+    def here(self):
+        """The number of the row that comes next."""
+        return len(self.rows) // WIDTH
+
+    def go_on(self, leap, row):
+        """Where a leap, by the number of its row, leads."""
+        self.rows[WIDTH * leap + 1] = row
 
     def new(self, sign, *operands):
         """The register, a new one, of what an operation makes."""
-        result = self.register(f"row {len(self.rows)}")
+        result = next(self.numbers)
         self.row(sign, result, *operands)
         return result
 
@@ -69,33 +88,49 @@ class Assembler:
 
     def end(self, state, most, ends):
         """The registers of a step's ends become its state; what else it makes is compared."""
+        ends, others = ends[: len(state)], ends[len(state) :]
         # not zero if an end is infinite or no number, or if a loop came to no end
-        trouble = self.register("trouble")
+        trouble, differences = self.register("trouble"), [next(self.numbers) for _ in ends]
         self.row("copy", trouble, self.register("endless"))
-        for end in ends[: len(state)]:
-            self.row("+", trouble, trouble, self.new("-", end, end))
-        for register, end in zip(most, ends[len(state) :], strict=True):
-            self.row("max", register, register, end)
-        self.exchange(state, ends[: len(state)])
+        self.alike("-", differences, ends, ends)
+        self.alike("+", trouble, trouble, differences)
+        self.alike("max", most, most, others)
+        self.exchange(state, ends)
         self.row("end", 0)
 
     def exchange(self, registers, following):
-        """Copy all of `following`, some of which may be among the registers, to these."""
-        kept = [self.new("copy", x) for x in following]
-        for register, x in zip(registers, kept, strict=True):
-            self.row("copy", register, x)
+        """Copy all of `following` to these, even if some are among these registers."""
+        if not set(registers).isdisjoint(following):
+            kept = [next(self.numbers) for _ in following]
+            self.alike("copy", kept, following)
+            following = kept
+        self.alike("copy", registers, following)
 
     def operations(self, tape, names):
-        rows, register = self.rows, self.register  # as many times as there are operations
-        for name in names:
-            node = tape.nodes[name]
-            number = NUMBER.get(node[0])
-            if len(node) == 3 and number is not None:  # as nearly always
-                rows.append([number, register(name), register(node[1]), register(node[2]), 0])
-            elif name in tape.parts:
-                getattr(self, node[0])(tape.parts[name])
-            elif number is not None:  # else it is one of a part's
-                self.row(node[0], register(name), *map(register, node[1:]))
+        simple = names
+        if tape.parts:
+            simple = []
+            for name in names:
+                sign = tape.nodes[name][0]
+                if name in tape.parts:
+                    self.simple(tape, simple)
+                    simple = []
+                    getattr(self, sign)(tape.parts[name])
+                elif sign != "of":
+                    simple.append(name)
+        self.simple(tape, simple)
+
+    def simple(self, tape, names):
+        """Rows of operations that are no parts, all at once: there may be very many."""
+        nodes = [tape.nodes[name] for name in names]
+        rows = np.zeros((len(nodes), WIDTH), np.intc)
+        rows[:, 0] = [NUMBER[node[0]] for node in nodes]
+        rows[:, 1] = [self.register(name) for name in names]
+        many = np.array([len(node) for node in nodes])
+        for k in range(1, WIDTH - 1):
+            some = np.flatnonzero(many > k)
+            rows[some, k + 1] = [self.register(nodes[i][k]) for i in some.tolist()]
+        self.rows.frombytes(rows.tobytes())
 
     def calls(self, calls):
         """Calls of a program, one after the other."""
@@ -105,13 +140,12 @@ class Assembler:
         k = self.routines.index(program)
         for arguments, names in zip(calls.rows, calls.names, strict=True):
             given = [self.number(s) for s in arguments]
-            for name, register in zip(program.inputs, given, strict=True):
-                self.row("copy", self.register(name), register)
-            back = float(len(self.rows) + 2)  # the row after these two
+            self.alike("copy", [self.register(name) for name in program.inputs], given)
+            back = float(self.here() + 2)  # the row after these two
             self.row("copy", self.register(f"back {k}"), self.register(back))
-            self.leaps.append((self.row("unless", None, self.register(0.0)), k))
-            for name, s in zip(names, program.computed, strict=True):
-                self.row("copy", self.register(name), self.number(s))
+            self.leaps.append((self.row("unless", 0, self.register(0.0)), k))
+            made = [self.number(s) for s in program.computed]
+            self.alike("copy", [self.register(name) for name in names], made)
 
     def loop(self, loop):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
@@ -120,22 +154,21 @@ class Assembler:
         zero, one = self.register(0.0), self.register(1.0)
         start = [self.number(s) for s in loop.start]
         self.exchange([*names, turn, done], [*start, zero, zero])
-        head = len(self.rows)
+        head = self.here()
         more = self.new("<", turn, self.register(float(loop.most)))
-        leave = [self.row("unless", None, more)]
+        leave = [self.row("unless", 0, more)]
         self.row("+", turn, turn, one)
         self.operations(loop.tape, loop.test)
         self.row("max", done, done, self.new("<=", self.number(loop.size), one))
-        leave.append(self.row("unless", None, self.new("-", one, done)))
+        leave.append(self.row("unless", 0, self.new("-", one, done)))
         self.operations(loop.tape, loop.rest)
         following = [self.number(s) for s in loop.following]
         kept = [self.new("where", done, *x) for x in zip(names, following, strict=True)]
         self.exchange(names, kept)
         self.row("unless", head, zero)
         for row in leave:
-            self.rows[row][1] = len(self.rows)
-        for name in names:
-            self.row("where", name, done, name, self.register(math.nan))
+            self.go_on(row, self.here())
+        self.alike("where", names, done, names, self.register(math.nan))
         endless = self.register("endless")
         self.row("max", endless, endless, self.new("-", one, done))
 
@@ -215,8 +248,8 @@ class Bytecode:
         self.function = reader(lanes)
         with uncollected():
             found = Assembler(program)
-        self.rows, self.lanes = np.fromiter(chain.from_iterable(found.rows), np.int32), lanes
-        self.register_count = len(found.registers)
+        self.rows, self.lanes = np.frombuffer(found.rows, np.intc), lanes
+        self.register_count = next(found.numbers)
         numbers = [x for x in found.registers if isinstance(x, float)]
         self.constants = [found.register(x) for x in numbers], np.array(numbers)
         self.state = slice(0, len(program.inputs))

@@ -25,7 +25,7 @@ LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 QUICK, BEST = 1.5, 6.0
 # times as many steps: then what is compiled is compared again; and where plain steps take long
 OFTEN, SELDOM = 4, 32
-SOON_DONE = 2000  # calls of numpy in a plain step that takes not long; of these two are compared
+SOON_DONE = 1000  # calls of numpy in a plain step that takes not long; of these two are compared
 
 
 class Compiled(Plain):
@@ -171,7 +171,9 @@ class Compiled(Plain):
         """How many steps the next block has; never by the clock, so that runs are alike."""
         if not self.done:  # see confirm
             return 1
-        first = FIRST if self.soon_done() else FIRST * OFTEN  # at its end the lines are asked again
+        first = (
+            FIRST if self.soon_done() else FIRST * SELDOM
+        )  # in its end the lines are asked again
         most = min(self.steps, self.most, first - 1 if self.done < FIRST else math.inf)
         work = LONG * QUICKER if self.single.machine else LONG
         return max(1, min(most, BLOCK // entries, work // self.single.size))

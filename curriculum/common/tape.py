@@ -142,8 +142,8 @@ class Tape:
 
     def needed(self, symbols):
         """The names of the operations that the symbols come from, in order."""
-        found = {s.x for s in symbols}
-        for name, (_, *operands) in reversed(self.nodes.items()):
+        found, nodes = {s.x for s in symbols}, self.nodes
+        for name in reversed(nodes):
             if name in found:
-                found.update(operands)
+                found.update(nodes[name])  # its sign is no name
         return [name for name in self.nodes if name in found]
