@@ -16,7 +16,7 @@ from curriculum.common.traced import Single, Traced, moves
 
 import numpy as np
 
-BLOCK = 1 << 19  # numbers in a block of states
+BLOCK = 1 << 19  # numbers in a block of states, unless these are few
 FIRST = 16  # steps of the first two blocks, which tell what a step costs
 LONG = 3_000_000  # operations in a block, at most; a loop counts as one turn
 QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
@@ -176,7 +176,8 @@ class Compiled(Plain):
         )  # in its end the lines are asked again
         most = min(self.steps, self.most, first - 1 if self.done < FIRST else math.inf)
         work = LONG * QUICKER if self.single.machine else LONG
-        return max(1, min(most, BLOCK // entries, work // self.single.size))
+        states = max(BLOCK // entries, FIRST * SELDOM)
+        return max(1, min(most, states, work // self.single.size))
 
     def differs(self, start, rows, halved):
         """Whether the last step of a block (count, entries) is another than the plain one or, in a
