@@ -171,12 +171,12 @@ class Compiled(Plain):
         """How many steps the next block has; never by the clock, so that runs are alike."""
         if not self.done:  # see confirm
             return 1
-        first = (
-            FIRST if self.soon_done() else FIRST * SELDOM
-        )  # in its end the lines are asked again
+        first, states = FIRST, BLOCK // entries
+        if not self.soon_done():  # so few blocks are compared
+            first = FIRST * SELDOM
+            states = max(first, states)
         most = min(self.steps, self.most, first - 1 if self.done < FIRST else math.inf)
         work = LONG * QUICKER if self.single.machine else LONG
-        states = max(BLOCK // entries, FIRST * SELDOM)
         return max(1, min(most, states, work // self.single.size))
 
     def differs(self, start, rows, halved):
