@@ -306,19 +306,19 @@ def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
     `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
     """
     system = run_checks.check_run(system, force, dt, steps, keep, way, step_fn, INTEGRATORS, PIVOT)
-    step_fn = followed(step_fn, getattr(force, "after", None))  # and then what mends a step
+    step_fn = followed(step_fn, getattr(force, "after", None))  # a step, mended if force has after
 
     def measure(q, v):
-        q, v = states(system, q, v)  # to measure is to change nothing
+        q, v = states(system, q, v)  # read-only: to measure is to change nothing
         return constraint_violation(system, q), energy(system, q, v)
 
-    stepper = way(step_fn, system["m"], force, dt, measure, steps)  # it steps, and measures
+    stepper = way(step_fn, system["m"], force, dt, measure, steps)  # calls step_fn and measure
     log = Log(stepper, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
-    q, v = log.start(system["q0"], system["v0"])
-    with log:  # a Stop ends this run, not the program: the other modes still have theirs
+    q, v = log.start(system["q0"], system["v0"])  # the start is measured, too: it is row 0
+    with log:  # if a step fails, even in halves, this run ends, and the other modes still run
         for _ in range(steps):
-            q, v = log.step(q, v)  # q, v = step_fn(q, v, m, force, dt), measured and noted
-    return log.run()  # the Run: all that was noted
+            q, v = log.step(q, v)  # the state after a step by step_fn, which is measured and noted
+    return log.run()  # the Run: tip, violations, energies, and the states of keep
 
 
 # --- endregion ---

@@ -95,7 +95,7 @@ def number(name, x):
 
 
 class Log:
-    """What a run is measured to be: `start` it, `step` through it, and `run` is all of it.
+    """Takes the steps of a run and notes what is measured: `start`, `step` by step, then `run`.
 
     As a context it takes note of a Stop, which ends the run and not the program. `stepper` makes
     Blocks, of `steps` states in all; those of `keep` are kept. What has a rod that is `far` m off
@@ -141,7 +141,7 @@ class Log:
             raise ValueError(why) from None
 
     def step(self, q, v):
-        """The state after q, v, which is noted, and what was measured of it, too."""
+        """The state after q, v, which may have been computed ahead; it is measured and noted."""
         latest = self.latest
         if q is latest[0] and v is latest[1]:  # else the reader has changed it
             for latest in self.ahead:  # the next, if there is one: this is quicker than next()
