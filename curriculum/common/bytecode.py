@@ -59,7 +59,7 @@ class Assembler:
         self.rows.extend((NUMBER[sign], result, *operands, *UNUSED[len(operands)]))
         return self.here() - 1
 
-    def alike(self, sign, results, *operands):
+    def row_by_row(self, sign, results, *operands):
         """Rows of one sign, with lists of registers, or one that is the same in all."""
         columns = NUMBER[sign], results, *operands
         many = next(len(x) for x in columns if isinstance(x, list))
@@ -92,9 +92,9 @@ class Assembler:
         # not zero if an end is infinite or no number, or if a loop came to no end
         trouble, differences = self.register("trouble"), [next(self.numbers) for _ in ends]
         self.row("copy", trouble, self.register("endless"))
-        self.alike("-", differences, ends, ends)
-        self.alike("+", trouble, trouble, differences)
-        self.alike("max", most, most, others)
+        self.row_by_row("-", differences, ends, ends)
+        self.row_by_row("+", trouble, trouble, differences)
+        self.row_by_row("max", most, most, others)
         self.exchange(state, ends)
         self.row("end", 0)
 
@@ -102,9 +102,9 @@ class Assembler:
         """Copy all of `following` to these, even if some are among these registers."""
         if not set(registers).isdisjoint(following):
             kept = [next(self.numbers) for _ in following]
-            self.alike("copy", kept, following)
+            self.row_by_row("copy", kept, following)
             following = kept
-        self.alike("copy", registers, following)
+        self.row_by_row("copy", registers, following)
 
     def operations(self, tape, names):
         simple = names
@@ -140,12 +140,12 @@ class Assembler:
         k = self.routines.index(program)
         for arguments, names in zip(calls.rows, calls.names, strict=True):
             given = [self.number(s) for s in arguments]
-            self.alike("copy", [self.register(name) for name in program.inputs], given)
+            self.row_by_row("copy", [self.register(name) for name in program.inputs], given)
             back = float(self.here() + 2)  # the row after these two
             self.row("copy", self.register(f"back {k}"), self.register(back))
             self.leaps.append((self.row("unless", 0, self.register(0.0)), k))
             made = [self.number(s) for s in program.computed]
-            self.alike("copy", [self.register(name) for name in names], made)
+            self.row_by_row("copy", [self.register(name) for name in names], made)
 
     def loop(self, loop):
         """A loop; lanes that are done keep their values, those that never are become NaN."""
@@ -168,7 +168,7 @@ class Assembler:
         self.row("unless", head, zero)
         for row in leave:
             self.go_on(row, self.here())
-        self.alike("where", names, done, names, self.register(math.nan))
+        self.row_by_row("where", names, done, names, self.register(math.nan))
         endless = self.register("endless")
         self.row("max", endless, endless, self.new("-", one, done))
 
