@@ -11,6 +11,7 @@ from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
+from curriculum.common.pure import content
 from curriculum.common.python import Columns
 from curriculum.common.tape import Stop, Untraceable
 from curriculum.common.traced import Traced, moves
@@ -165,9 +166,10 @@ def alike(x, y):
     if x is y or type(x) is not type(y):
         return x is y
     if isinstance(x, FunctionType):
-        held = [[cell.cell_contents for cell in f.__closure__ or ()] for f in (x, y)]
-        same = x.__code__ is y.__code__ and x.__globals__ is y.__globals__
-        return same and alike(*held) and alike(x.__defaults__, y.__defaults__)
+        held = [
+            [f.__defaults__, f.__kwdefaults__, *map(content, f.__closure__ or ())] for f in (x, y)
+        ]
+        return x.__code__ is y.__code__ and x.__globals__ is y.__globals__ and alike(*held)
     if isinstance(x, dict):
         return alike([*x], [*y]) and alike([*x.values()], [*y.values()])
     if isinstance(x, list | tuple):
@@ -275,7 +277,8 @@ RECENT = deque(maxlen=4)  # functions mapped last
 
 def mapped_again(function, uses):
     """mapped(function, uses): what an alike function has become a short time ago is used again."""
-    found = next((made for made in RECENT if alike(made.function, function)), None)
+    recent = list(RECENT)  # another thread may put in one more
+    found = next((made for made in recent if alike(made.function, function)), None)
     if found is None:
         found = mapped(function)
         RECENT.append(found)
