@@ -529,7 +529,7 @@ def test_what_is_compiled_is_compared_again_on_the_way(block, monkeypatch):
 
 
 def test_a_long_block_is_compared_in_its_middle_too_and_a_short_one_in_the_end():
-    crowds.RECENT.clear()
+    mapped.recent.clear()
     looks = []
     for rule, steps in (("rk4", 60), ("rk4", 12), ("gauss", 60)):  # a step of gauss takes long
         plain = mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain)
@@ -541,12 +541,47 @@ def test_a_long_block_is_compared_in_its_middle_too_and_a_short_one_in_the_end()
 
 
 def test_what_is_measured_of_the_same_system_is_traced_once_and_of_another_again():
-    crowds.RECENT.clear()
+    mapped.recent.clear()
     heavy = DOUBLE | {"m": DOUBLE["m"] * [[1.0], [3.0]]}
     with mock.patch.object(crowds, "Traced", side_effect=Traced) as traced:
         for system, count in ((DOUBLE, 1), (DOUBLE | {}, 1), (heavy, 2), (DOUBLE, 2)):
             runs = [run(system, "semi_implicit", "none", 0.005, 40, way=way) for way in WAYS[::3]]
             assert alike(*runs) and traced.call_count == count
+
+
+def test_functions_that_are_alike_share_their_code_and_nothing_else():
+    """What is changed, or set aside, is the concern of the function that it belongs to."""
+    q, states = DOUBLE["q0"], np.stack([DOUBLE["q0"]] * 400)
+
+    def asking(m, *, scale=1.0):
+        def energy(q, v, *, scale=scale):
+            return scale * np.sum(m * q * q)
+
+        return mapped(energy, 400, again=True), scale * np.sum(m * q * q)
+
+    mapped.recent.clear()
+    weights = [DOUBLE["m"].copy() for _ in range(4)]
+    asked = [asking(m) for m in weights[:3]] + [asking(weights[3], scale=2.0)]
+    plain = mock.patch.object(Traced, "plain", autospec=True, side_effect=Traced.plain)
+    with plain as lines, mock.patch.object(crowds, "Traced", side_effect=Traced) as traced:
+        found = [asked[0][0](states, 0.0 * states)]
+        before = lines.call_count
+        found += [asked[1][0](states, 0.0 * states)]
+        weights[0][0] = 7.0  # the first is done
+        weights[2][0] = 9.0  # the third has not been asked yet
+        found += [function(states, 0.0 * states) for function, _ in asked[2:]]
+    expected = [asked[0][1], asked[1][1], np.sum(weights[2] * q * q), asked[3][1]]
+    assert np.array_equal([made[-1] for made in found], expected)
+    assert traced.call_count == 3  # the second is the first one's, and yet compared:
+    assert lines.call_count == 4 * before
+
+    def leading_to_itself():
+        def double(q, v):
+            return 2.0 * q[0, 0] if double else None
+
+        return mapped(double, 400, again=True)
+
+    assert all(leading_to_itself()(states, 0.0 * states)[0] == 2.0 * q[0, 0] for _ in range(2))
 
 
 WIND = 0.0  # N, or J
@@ -590,6 +625,18 @@ def test_a_loop_may_change_what_it_is_handed(energy, change, monkeypatch):
     monkeypatch.setattr(c, "energy", energy)
     quick, plain = (taken(way, change) for way in (Compiled, Plain))
     assert alike(quick, plain) and quick.how.startswith("compiled")
+
+
+def test_a_loop_may_go_on_where_a_state_has_diverged():
+    for way in (Compiled, Plain):
+        log, q, v = begun(way, 60)
+        with log:
+            for _ in range(59):
+                start, (q, v) = (q, v), log.step(q, v)
+            with pytest.raises(Stop):
+                log.step(q + [1e4, 0.0, 0.0], v)
+            log.step(*start)
+        assert len(log.run().tip) == 61 and not log.run().stopped
 
 
 def test_a_run_has_no_more_steps_than_were_asked_for():

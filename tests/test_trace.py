@@ -3,7 +3,7 @@
 import contextlib
 from functools import partial
 
-from curriculum.common import crowds, llvm, programs, trace
+from curriculum.common import arrays, crowds, llvm, programs, trace
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, OneByOne, mapped
@@ -221,6 +221,18 @@ def test_what_is_asked_of_a_function_besides_is_never_left_out(name):
 def test_what_numpy_makes_of_ordered_arrays_adds_in_order_too():
     made = np.where(ROW < 0.0, ROW, -ROW), np.cross(ROW, ROW), np.outer(ROW, ROW), np.tril(ROW)
     assert {type(x) for x in made} == {type(ROW)}
+
+
+def test_a_product_of_many_numbers_that_are_not_zero_is_made_in_parts(monkeypatch):
+    """So that its terms do not fill the memory; and what is no float stays what it is."""
+    a, b = ordered(np.random.default_rng(3).normal(size=(2, 70, 70)))
+    whole = np.arange(4900).reshape(70, 70)
+    found = []
+    for bound, most in (("SMALL", arrays.SMALL), ("TERMS", 1000), ("SMALL", 10**9)):
+        monkeypatch.setattr(arrays, bound, most)
+        found.append((a @ b, a.T @ b.T, arrays.product(whole, whole)))
+    assert all(map(np.array_equal, found[0] + found[1], 2 * found[2]))
+    assert all(made[-1].dtype == int for made in found)
 
 
 def test_what_was_traced_before_does_not_decide_what_can_be(monkeypatch):

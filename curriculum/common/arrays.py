@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib.array_utils import normalize_axis_tuple
 
 SMALL = 1 << 18  # terms of a product that are made at once
+TERMS = 1 << 22  # that are not zero: more are made in parts, or they would fill the memory
 FEW = 8  # entries of an array in which zeros are not worth looking for
 # what numpy calls a function of one number, or of two: its name in the C library and JavaScript
 ALIKE = "sqrt", "sin", "cos", "tan", "exp", "log", "expm1", "log1p", "sinh", "cosh", "tanh"
@@ -254,7 +255,7 @@ def few_terms(a, b):
 def sparse_product(a, b):
     """a @ b of matrices, of which little is not zero for certain."""
     left, right = filled(a), filled(b)
-    if object not in (a.dtype, b.dtype):
+    if a.dtype == b.dtype == float:
         return product_of_numbers(left, right, (len(a), *b.shape))
     columns = [[] for _ in b]
     for k, j, y in zip(*(x.tolist() for x in right), strict=True):
@@ -264,7 +265,7 @@ def sparse_product(a, b):
         row = sums[i]
         for j, y in columns[k]:
             row[j] = row[j] + x * y if j in row else x * y
-    made = np.zeros((len(a), b.shape[1]), object)
+    made = np.zeros((len(a), b.shape[1]), np.result_type(a, b))
     for i, row in enumerate(sums):
         for j, total in row.items():
             made[i, j] = total
@@ -276,6 +277,12 @@ def product_of_numbers(left, right, shape):
     (i, k, x), (rows, columns, y) = left, right
     many = np.bincount(rows, minlength=shape[1])  # entries in each row on the right
     often = many[k]  # how many terms an entry on the left is in
+    if np.sum(often) > TERMS and shape[0] > 1:
+        half = shape[0] // 2
+        cut = np.searchsorted(i, half)
+        upper = (i[:cut], k[:cut], x[:cut]), right, (half, *shape[1:])
+        lower = (i[cut:] - half, k[cut:], x[cut:]), right, (shape[0] - half, *shape[1:])
+        return np.concatenate([product_of_numbers(*upper), product_of_numbers(*lower)])
     behind = np.cumsum(often) - often
     other = np.repeat((np.cumsum(many) - many)[k] - behind, often) + np.arange(np.sum(often))
     place = np.repeat(i * shape[2], often) + columns[other]

@@ -7,7 +7,7 @@ import time
 
 from curriculum.common import llvm
 from curriculum.common.bytecode import LARGE, Bytecode
-from curriculum.common.crowds import mapped, mapped_again
+from curriculum.common.crowds import mapped
 from curriculum.common.native import Native
 from curriculum.common.pure import Memory
 from curriculum.common.steps import HALVINGS, Block, Plain
@@ -47,7 +47,7 @@ class Compiled(Plain):
         self.given, self.only, self.halvings = (step_fn, m, force), only, halvings
         self.single, self.how = None, ""  # until the step is traced
         self.uses = steps or math.inf  # if that is not known yet
-        self.measure_all, self.compared = mapped_again(measure, steps), False
+        self.measure_all, self.compared = mapped(measure, steps, again=True), False
         self.watch = mapped(watch, uses=steps) if watch else None
         self.measure_memory = None  # what `measure` keeps, as it was when a block was measured
         self.done = self.done_before = 0  # steps computed in this run, and in those before it

@@ -3,6 +3,7 @@
 import contextlib
 import os
 from collections import deque
+from copy import copy
 from functools import cache
 from types import FunctionType, SimpleNamespace
 
@@ -11,9 +12,9 @@ from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import LARGE, Bytecode
 from curriculum.common.callbacks import called
 from curriculum.common.native import LANES, Native
-from curriculum.common.pure import content
+from curriculum.common.pure import Memory, content
 from curriculum.common.python import Columns
-from curriculum.common.tape import Stop, Untraceable
+from curriculum.common.tape import Stop, Tape, Untraceable
 from curriculum.common.traced import Traced, moves
 
 import numpy as np
@@ -166,10 +167,10 @@ def alike(x, y):
     if x is y or type(x) is not type(y):
         return x is y
     if isinstance(x, FunctionType):
-        held = [
-            [f.__defaults__, f.__kwdefaults__, *map(content, f.__closure__ or ())] for f in (x, y)
-        ]
-        return x.__code__ is y.__code__ and x.__globals__ is y.__globals__ and alike(*held)
+        kept = [[f.__defaults__, f.__kwdefaults__, vars(f)] for f in (x, y)]
+        held = [[*map(content, f.__closure__ or ())] for f in (x, y)]
+        same = x.__code__ is y.__code__ and x.__globals__ is y.__globals__
+        return same and alike(*kept) and alike(*held)
     if isinstance(x, dict):
         return alike([*x], [*y]) and alike([*x.values()], [*y.values()])
     if isinstance(x, list | tuple):
@@ -187,11 +188,13 @@ class mapped:  # noqa: N801 - it is called as a function is
     with the most zeros, and whenever states are OFTEN times as many, and when those come that are
     the last, as far as is known by `uses`, how many are to come. Or it is done one by one if it
     cannot be traced, or while that is soon done, as for few states and few calls of numpy on long
-    arrays.
+    arrays. `again`: what an alike function has become is used again.
     """
 
-    def __init__(self, function, uses=0):
-        self.function, self.uses, self.asked = function, uses, 0
+    recent = deque(maxlen=4)  # (function, key, what it has become), of all that ask again
+
+    def __init__(self, function, uses=0, again=False):
+        self.function, self.uses, self.asked, self.again = function, uses, 0, again
         self.entries = {}  # by shape and what moves: a namespace, see below, or None
         self.kinds, self.single = [], False  # dtypes of results; whether the one is in no tuple
 
@@ -215,13 +218,14 @@ class mapped:  # noqa: N801 - it is called as a function is
         entry = self.entries.get(key)
         if entry and entry.traced.changed():
             self.entries.pop(key, None)
-        if key not in self.entries and len(q) > 1:
+        if key not in self.entries and len(q) > 1 and not (self.again and self.borrow(key)):
             self.entries[key] = None
             how = {"measure": self.measure, "uses": max(self.uses, len(q))}
             with contextlib.suppress(Untraceable):  # as a step that leaves all where it is
                 traced = Traced(lambda q, v, *_: (q, v), None, None, moving, **how)
                 # `states` so far, and at how many the next comparison is `due`
                 self.entries[key] = SimpleNamespace(traced=traced, kernel=None, states=0, due=0)
+                self.recent.append((self.function, key, self.entries[key]))
         entry = self.entries.get(key)  # none for a single state: to trace it would take longer
         kernel = self.choose(entry, len(q)) if entry else None
         if kernel is not None:
@@ -235,6 +239,21 @@ class mapped:  # noqa: N801 - it is called as a function is
             rows = [tuple(map(np.array, self.measure(*state))) for state in states]
             made = [np.array(x) for x in zip(*rows, strict=True)]
         return made[0] if self.single else tuple(made)
+
+    def borrow(self, key):
+        """Whether an alike function was asked a short time ago, and nothing has changed since. Its
+        code is used again; what that is compared with, and what may change, are this one's own."""
+        with Tape.lock:  # while others trace, nothing is as it is
+            for function, other, entry in tuple(self.recent):
+                with contextlib.suppress(RecursionError):  # of what leads to itself
+                    found = other == key and alike(function, self.function)
+                    if found and not entry.traced.changed():
+                        traced = copy(entry.traced)
+                        traced.measure, traced.memory = self.measure, Memory(self.function)
+                        own = SimpleNamespace(traced=traced, kernel=entry.kernel, states=0, due=0)
+                        self.entries[key] = own
+                        return True
+        return False
 
     def choose(self, entry, many):
         """A kernel: None as long as that costs more than it saves; machine code where there is much
@@ -270,17 +289,3 @@ class mapped:  # noqa: N801 - it is called as a function is
             made.append(part.astype(kind, copy=False))
             first += x.size
         return made
-
-
-RECENT = deque(maxlen=4)  # functions mapped last
-
-
-def mapped_again(function, uses):
-    """mapped(function, uses): what an alike function has become a short time ago is used again."""
-    recent = list(RECENT)  # another thread may put in one more
-    found = next((made for made in recent if alike(made.function, function)), None)
-    if found is None:
-        found = mapped(function)
-        RECENT.append(found)
-    found.uses, found.asked = uses, 0
-    return found

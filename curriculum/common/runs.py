@@ -176,8 +176,8 @@ class Log:
         if self.wild:
             block.cut(int(np.argmax(wild)))
         self.block, self.ahead = block, iter(block)
-        self.latest = next(self.ahead, None)
-        if self.latest is None:
+        self.latest, self.stopped = next(self.ahead, (None, None)), None
+        if self.latest[0] is None:
             self.diverge()
         return self.latest
 

@@ -81,13 +81,14 @@ effort = Effort()  # of the one thread that traces
 @contextmanager
 def uncollected():
     """No garbage is looked for meanwhile: there is little, and a long tape to be looked through."""
-    before = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if before:
-            gc.enable()
+    with Tape.lock:  # else two threads might each leave it as the other had it meanwhile
+        before = gc.isenabled()
+        try:
+            gc.disable()
+            yield
+        finally:
+            if before:
+                gc.enable()
 
 
 class Tape:
