@@ -8,6 +8,7 @@ import time
 import weakref
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from datetime import datetime
 from functools import partial, singledispatch
 from itertools import product
@@ -461,8 +462,8 @@ def hidden(q, v, m, force, dt):
 
 
 def ahead(q, v, m, force, dt):
-    """It would go on in halves, after the run has flown apart."""
-    limit = np.where(q[0, 0] > 120.0, 150.0, 50.0)
+    """It would go on in halves, from the step on with which the run has flown apart."""
+    limit = np.where(q[0, 0] > 45.0, 150.0, 50.0)
     v = repeat(lambda v: (1.0 * v, limit * dt), v, 1, "too long")
     return q + dt * v, v
 
@@ -584,6 +585,17 @@ def test_functions_that_are_alike_share_their_code_and_nothing_else():
     assert all(leading_to_itself()(states, 0.0 * states)[0] == 2.0 * q[0, 0] for _ in range(2))
 
 
+OTHERS = [({"a": 1.0}, {"b": 1.0}), ([1.0], [1.0, 2.0]), (1, 1.0), (np.ones(2), np.ones(2, int))]
+OTHERS += [(0.0, -0.0), (np.zeros(2), -np.zeros(2))]  # whose angles are others
+
+
+@pytest.mark.parametrize(("one", "other"), OTHERS)
+@pytest.mark.parametrize("about", [lambda x: lambda: x, lambda x: lambda x=x: x])
+def test_what_has_the_same_lines_about_something_else_is_not_alike(about, one, other):
+    assert crowds.alike(about(one), about(deepcopy(one)))
+    assert not crowds.alike(about(one), about(other))
+
+
 WIND = 0.0  # N, or J
 
 
@@ -642,10 +654,24 @@ def test_a_loop_may_go_on_where_a_state_has_diverged():
 def test_a_run_has_no_more_steps_than_were_asked_for():
     for way in (Compiled, Plain):
         log, q, v = begun(way, 3)
+        for _ in range(3):
+            q, v = log.step(q, v)
         with log, pytest.raises(ValueError, match="the 3 steps of this run are done"):
-            for _ in range(5):
-                q, v = log.step(q, v)
+            log.step(q, v)
         assert len(log.run().tip) == 4
+
+
+def test_a_loop_may_keep_a_run_from_what_it_would_come_to(monkeypatch):
+    usual = c.energy
+
+    def lost(system, q, v):
+        return usual(system, q, v) + np.where(q[1, 1] < -0.5, np.inf, 0.0)
+
+    monkeypatch.setattr(c, "energy", lost)
+    for way in (Compiled, Plain):
+        last = len(taken(way, steps=200).tip) - 2
+        found = taken(way, lambda k, v, last=last: -v if k == last else None, 2 * last)
+        assert 16 < last < 198 and found.stopped is None and len(found.tip) == 2 * last + 1
 
 
 @pytest.mark.parametrize("change", [lambda k, v: None, lambda k, v: 0.99 * v])
@@ -911,6 +937,8 @@ def test_a_turn_of_the_loop_may_change_the_state_but_not_in_place():
     with pytest.raises(ValueError, match="read-only") as found:
         taken(Compiled, partial(once, lambda v: v.__imul__(0.9)))
     assert found.value.__notes__[0].endswith("v = 0.9 * v.")
+    inside, anew = (lambda k, v: v.__imul__(0.9)), (lambda k, v: 0.9 * v)
+    assert alike(*(taken(Plain, change) for change in (inside, anew)))  # of nothing that is ahead
 
 
 def test_runs_in_threads_are_the_runs_in_turn():

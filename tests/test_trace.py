@@ -1,22 +1,24 @@
 """What is traced computes what the function computes, to the last bit; or tracing refuses."""
 
 import contextlib
+import gc
 from functools import partial
+from itertools import product
 
-from curriculum.common import arrays, crowds, llvm, programs, trace
+from curriculum.common import arrays, crowds, llvm, native, programs, trace
 from curriculum.common.arrays import ordered
 from curriculum.common.bytecode import Bytecode
 from curriculum.common.crowds import Crowd, OneByOne, mapped
 from curriculum.common.native import Native
 from curriculum.common.programs import Program, Routine, side_by_side
 from curriculum.common.python import Columns, source_of
-from curriculum.common.tape import Stop
+from curriculum.common.tape import Stop, Untraceable
 from curriculum.common.trace import Symbol
 from curriculum.common.traced import Single
 
 import numpy as np
 import pytest
-from test_steps import Machine, Python, Rows
+from test_steps import Machine, Python, Rows, halving
 
 loop = partial(programs.repeat, most=90, complaint="no end")
 
@@ -98,6 +100,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "norms": lambda x: x * np.linalg.norm(x[0] - x[1]) + np.dot(x, x[0])[:, None] + x.mean(),
     "nested": lambda x: fixed_point(lambda y: 0.5 * (heron(0.5 * y + x * x) + y), x * x, 1e-9),
     "traded": lambda x: x[::-1],
+    "handed down": lambda x: np.stack([0.5 * x[1], x[0]]),
     "swapped": lambda x: loop(  # members trade places and signs; the size is minus something
         lambda y: (np.stack([-0.5 * y[1], -y[0]]), -(5.0 - np.sum(abs(y)))), 9.0 * x
     ),
@@ -338,12 +341,41 @@ def test_machine_code_ends_where_python_would_raise_an_error(function, start, mo
         assert not np.isfinite(q[7]).any()
 
 
+@pytest.mark.parametrize("use", [lambda last: last * last, lambda last: last])
+def test_a_number_from_an_earlier_call_is_refused_though_it_meets_only_itself(use):
+    """Or is only returned."""
+    with pytest.raises(Untraceable, match="it keeps a number from an earlier call"):
+        program_of(lambda x: use(halving(x)[1][-1]))
+
+
+def test_a_loop_without_an_end_in_one_of_many_states_is_told():
+    many = abs(CROWD)
+    many[7] = -0.7  # which has no root
+    with pytest.raises(Stop, match="no end"):
+        mapped(heron, uses=10**6)(many, many)
+
+
+@pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
+def test_a_step_is_not_counted_if_any_one_number_of_its_end_is_not_finite():
+    program = program_of(lambda x: 1e3 * x)
+    for code, k in product((Native, Bytecode), range(6)):
+        state = np.where(np.arange(6) == k, 1e300, 1.0)[:, None]
+        assert code(program)(state, 9, np.empty((9, 6)))[0] == 2
+
+
+def test_a_trace_leaves_it_as_it_was_whether_garbage_is_looked_for():
+    for switch, on in ((gc.disable, False), (gc.enable, True)):
+        switch()
+        Crowd(step_of(np.exp), None, None, 0.0, CROWD, 0.0 * CROWD)
+        assert gc.isenabled() == on
+
+
 def test_what_is_not_needed_is_not_done_nor_kept():
     """Products with zero, with one, repeated ones and those that nobody asks for vanish, and the
     calls of a short routine. What is the same in all turns is done once, before them."""
     program = program_of(lambda x: x * KEPT * 1.0 + 0.0 * (x / 3.0))
     assert len(program.tape.needed(program.out)) == 2  # of 6: two products
-    twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 2.5 * x[0, 0] + 1.0]))
+    twice = program_of(lambda x: np.stack([x[0, 0] * 2.5 + 1.0, 1.0 + 2.5 * x[0, 0]]))
     assert [sign for sign, *_ in twice.tape.nodes.values()] == ["*", "+"]
     assert not program_of(lambda x: INNER(x, x)).tape.parts
     program = program_of(lambda x: OFTEN(x) + OFTEN(2.0 * x))
@@ -370,3 +402,22 @@ def test_a_crowd_keeps_the_largest_of_what_is_measured():
     shrinking = in_every_code(lambda x: -0.9 * x, CROWD, 3, lambda q, v: (q[0], np.sum(q)))
     for _, _, largest in shrinking:
         assert np.allclose(largest, most, rtol=1e-12, atol=0.0)
+
+
+@pytest.mark.skipif(not llvm.available(), reason="without llvmlite there is no machine code")
+@pytest.mark.parametrize("turns", [1, 2, native.TURNS])
+def test_each_of_many_members_takes_its_step_however_many_go_in_one_call(turns, monkeypatch):
+    monkeypatch.setattr(native, "TURNS", turns)
+    monkeypatch.setattr(crowds, "CORES", 1)
+    many = np.concatenate([k * CROWD for k in range(1, 6)])
+    crowd = Crowd(step_of(lambda x: -x), None, None, 0.0, many, many, lambda q, v: (q[0, 0],))
+    assert np.array_equal(crowd.advance(1), -many[:, 0, :1].T)
+    assert np.array_equal(crowd.states()[0], -many)
+
+
+def test_a_product_of_many_terms_has_the_bits_of_one_of_few(monkeypatch):
+    a, b = np.random.default_rng(7).normal(size=(2, 30, 30)) * (CROWD.flat[:30] > 1.0)
+    pairs = [(x, y) for x in (a, a.T) for y in (b, b.T, 0.0 * b)]
+    few = [ordered(x) @ y for x, y in pairs]
+    monkeypatch.setattr(arrays, "SMALL", 0)
+    assert all(np.array_equal(ordered(x) @ y, z) for (x, y), z in zip(pairs, few, strict=True))

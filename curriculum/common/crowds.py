@@ -176,8 +176,9 @@ def alike(x, y):
     if isinstance(x, list | tuple):
         return len(x) == len(y) and all(map(alike, x, y))
     if isinstance(x, np.ndarray):
-        return x.dtype == y.dtype and x.dtype != object and np.array_equal(x, y)
-    return type(x) in (str, int, float) and x == y
+        same = x.dtype == y.dtype and x.shape == y.shape
+        return same and x.dtype != object and x.tobytes() == y.tobytes()
+    return type(x) in (str, int, float) and repr(x) == repr(y)  # 0.0 is not -0.0
 
 
 class mapped:  # noqa: N801 - it is called as a function is

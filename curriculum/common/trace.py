@@ -18,6 +18,7 @@ from curriculum.common.tape import NoNumber, Untraceable, current, effort
 import numpy as np
 
 LONG = 60_000  # operations noted: a longer trace goes on only if its steps repay the compiling
+KEPT = "it keeps a number from an earlier call"
 UFUNCS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "**": np.power}
 UFUNCS |= {"abs": np.absolute, "max": np.maximum, "min": np.minimum, "where": np.where}
 UFUNCS |= {"<": np.less, "<=": np.less_equal}
@@ -129,7 +130,7 @@ class Symbol:
         given = {s.tape for s in (self, *others) if type(s.x) is str}
         tapes = current.tapes()
         if not given.issubset(tapes):
-            raise Untraceable("it keeps a number from an earlier call")
+            raise Untraceable(KEPT)
         for tape in tapes:
             if tape in given:
                 return tape
@@ -318,5 +319,7 @@ def lifted(array):
     """An array of Symbols, of an array of numbers and Symbols."""
     array = np.asarray(array, dtype=object)
     made = np.empty(array.size, object)
-    made[:] = [lift(s) for s in array.ravel().tolist()]
+    made[:] = symbols = [lift(s) for s in array.ravel().tolist()]
+    if any(type(s.x) is str and not s.tape.open for s in symbols):
+        raise Untraceable(KEPT)
     return ordered(made.reshape(array.shape))
