@@ -27,7 +27,8 @@ def box(system, runs):
     good = [mode for mode in runs if worst[mode] < 0.5 * np.max(system["lengths"])]
     good = good or [min(worst, key=worst.get)]
     shown = np.concatenate([nodes(runs[mode].q, system["anchors"]) for mode in good])
-    low, high = np.min(shown, axis=(0, 1)), np.max(shown, axis=(0, 1))
+    # one axis after the other, which is far quicker
+    low, high = (edge(edge(shown, axis=0), axis=0) for edge in (np.min, np.max))
     size = np.max(high - low)
     return low - 0.06 * size, high + 0.06 * size, 10.0 ** np.floor(np.log10(size))
 

@@ -185,15 +185,14 @@ def counted(s):
     return int(s) if isinstance(s, np.bool) else getattr(s, "number", s)
 
 
-def certain(a):
-    """Where an array is not zero for certain: a mask."""
+def places(a):
+    """Where an array is not zero for certain: indices of it as one row."""
     if a.dtype != object:
-        return a != 0
-    objects = np.ascontiguousarray(a).view()
+        return np.flatnonzero(a)
+    objects = np.ascontiguousarray(a).ravel()
     objects.flags.writeable = False  # it is only looked at
-    mask = np.frombuffer(objects, np.intp).reshape(a.shape) != id(NOTHING)  # their addresses
-    mask[mask] = [getattr(s, "x", s) != 0.0 for s in objects[mask].tolist()]
-    return mask
+    at = np.flatnonzero(np.frombuffer(objects, np.intp) != id(NOTHING))  # their addresses
+    return at[[getattr(s, "x", s) != 0.0 for s in objects[at].tolist()]]
 
 
 def sparse(ufunc, a, b):
@@ -201,16 +200,16 @@ def sparse(ufunc, a, b):
 
     That is x + 0, x - 0, 0 * x and, where no b is zero, 0 / b.
     """
+    divided = ufunc is np.divide and (b.dtype == object or not np.all(b))  # maybe by zero
     a, b = np.broadcast_arrays(a, b)
-    if ufunc in (np.add, np.subtract):
-        made, some = np.array(a, object), certain(b)
-    else:
-        made, some = np.zeros(a.shape, object), certain(a)
-        if ufunc is np.multiply:
-            some &= certain(b)
-        elif b.dtype == object or not np.all(b != 0):  # of zero by what may be zero, too
-            some[...] = True
-    made[some] = ufunc(a[some], b[some])
+    adds = ufunc in (np.add, np.subtract)
+    made = np.array(a, object) if adds else np.zeros(a.shape, object)
+    at = np.arange(a.size) if divided else places(b if adds else a)
+    index = np.unravel_index(at, a.shape)
+    if ufunc is np.multiply:
+        some = places(b[index])
+        index = tuple(k[some] for k in index)
+    made[index] = ufunc(a[index], b[index])
     return made
 
 
@@ -244,9 +243,9 @@ def product(a, b):
 def few_terms(a, b):
     """The product of two short vectors, lists of numbers or of symbols."""
     total = a[0] * b[0]
-    for x, y in zip(a[1:], b[1:], strict=True):
-        total = total + x * y
-    if isinstance(total, (float, int)):
+    for k in range(1, len(a)):  # far quicker than zip
+        total = total + a[k] * b[k]
+    if type(total) in (float, int):
         return np.float64(total)
     effort.call()
     return total
@@ -297,7 +296,7 @@ def filled(a):
     """Rows, columns and entries of what is not zero for certain in a matrix, row by row."""
     turned = a.T.flags.c_contiguous  # as J^T is: looked through as it lies in memory
     flat = np.asarray(a.T if turned else a).ravel()
-    at = np.flatnonzero(certain(flat))
+    at = places(flat)
     i, k = np.divmod(at, len(a) if turned else a.shape[1])
     if turned:
         row_by_row = np.argsort(k, kind="stable")

@@ -7,11 +7,12 @@ many members that go in step. Operations and their order are the tape's, and so 
 
 import math
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from functools import cache
-from itertools import count
+from itertools import chain, count
 
 from curriculum.common import llvm
+from curriculum.common.programs import Calls
 from curriculum.common.tape import uncollected
 
 import numpy as np
@@ -36,8 +37,12 @@ class Assembler:
     def __init__(self, program):
         self.rows = array("i")
         self.numbers = count()  # of registers
-        self.registers = defaultdict(self.numbers.__next__)  # {a name or a number: its own}
+        # {a name or a number: its own}; a sign has its NUMBER there, to look nodes up as they are
+        self.registers = defaultdict(self.numbers.__next__, NUMBER)
         self.register = self.registers.__getitem__
+        called = (part for tape in program.tapes() for part in tape.parts.values())
+        # how often each program is called, as it is written
+        self.calls_of = Counter(x.program for x in called if isinstance(x, Calls) for _ in x.rows)
         self.routines = []  # programs that are called
         self.leaps = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
@@ -123,18 +128,26 @@ class Assembler:
     def simple(self, tape, names):
         """Rows of operations that are no parts, all at once: there may be very many."""
         nodes = [tape.nodes[name] for name in names]
+        many = np.fromiter(map(len, nodes), int, len(nodes))  # a sign, and operands
+        at = np.cumsum(many) - many
+        entries = np.fromiter(map(self.register, chain.from_iterable(nodes)), int, many.sum())
         rows = np.zeros((len(nodes), WIDTH), np.intc)
-        rows[:, 0] = [NUMBER[node[0]] for node in nodes]
-        rows[:, 1] = [self.register(name) for name in names]
-        many = np.array([len(node) for node in nodes])
+        rows[:, 0] = entries[at]
+        rows[:, 1] = list(map(self.register, names))
         for k in range(1, WIDTH - 1):
             some = np.flatnonzero(many > k)
-            rows[some, k + 1] = [self.register(nodes[i][k]) for i in some.tolist()]
+            rows[some, k + 1] = entries[at[some] + k]
         self.rows.frombytes(rows.tobytes())
 
     def calls(self, calls):
-        """Calls of a program, one after the other."""
+        """Calls of a program, one after the other; what is called but once is written out there."""
         program = calls.program
+        if self.calls_of[program] == 1:
+            self.registers.update(zip(program.inputs, map(self.number, calls.rows[0]), strict=True))
+            self.operations(program.tape, program.tape.needed(program.computed))
+            ends = map(self.number, program.computed)
+            self.registers.update(zip(calls.names[0], ends, strict=True))
+            return
         if program not in self.routines:
             self.routines.append(program)
         k = self.routines.index(program)
@@ -250,7 +263,7 @@ class Bytecode:
             found = Assembler(program)
         self.rows, self.lanes = np.frombuffer(found.rows, np.intc), lanes
         self.register_count = next(found.numbers)
-        numbers = [x for x in found.registers if isinstance(x, float)]
+        numbers = [x for x in found.registers if type(x) is float]
         self.constants = [found.register(x) for x in numbers], np.array(numbers)
         self.state = slice(0, len(program.inputs))
         self.most = slice(len(program.inputs), len(program.out))

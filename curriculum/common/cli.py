@@ -1,6 +1,7 @@
 """Command lines that answer a mistake with one line: the flag, the value, and what is allowed."""
 
 import argparse
+import ctypes
 import gc
 import math
 import os
@@ -19,6 +20,7 @@ from curriculum.common.files import ENDING, check_writable
 from curriculum.common.origin import foreign
 from curriculum.common.progress import work
 
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of mallopt, in malloc.h
 EXTRAS = {"rerun": "", "llvmlite": "[fast]", "mpmath": "[reference]"}  # what brings a package
 EXTRAS |= {"mujoco": "[compare]", "heyoka": "[peers]"}
 FORMS = {int: r"[-+]?\d{1,99}", float: r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"}
@@ -210,6 +212,15 @@ def give_up(number, frame):
     sys.exit(128 + number)
 
 
+def keep_memory():
+    """Have glibc keep the memory of large arrays for the next ones: what it returns it gets back
+    page by page, and cleared, which takes a third of a plain step of a long chain."""
+    with suppress(AttributeError, OSError, TypeError):  # another C library
+        libc = ctypes.CDLL(None)
+        libc.mallopt(M_TRIM_THRESHOLD, 1 << 30)
+        libc.mallopt(M_MMAP_THRESHOLD, 1 << 25)  # bytes, both; more it does not take
+
+
 def run_script(main):
     """Exit with main's status; what stops it from outside is one line, a mistake a traceback."""
     if signal.getsignal(signal.SIGINT) is leave:  # all modules are loaded
@@ -221,7 +232,8 @@ def run_script(main):
     prog, streams = program(), list(filter(None, (sys.stdout, sys.stderr)))
     for stream in streams:  # those that are open; what a terminal cannot show is an escape
         stream.reconfigure(errors="backslashreplace")
-    gc.set_threshold(100_000)  # what is traced is many small things that all last
+    keep_memory()
+    gc.set_threshold(1_000_000)  # what is traced is many small things that all last
     try:
         try:
             status = main()

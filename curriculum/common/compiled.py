@@ -19,7 +19,7 @@ import numpy as np
 BLOCK = 1 << 19  # numbers in a block of states, unless these are few
 FIRST = 16  # steps of the first two blocks, which tell what a step costs
 LONG = 3_000_000  # operations in a block, at most; a loop counts as one turn
-QUICKER = 8  # times as many operations are in a block of machine code, which takes no longer
+QUICKER = 20  # times as many operations are in a block of machine code, which takes no longer
 LOADING, COMPILING = 0.06, 24e-6  # s: to load llvmlite, and for each operation
 # machine code is made if the steps left take so many times as long: the quick, then the best
 QUICK, BEST = 1.5, 6.0

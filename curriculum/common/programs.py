@@ -5,7 +5,9 @@ program, one or several side by side, and a Loop. Each has a tape of its own. Wr
 into Python (python.py), rows of numbers (bytecode.py), machine code (native.py) or JavaScript.
 """
 
-from operator import index
+from copy import copy
+from itertools import chain, compress
+from operator import index, not_
 
 from curriculum.common.arrays import ordered
 from curriculum.common.tape import Stop, Tape, Untraceable, current, effort
@@ -109,6 +111,37 @@ class Program:
         here = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in self.out]
         return self.shaped(here)
 
+    def settled(self, values):
+        """This program, without parts, where inputs are the numbers `values` {name: number}: as if
+        it had been traced with them, but that a sum may be minus the sum of its terms' opposites,
+        and what is alike only now may be done twice."""
+        known = {name: Symbol(self.tape, abs(x), x < 0.0) for name, x in values.items()}
+        tape = Tape()
+        tape.numbers, nodes = self.tape.numbers, tape.nodes
+
+        def symbol(x):
+            return known[x] if x in known else Symbol(tape, x)
+
+        def put():
+            for name, node in self.tape.nodes.items():
+                if known.keys().isdisjoint(node):  # as nearly all of them
+                    nodes[name] = node
+                    continue
+                before, (sign, *operands) = len(nodes), node
+                made = METHODS[sign](*map(symbol, operands))
+                if made.minus or len(nodes) == before:
+                    known[name] = made
+                else:  # one operation is another: it keeps its name
+                    _, nodes[name] = nodes.popitem()
+                    tape.names[nodes[name]] = name
+            return self.shaped(-symbol(s.x) if s.minus else symbol(s.x) for s in self.out)
+
+        found = copy(self)
+        found.tape, found.results = tape, tape.trace(put)
+        found.inputs = [name for name in self.inputs if name not in values]
+        found.live = self.live[: len(found.inputs)]
+        return found
+
     def replay(self, arguments):
         """The results for other inputs, noted on the tape that is current."""
         known = dict(zip(self.inputs, arguments, strict=True))
@@ -136,24 +169,37 @@ class Routine:
     def __call__(self, *arrays):
         if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
             return self.function(*arrays)
+        shapes = [np.shape(a) for a in arrays]
         given = [[lift(s) for s in np.asarray(a, dtype=object).flat] for a in arrays]
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
-        shapes = [np.shape(a) for a in arrays]
+        return self.called(shapes, given, still)
+
+    def called(self, shapes, given, still):
+        """What it makes of symbols `given`, in lists, for arrays of these shapes."""
         key = current.tape.numbers, *zip(shapes, still, strict=True)
         if key not in self.programs:
-            tape, before = Tape(), effort.numpy_calls
-            tape.numbers, tape.refused = current.tape.numbers, current.tape.refused
-            masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
-            program = Program(lambda *given: (self.function(*given),), *masks, tape=tape)
+            before = effort.numpy_calls
+            program = self.program(shapes, still)
             self.programs[key] = program, (effort.numpy_calls - before) // effort.factor
             effort.numpy_calls = before
         program, calls = self.programs[key]
         effort.numpy_calls += effort.factor * calls
-        arguments = [s for symbols in given for s in symbols if s.x != 0.0]
+        arguments = list(compress(chain(*given), map(not_, chain(*still))))
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or current.tape.outer):
             return program.shaped(program.replay(arguments))[0]
         return Calls(program, [arguments]).results[0][0]
+
+    def program(self, shapes, still):
+        """The Program that it is for arrays of these shapes that are zero where `still` says so."""
+        tape = Tape()
+        tape.numbers, tape.refused = current.tape.numbers, current.tape.refused
+        return self.traced(self.function, shapes, still, tape)
+
+    def traced(self, function, shapes, still, tape):
+        """The Program of a function of such arrays, on a tape."""
+        masks = (np.array(x, bool).reshape(y) for x, y in zip(still, shapes, strict=True))
+        return Program(lambda *given: (function(*given),), *masks, tape=tape)
 
 
 def side_by_side(function, *arrays):

@@ -108,6 +108,11 @@ def named(code):
     return found
 
 
+def is_plain(x):
+    """Whether it is a number, a text or the like, or a tuple of these, as a pair: never changed."""
+    return type(x) in PLAIN or (type(x) is tuple and PLAIN.issuperset(map(type, x)))
+
+
 def same(x, y):
     """Whether this is one object, or one plain value: a symbol must not be asked for ==."""
     if x is y or type(x) is not type(y):
@@ -135,7 +140,7 @@ class Memory:
             todo.append((x, name.split("<locals>.")[-1]))
         todo += [(x, name) for name, x in others.items()]
         seen = {}
-        while todo := [(x, n) for x, n in todo if type(x) not in PLAIN and id(x) not in seen]:
+        while todo := [(x, n) for x, n in todo if not is_plain(x) and id(x) not in seen]:
             seen |= {id(x): x for x, _ in todo}  # kept alive, so that no other object has its id
             todo = [pair for x, name in todo for pair in self.look(x, name)]
             for space, names, own in self.spaces.values():

@@ -99,7 +99,8 @@ class Tape:
     `outer`: the tape on which a loop or rows stand, whose names its body may use; `around`: this
     and all such. `open`: whether something is traced on it. `names`: what an operation is called
     that is there already. `numbers`, of new names, `refused`, why all this cannot be traced, and
-    `knobs`, which are never zero, are those of the tapes around it, too.
+    `knobs`, which are never zero, are those of the tapes around it, too. `settled`: {an input: its
+    number} of those by which a branch may be decided, and `decided` [(node, whether it is true)].
     """
 
     lock = RLock()  # one thread traces at a time: what a function keeps is put back
@@ -109,6 +110,7 @@ class Tape:
         self.outer, self.numbers, self.refused, self.knobs = outer, count(), [], ()
         self.around = (self, *outer.around) if outer else (self,)
         self.open = False
+        self.settled, self.decided = {}, []
         if outer:
             self.numbers, self.refused, self.knobs = outer.numbers, outer.refused, outer.knobs
 
@@ -143,8 +145,10 @@ class Tape:
 
     def needed(self, symbols):
         """The names of the operations that the symbols come from, in order."""
-        found, nodes = {s.x for s in symbols}, self.nodes
-        for name in reversed(nodes):
+        found, names = {s.x for s in symbols}, []
+        for name, node in reversed(self.nodes.items()):
             if name in found:
-                found.update(nodes[name])  # its sign is no name
-        return [name for name in self.nodes if name in found]
+                found.update(node)  # its sign is no name
+                names.append(name)
+        names.reverse()
+        return names

@@ -73,6 +73,12 @@ def constant(sign, numbers, minus=False):
     return -lift(float(made)) if minus else lift(float(made))
 
 
+def holds(node, settled):
+    """Whether a comparison (sign, *operands) is true of numbers that are `settled`, {name: it}."""
+    sign, *operands = node
+    return bool(UFUNCS[sign](*(settled.get(x, x) for x in operands)))
+
+
 def new(tape, key, minus):
     """The symbol of an operation that is new on a tape, by its sign and operands; or minus that."""
     # as "0.0 - x" numbers below zero are written
@@ -220,7 +226,13 @@ class Symbol:
         raise kind(why)
 
     def branch(self, *_):
-        self.refuse("it branches on a value; np.where, np.maximum and np.minimum do not")
+        """Whether this is true, if numbers that are settled decide it."""
+        node, settled = self.tape.nodes.get(self.x, ()), self.tape.settled
+        if node and settled and all(type(x) is float or x in settled for x in node[1:]):
+            self.tape.decided.append((node, holds(node, settled)))
+        else:
+            self.refuse("it branches on a value; np.where, np.maximum and np.minimum do not")
+        return self.tape.decided[-1][1]
 
     def no_number(self):
         why = "it wants a plain number, as math.sin does and np.sin does not"

@@ -7,9 +7,10 @@ from itertools import chain
 
 from curriculum.common.arrays import ordered
 from curriculum.common.callbacks import as_state, explained
-from curriculum.common.programs import Program, Routine
+from curriculum.common.programs import Program
 from curriculum.common.pure import Memory
 from curriculum.common.python import NUMBERS, function_of, source_of
+from curriculum.common.sharing import Shared
 from curriculum.common.steps import HALVINGS, tried
 from curriculum.common.tape import Stop, Tape, Untraceable, effort, uncollected
 
@@ -53,10 +54,11 @@ class Traced:
             effort.uses = math.inf
         if why:
             raise Untraceable(why)
+        self.routine.keep(memory)
 
     def trace(self, step_fn, m, force, moving, measure):
         """Trace the step, as if it kept nothing."""
-        self.shape, routine, still = moving.shape[1:], Routine(force), list(~moving)
+        self.shape, routine, still = moving.shape[1:], Shared(force), list(~moving)
         self.as_it_stands = lambda q, v, dt: as_state(step_fn(q, v, m, force, dt), step_fn)
         self.measure = measure or (lambda q, v: ())
 
@@ -82,7 +84,7 @@ class Traced:
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
         self.program, self.moving = program, ~np.array(still)
-        self.numpy_calls = effort.numpy_calls
+        self.numpy_calls, self.routine = effort.numpy_calls, routine
 
     @cached_property
     def source(self):
