@@ -188,7 +188,7 @@ def counted(s):
 def places(a):
     """Where an array is not zero for certain: indices of it as one row."""
     if a.dtype != object:
-        return np.flatnonzero(a)
+        return np.flatnonzero(a != 0)  # which is quicker than of numbers
     objects = np.ascontiguousarray(a).ravel()
     objects.flags.writeable = False  # it is only looked at
     at = np.flatnonzero(np.frombuffer(objects, np.intp) != id(NOTHING))  # their addresses
