@@ -1,6 +1,7 @@
 """Forces that differ by numbers are traced once, and each is what its own lines say."""
 
 from collections import Counter
+from dataclasses import dataclass
 from typing import NamedTuple
 from unittest import mock
 
@@ -8,7 +9,7 @@ import constraints as c
 from curriculum.common import sharing
 from curriculum.common.sharing import Shared
 from curriculum.common.steps import followed
-from curriculum.common.tape import effort
+from curriculum.common.tape import Tape, Untraceable, effort
 from curriculum.common.traced import Traced, moves
 
 import numpy as np
@@ -67,6 +68,12 @@ def test_a_force_that_is_shared_does_what_its_own_lines_do_and_no_more(rule):
     assert all(map(exact, shared.values()))
 
 
+@pytest.mark.parametrize("mode", c.hold_table())
+def test_a_force_that_is_the_first_does_what_its_own_lines_do(mode):
+    """Though some numbers of soft are numpy's."""
+    assert exact(traced(c.make_force(SYSTEM, c.hold_table(DT, 7.0)[mode])))
+
+
 def test_modes_that_differ_by_numbers_are_traced_once():
     noted = {}
     for mode in c.hold_table():
@@ -113,46 +120,137 @@ def twice(self, q, v):
     return 2.0 * CALL(self, q, v)
 
 
-class Labelled(NamedTuple):
-    """A force that asks its hold for more than numbers, or itself for more than a hold."""
-
-    system: dict
-    hold: c.Hold
-    how: str
-    drag: float = 0.1
-
-    def __call__(self, q, v):
-        hold = self.hold
-        if self.how == "label":
-            damped = 2.0 if hold.rule else 1.0
-        elif self.how == "place":
-            damped = hold[1] + 0.5
-        elif self.how == "names":
-            use_jdotv, damped, *_ = hold
-        elif self.how == "own":
-            damped = self.drag
-        elif self.how == "branch":
-            damped = 2.0 if hold.damping - 3.0 else 1.0
-        elif self.how == "sign":
-            damped = 2.0 if hold.damping > 0.0 and not hold.damping <= 0.0 else 1.0
-        elif self.how == "kind":
-            damped = 2.0 if isinstance(hold, c.Hold) else 1.0
-        elif self.how == "number":
-            damped = float(hold.damping)
-        elif self.how == "zero":
-            damped = 2.0 if hold.damping else 1.0
-        return -0.01 * damped * v + self.system["m"] * c.GRAVITY
+def caught(force):
+    try:
+        return 3.0 if force.hold.rule else 4.0
+    except Exception:
+        return 5.0
 
 
-HOW = "label", "place", "names", "own", "branch", "sign", "kind", "number", "zero"
+def unpacked(force):
+    use_jdotv, damping, *_ = force.hold
+    return damping + 0.5 * use_jdotv
 
 
-@pytest.mark.parametrize("how", HOW)
+ASKED = {  # of a force, for a number: more of its hold than numbers, or more than its hold
+    "label": lambda force: 2.0 if force.hold.rule else 1.0,
+    "label, if it has one": lambda force: 2.0 if getattr(force.hold, "rule", None) else 1.0,
+    "label, or an error": caught,
+    "place": lambda force: force.hold[1] + 0.5,
+    "all in a row": unpacked,
+    "own": lambda force: force.drag,
+    "own, if it has one": lambda force: getattr(force, "drag", 7.0),
+    "own, or none": lambda force: 2.0 if hasattr(force, "drag") else 1.0,
+    "equal": lambda force: 2.0 if force.hold == c.hold_table(DT)["impulse"] else 1.0,
+    "shown": lambda force: 2.0 if "semi" in str(force.hold) else 1.0,
+    "branch": lambda force: 2.0 if force.hold.damping - 3.0 else 1.0,
+    "number": lambda force: float(force.hold.damping),
+    "zero": lambda force: 2.0 if force.hold.damping else 1.0,
+    "sign": lambda force: 2.0 if force.hold.damping > 0.0 else 1.0,
+    "kind": lambda force: 2.0 if isinstance(force.hold, c.Hold) else 1.0,
+}
+
+
+def asking(how):
+    """The class of forces that ask for this."""
+    asked = ASKED[how]
+
+    class Asking(NamedTuple):
+        system: dict
+        hold: c.Hold
+        drag: float = 0.1
+
+        def __call__(self, q, v):
+            return -0.01 * asked(self) * v + self.system["m"] * c.GRAVITY
+
+    return Asking
+
+
+@pytest.mark.parametrize("how", ASKED)
 def test_whatever_a_force_asks_for_it_is_as_its_own_lines_are(how):
-    for mode in c.hold_table(DT):
-        assert exact(traced(Labelled(SYSTEM, c.hold_table(DT)[mode], how)))
+    """And it is shared if it only asks for its kind, or what decides between two numbers."""
+    force, shared = asking(how), {"branch", "sign", "kind"}
+    for hold in c.hold_table(DT).values():
+        assert exact(traced(force(SYSTEM, hold)))
+    assert bool(Shared.recent) == (how in shared)
 
 
 def test_a_number_a_rod_is_not_shared():
     hold = c.Hold(1.0, np.full(len(SYSTEM["pairs"]), 3.0), 0.0, 0.0)
     assert exact(traced(c.make_force(SYSTEM, hold))) and not Shared.recent
+
+
+class Damper(NamedTuple):
+    damping: float
+    stiffness: float
+
+
+class Spring(NamedTuple):
+    stiffness: float
+    damping: float
+
+
+class Stiff(NamedTuple):
+    stiffness: float
+
+
+class Pulling(NamedTuple):
+    """A force that takes any hold with these numbers, and arrays of any shape."""
+
+    system: dict
+    hold: NamedTuple
+
+    def __call__(self, q, v):
+        return -0.1 * self.hold.stiffness * q - 0.01 * v
+
+
+def test_holds_of_other_classes_are_not_shared_though_they_have_as_many_numbers():
+    for hold in (Damper(2.0, 3.0), Spring(2.0, 3.0), Stiff(5.0)):
+        assert exact(traced(Pulling(SYSTEM, hold)))
+
+
+def test_what_a_force_makes_of_another_shape_is_not_shared():
+    def turned(q, v, m, force, dt):
+        v = v + dt * force(q.T, v.T).T / m
+        return q + dt * v, v
+
+    for rule in (c.semi_implicit_step, turned):
+        assert exact(traced(Pulling(SYSTEM, Stiff(5.0)), rule))
+
+
+@dataclass
+class Noting:
+    """A force that only writes what it notes."""
+
+    system: dict
+    hold: c.Hold
+    latest: float = 0.0
+
+    def __call__(self, q, v):
+        self.latest = 1.0
+        return -0.01 * self.hold.damping * v
+
+
+class Switching(Noting):
+    """One that does otherwise each time, and wants to know whether it has a rule."""
+
+    on = False
+
+    def __call__(self, q, v):
+        Switching.on = not Switching.on
+        return (-0.01 if Switching.on else -0.02) * v * (1.0 if self.hold.rule else 2.0)
+
+
+@pytest.mark.parametrize(("kind", "what"), [(Noting, "attribute latest"), (Switching, "global on")])
+def test_a_force_that_notes_something_is_refused_also_where_it_would_be_shared(kind, what):
+    """Or where two traces would put it back."""
+    with pytest.raises(Untraceable, match=f"it changes the {what}"):
+        traced(kind(SYSTEM, c.hold_table(DT)["baumgarte"]))
+    assert not Switching.on and not Shared.recent
+
+
+def test_no_other_thread_traces_while_a_trace_is_kept():
+    kept = []
+    with mock.patch.object(Shared, "keep", lambda _: kept.append(Tape.lock._is_owned())):
+        traced(c.make_force(SYSTEM, "none"))
+    assert kept == [True]

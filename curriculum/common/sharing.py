@@ -2,23 +2,38 @@
 
 from collections import deque, namedtuple
 from itertools import count
-from types import SimpleNamespace
 
 from curriculum.common.programs import Routine
-from curriculum.common.tape import Tape, TooLong, current, effort
+from curriculum.common.tape import Tape, TooLong, Untraceable, current, effort
 from curriculum.common.trace import holds
+
+import numpy as np
 
 LENGTHY = 1000  # numbers of a state: the trace of fewer is soon made
 SERIAL = count()  # of such traces: no name of one may be one of another
 
-# a force, where it was given zeros, what it became, that one's calls of numpy, and all that it
-# could reach, as it was
-Kept = namedtuple("Kept", "force still program calls memory")
+OPERATORS = {"__eq__", "__hash__", "__repr__", "__bool__", "__len__", "__iter__", "__contains__"}
+OPERATORS |= {"__getitem__", "__call__", "__setattr__", "__delattr__"}
+
+# a force, the shapes it was given and where they were zeros, what it became, that one's calls of
+# numpy, and all that it could reach, as it was
+Kept = namedtuple("Kept", "force given program calls memory")
 
 
 def stand_in(x, **known):
-    """An object of x's class, as far as isinstance tells, of which no more than this is known."""
-    return type("", (SimpleNamespace,), {"__class__": type(x)})(**known)
+    """An object of x's class, as far as isinstance tells, of which no more than this is known. Who
+    wants more of it, if only to see whether it is there, or changes it, cannot be traced with it.
+    """
+    known["__class__"] = type(x)
+
+    def refuse(*_):
+        current.tape.refused.append("it asks for more than numbers")  # should the force catch this
+        raise Untraceable(current.tape.refused[-1])
+
+    def ask(_, name):
+        return known[name] if name in known else refuse()
+
+    return type("", (), dict.fromkeys(OPERATORS, refuse) | {"__getattribute__": ask})()
 
 
 class Shared(Routine):
@@ -33,20 +48,21 @@ class Shared(Routine):
 
     recent = deque(maxlen=4)
 
-    def __init__(self, force):
+    def __init__(self, force, memory):
         super().__init__(force)
+        self.memory, self.made = memory, []  # what the force can reach, as it was; to be kept
         hold = getattr(force, "hold", None)
         kinds = getattr(type(hold), "__annotations__", {})
         self.names = [name for name, kind in kinds.items() if kind is float]
-        self.numbers = [getattr(hold, name) for name in self.names]
-        floats = all(isinstance(x, float) for x in self.numbers)
+        given = [getattr(hold, name, None) for name in self.names]
+        floats = all(type(x) in (float, np.float64) for x in given)
         self.open = bool(self.names) and floats and hasattr(force, "system")
-        self.made = []  # to be kept
+        self.numbers = list(map(float, given)) if self.open else []  # Python's own, as on all tapes
 
     def program(self, shapes, still):
         kept = None
         if self.open and sum(map(len, still)) >= LENGTHY:
-            near = [kept for kept in self.recent if self.near(kept, still)]
+            near = [kept for kept in self.recent if self.near(kept, (shapes, still))]
             kept = next(filter(self.fits, near), None)
             if not near:  # one of another kind may stay the only one of its kind
                 kept = self.general(shapes, still)
@@ -69,10 +85,14 @@ class Shared(Routine):
             program = None
         calls, effort.numpy_calls = effort.numpy_calls - before, before
         self.open = program is not None and not tape.parts
-        if not self.open:
-            return None
-        self.made.append(Kept(self.function, still, program, calls // effort.factor, None))
-        return self.made[-1]
+        if self.open:
+            there = self.function, (shapes, still)
+            self.made.append(Kept(*there, program, calls // effort.factor, self.memory))
+            return self.made[-1]
+        changed = self.memory.changed()  # else it would go on from there
+        if changed:
+            raise Untraceable(f"it changes {changed}")
+        return None
 
     def of_numbers(self, q, v, numbers):
         """The force, if it asks for nothing but its system and these numbers of its hold."""
@@ -86,10 +106,11 @@ class Shared(Routine):
         """{the name of an input: its number here}."""
         return dict(zip(program.inputs[-len(self.numbers) :], self.numbers, strict=True))
 
-    def near(self, kept, still):
+    def near(self, kept, given):
         """Whether what is kept differs from this force by numbers alone."""
         other, force = kept.force, self.function
-        same = type(other) is type(force) and other.system is force.system and kept.still == still
+        same = type(other) is type(force) and type(other.hold) is type(force.hold)
+        same = same and other.system is force.system and kept.given == given
         return same and not kept.memory.changed()
 
     def fits(self, kept):
@@ -97,6 +118,6 @@ class Shared(Routine):
         numbers = self.settled(kept.program)
         return all(holds(node, numbers) is true for node, true in kept.program.tape.decided)
 
-    def keep(self, memory):
-        """Let later forces use what was traced, while all is as this Memory has it."""
-        self.recent.extend(kept._replace(memory=memory) for kept in self.made)
+    def keep(self):
+        """Let later forces use what was traced, while all is as it was."""
+        self.recent.extend(self.made)

@@ -52,13 +52,14 @@ class Traced:
                 finally:
                     why = memory.restore() or why
             effort.uses = math.inf
-        if why:
-            raise Untraceable(why)
-        self.routine.keep(memory)
+            if why:
+                raise Untraceable(why)
+            self.routine.keep()  # while no other thread looks
 
     def trace(self, step_fn, m, force, moving, measure):
         """Trace the step, as if it kept nothing."""
-        self.shape, routine, still = moving.shape[1:], Shared(force), list(~moving)
+        self.shape, still = moving.shape[1:], list(~moving)
+        self.routine = routine = Shared(force, self.memory)
         self.as_it_stands = lambda q, v, dt: as_state(step_fn(q, v, m, force, dt), step_fn)
         self.measure = measure or (lambda q, v: ())
 
@@ -84,7 +85,7 @@ class Traced:
         end = np.array([program.results[k][at] for k, at in program.live])
         program.results = [end, *program.results[2:]]
         self.program, self.moving = program, ~np.array(still)
-        self.numpy_calls, self.routine = effort.numpy_calls, routine
+        self.numpy_calls = effort.numpy_calls
 
     @cached_property
     def source(self):
