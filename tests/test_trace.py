@@ -52,6 +52,8 @@ INNER = Routine(lambda a, b: a / (1.0 + b * b) - 0.3 * b)
 OUTER = Routine(lambda a, b: INNER(b, -a) + heron(a * a + 0.5) * INNER(a, b))
 ROUTINE = Routine(heron)
 OFTEN = Routine(lambda a: a / (1.0 + a[::-1] * a[0]), often=True)
+ONCE = Routine(lambda a, b: np.stack([a[0] / (1.0 + b[1] * b[1]), -b[0]]), often=True)
+ENDING = Routine(lambda a, b: -ONCE(b, -a), often=True)  # with what another makes, called here only
 KEPT = np.array([[0.0, 1.0, 0.0], [2.0, 0.0, 3.0]])
 
 
@@ -114,6 +116,7 @@ EXAMPLES = {  # x (2, 3) -> (2, 3)
     "rows in a loop": rounds,
     "loops of routines": lambda x: fixed_point(lambda y: 0.2 * INNER(y, x) + 0.1 * x, x, 1e-12),
 }
+EXAMPLES["routines that end with another"] = lambda x: ENDING(x, x) + ENDING(-x, ENDING(x[::-1], x))
 EXAMPLES["counts"] = lambda x: x + np.sum((x > 0.5) * 1.0) - (x[0, 0] < x[1, 1]) * (x[0] <= 1.0)
 EXAMPLES["tangle"] = partial(tangle, 0)
 INLINED = [(name, programs.INLINE) for name in EXAMPLES]

@@ -145,8 +145,11 @@ class Assembler:
         if self.calls_of[program] == 1:
             self.registers.update(zip(program.inputs, map(self.number, calls.rows[0]), strict=True))
             self.operations(program.tape, program.tape.needed(program.computed))
-            ends = map(self.number, program.computed)
-            self.registers.update(zip(calls.names[0], ends, strict=True))
+            names, ends = calls.names[0], list(map(self.number, program.computed))
+            if self.registers.keys().isdisjoint(names):
+                self.registers.update(zip(names, ends, strict=True))
+            else:  # a routine ends with them: its callers, written before it, know where they are
+                self.row_by_row("copy", list(map(self.register, names)), ends)
             return
         if program not in self.routines:
             self.routines.append(program)
