@@ -7,12 +7,11 @@ many members that go in step. Operations and their order are the tape's, and so 
 
 import math
 from array import array
-from collections import Counter, defaultdict
+from collections import defaultdict
 from functools import cache
 from itertools import chain, count
 
 from curriculum.common import llvm
-from curriculum.common.programs import Calls
 from curriculum.common.tape import uncollected
 
 import numpy as np
@@ -40,9 +39,6 @@ class Assembler:
         # {a name or a number: its own}; a sign has its NUMBER there, to look nodes up as they are
         self.registers = defaultdict(self.numbers.__next__, NUMBER)
         self.register = self.registers.__getitem__
-        called = (part for tape in program.tapes() for part in tape.parts.values())
-        # how often each program is called, as it is written
-        self.calls_of = Counter(x.program for x in called if isinstance(x, Calls) for _ in x.rows)
         self.routines = []  # programs that are called
         self.leaps = []  # (a row that goes on at the first of a routine, which)
         state = [self.register(name) for name in program.inputs]
@@ -140,17 +136,8 @@ class Assembler:
         self.rows.frombytes(rows.tobytes())
 
     def calls(self, calls):
-        """Calls of a program, one after the other; what is called but once is written out there."""
+        """Calls of a program, one after the other."""
         program = calls.program
-        if self.calls_of[program] == 1:
-            self.registers.update(zip(program.inputs, map(self.number, calls.rows[0]), strict=True))
-            self.operations(program.tape, program.tape.needed(program.computed))
-            names, ends = calls.names[0], list(map(self.number, program.computed))
-            if self.registers.keys().isdisjoint(names):
-                self.registers.update(zip(names, ends, strict=True))
-            else:  # a routine ends with them: its callers, written before it, know where they are
-                self.row_by_row("copy", list(map(self.register, names)), ends)
-            return
         if program not in self.routines:
             self.routines.append(program)
         k = self.routines.index(program)
