@@ -6,7 +6,8 @@ from typing import NamedTuple
 from unittest import mock
 
 import constraints as c
-from curriculum.common import sharing
+from curriculum.common import llvm, sharing
+from curriculum.common.bytecode import Bytecode
 from curriculum.common.sharing import Shared
 from curriculum.common.steps import followed
 from curriculum.common.tape import Tape, Untraceable, effort
@@ -38,12 +39,17 @@ def traced(force, rule=c.semi_implicit_step):
     return Traced(step, system["m"], force, moves(system["q0"], system["v0"]))
 
 
-def exact(found):
-    """Whether a Traced step of its system has the bits of the lines as they stand."""
-    state = found.columns(SYSTEM["q0"], SYSTEM["v0"])[:, 0]
-    step = []
+def exact(found, system=None):
+    """Whether a Traced step of its system, also as bytecode, has the bits of the lines as they
+    stand."""
+    system = system or SYSTEM
+    state = found.columns(system["q0"], system["v0"])[:, 0]
+    step, end = [], state[:, None].copy()
     found.function(tuple(state.tolist()), 1, step.append, DT)
-    return not found.differs(state, np.array(step[0]), DT)
+    if llvm.available():
+        Bytecode(found.program)(end, 1, np.empty((1, len(end))), DT)
+        step.append(end[:, 0])
+    return not any(found.differs(state, np.array(end), DT) for end in step)
 
 
 SYSTEM = hanging()
@@ -71,7 +77,7 @@ def test_a_force_that_is_shared_does_what_its_own_lines_do_and_no_more(rule):
 @pytest.mark.parametrize("mode", c.hold_table())
 def test_a_force_that_is_the_first_does_what_its_own_lines_do(mode):
     """Though some numbers of soft are numpy's."""
-    assert exact(traced(c.make_force(SYSTEM, c.hold_table(DT, 7.0)[mode])))
+    assert exact(traced(c.make_force(SYSTEM, c.hold_table(DT, 7.0)[mode]))) and Shared.recent
 
 
 def test_modes_that_differ_by_numbers_are_traced_once():
@@ -204,18 +210,85 @@ class Pulling(NamedTuple):
         return -0.1 * self.hold.stiffness * q - 0.01 * v
 
 
+class Pushing(Pulling):
+    def __call__(self, q, v):
+        return -Pulling.__call__(self, q, v)
+
+
+class Limited(Pulling):
+    def __call__(self, q, v):
+        return np.minimum(-self.hold.stiffness, np.maximum(self.hold.damping, v))
+
+
 def test_holds_of_other_classes_are_not_shared_though_they_have_as_many_numbers():
     for hold in (Damper(2.0, 3.0), Spring(2.0, 3.0), Stiff(5.0)):
         assert exact(traced(Pulling(SYSTEM, hold)))
 
 
-def test_what_a_force_makes_of_another_shape_is_not_shared():
+def test_forces_of_other_classes_are_not_shared_nor_are_those_of_other_systems():
+    heavy = SYSTEM | {"m": 2.0 * SYSTEM["m"]}
+    for force in (c.make_force(SYSTEM, "none"), c.make_force(heavy, "none")):
+        assert exact(traced(force), force.system)
+    for kind in (Pulling, Pushing):
+        assert exact(traced(kind(SYSTEM, Stiff(5.0))))
+
+
+@pytest.mark.parametrize("numbers", [(-3.0, 2.0), (3.0, -2.0), (-0.0, 1.0), (1e300, -1e-300)])
+def test_numbers_of_any_sign_are_put_in(numbers):
+    for force in (
+        Limited(SYSTEM, Damper(*numbers)),
+        c.make_force(SYSTEM, c.Hold(-1.0, *numbers, 0.0)),
+    ):
+        assert exact(traced(force)) and Shared.recent
+
+
+def test_a_hold_may_lack_a_number_that_it_declares():
+    class Lacking:
+        damping: float
+        stiffness = 2.0
+
+    assert exact(traced(Pulling(SYSTEM, Lacking()))) and not Shared.recent
+
+
+def test_what_a_force_makes_of_another_shape_or_of_other_zeros_is_not_shared():
     def turned(q, v, m, force, dt):
         v = v + dt * force(q.T, v.T).T / m
         return q + dt * v, v
 
-    for rule in (c.semi_implicit_step, turned):
-        assert exact(traced(Pulling(SYSTEM, Stiff(5.0)), rule))
+    solid = SYSTEM | {"q0": SYSTEM["q0"] + 0.1, "v0": SYSTEM["v0"] + 0.1}
+    for system, rule in ((SYSTEM, c.semi_implicit_step), (solid, turned), (solid, c.rk4_step)):
+        force = Pulling(SYSTEM, Stiff(5.0))  # it asks nothing of its system
+        found = Traced(followed(rule, None), system["m"], force, moves(system["q0"], system["v0"]))
+        assert exact(found, system)
+
+
+def test_a_step_may_ask_for_what_is_shared_in_several_ways():
+    """Of particles at rest, too, of which more is zero."""
+
+    def resting(q, v, m, force, dt):
+        v = v + dt * (force(q, 0.0 * v) + 0.5 * force(q, v)) / m
+        return q + dt * v, v
+
+    for mode in ("baumgarte", "impulse"):
+        assert exact(traced(c.make_force(SYSTEM, mode), resting))
+    assert len(Shared.recent) == 2
+
+
+@pytest.mark.parametrize("rule", ["semi_implicit", "rk4", "gauss"])
+def test_a_force_that_is_shared_counts_as_much_work_as_one_by_itself(rule):
+    system = c.build_system("triple")
+    found = []
+    for least in (np.inf, 0, 0):
+        with mock.patch.object(sharing, "LENGTHY", least):
+            found.append(traced(c.make_force(system, 7.0), c.INTEGRATORS[rule]).numpy_calls)
+    assert Shared.recent and np.allclose(found, found[0], rtol=0.1)
+
+
+def test_a_force_with_a_loop_in_it_is_traced_by_itself(monkeypatch):
+    monkeypatch.setattr(sharing, "LENGTHY", 0)
+    net = c.build_system("jansen_leg")
+    for mode in ("none", "baumgarte"):
+        assert exact(traced(c.make_force(net, mode)), net) and not Shared.recent
 
 
 @dataclass

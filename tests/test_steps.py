@@ -175,6 +175,7 @@ def forces():
     global CALLS
     CALLS = calls = SLOW.gain = 0
     faded, seen, recent = [], set(), deque(maxlen=50)
+    both = ([], 1.0)
     ticks, ones, rng = iter(range(1000)), np.ones(1), np.random.default_rng(3)
     endless = {"of": Controller, "file": open, "lock": np.lib}
     endless["self"] = [endless]
@@ -230,6 +231,7 @@ def forces():
         "changes the list held": lambda q, v, *, held=[]: held.append(1) or -0.1 * len(held) * v,
         "changes the list faded": lambda q, v: -fading.gain * v,
         "changes the array turns": lambda q, v, turns=ones: v * turns.__isub__(0.1),
+        "changes the list both": lambda q, v: both[0].append(1) or -0.1 * len(both[0]) * v,
         "changes the set seen": lambda q, v: -v if seen.add(len(seen)) or len(seen) % 2 else v,
         "changes the global CALLS": count,
         "changes the global gain": lambda q, v: setattr(Slot, "gain", -Slot.gain) or Slot.gain * v,

@@ -391,6 +391,12 @@ def test_what_is_not_needed_is_not_done_nor_kept():
     assert [sign for sign, *_ in constants.tape.nodes.values()] == ["*"] * 6
 
 
+def test_zeros_by_what_may_be_zero_are_divided():
+    """Since 0 / 0 is no number."""
+    program = program_of(lambda x: (np.zeros((2, 3, 2)) / x[:, :, None])[:, :, 0])
+    assert [sign for sign, *_ in program.tape.nodes.values()] == ["/"] * 6
+
+
 def test_who_prints_a_symbol_is_told_of_plain_once(monkeypatch, capsys):
     monkeypatch.setattr(Symbol, "told", False)
     program_of(lambda x: print(x[0, 0], -x[1, 2]) or x)
