@@ -395,6 +395,8 @@ def test_zeros_by_what_may_be_zero_are_divided():
     """Since 0 / 0 is no number."""
     program = program_of(lambda x: (np.zeros((2, 3, 2)) / x[:, :, None])[:, :, 0])
     assert [sign for sign, *_ in program.tape.nodes.values()] == ["/"] * 6
+    with pytest.raises(ZeroDivisionError):  # which refuses it
+        program_of(lambda x: np.repeat(x * KEPT, 2) / np.repeat(KEPT, 2))
 
 
 def test_who_prints_a_symbol_is_told_of_plain_once(monkeypatch, capsys):
