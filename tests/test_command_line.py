@@ -40,6 +40,16 @@ for flag, _, value in (words.partition("=") for words in MISTAKES["command_line"
 ENDS = MISTAKES["command_line"]["ends"]
 
 
+def library(_):
+    raise OSError("not found")
+
+
+@pytest.mark.parametrize("found", [library, lambda _: object(), lambda _: len(None)])
+def test_where_there_is_another_c_library_memory_is_kept_as_that_likes(found, monkeypatch):
+    monkeypatch.setattr(cli.ctypes, "CDLL", found)
+    cli.keep_memory()
+
+
 def test_a_command_line_in_one_string_is_told_to_be_a_list(capsys):
     with pytest.raises(SystemExit):
         c.main("--seed 7")

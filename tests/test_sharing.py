@@ -246,6 +246,15 @@ def test_numbers_of_any_sign_are_put_in(numbers):
         assert exact(traced(force, half_by_half)) and Shared.recent
 
 
+class Twice(Pulling):
+    def __call__(self, q, v):
+        return -(self.hold.damping * q + v) - 0.5 * (self.hold.stiffness * q + v)
+
+
+def test_what_is_alike_once_numbers_are_put_in_is_done_once():
+    assert exact(traced(Twice(SYSTEM, Damper(1.0, 1.0)))) and Shared.recent
+
+
 def test_a_hold_may_lack_a_number_that_it_declares():
     class Lacking:
         damping: float

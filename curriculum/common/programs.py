@@ -6,8 +6,7 @@ into Python (python.py), rows of numbers (bytecode.py), machine code (native.py)
 """
 
 from copy import copy
-from itertools import chain, compress
-from operator import index, not_
+from operator import index
 
 from curriculum.common.arrays import ordered
 from curriculum.common.tape import Stop, Tape, Untraceable, current, effort
@@ -111,7 +110,7 @@ class Program:
         here = [Symbol(tape, next(names)) if isinstance(s.x, str) else s for s in self.out]
         return self.shaped(here)
 
-    def settled(self, values):
+    def with_numbers(self, values):
         """This program, without parts, where inputs are the numbers `values` {name: number}: as if
         it had been traced with them, but that a sum may be minus the sum of its terms' opposites,
         and what is alike only now may be done twice."""
@@ -169,13 +168,9 @@ class Routine:
     def __call__(self, *arrays):
         if current.tape is None or not any(np.asarray(a).dtype == object for a in arrays):
             return self.function(*arrays)
-        shapes = [np.shape(a) for a in arrays]
         given = [[lift(s) for s in np.asarray(a, dtype=object).flat] for a in arrays]
         still = [tuple(s.x == 0.0 for s in symbols) for symbols in given]
-        return self.called(shapes, given, still)
-
-    def called(self, shapes, given, still):
-        """What it makes of symbols `given`, in lists, for arrays of these shapes."""
+        shapes = [np.shape(a) for a in arrays]
         key = current.tape.numbers, *zip(shapes, still, strict=True)
         if key not in self.programs:
             before = effort.numpy_calls
@@ -184,7 +179,7 @@ class Routine:
             effort.numpy_calls = before
         program, calls = self.programs[key]
         effort.numpy_calls += effort.factor * calls
-        arguments = list(compress(chain(*given), map(not_, chain(*still))))
+        arguments = [s for symbols in given for s in symbols if s.x != 0.0]
         short = len(program.tape.nodes) <= INLINE and not program.tape.parts
         if short and not (self.often or current.tape.outer):
             return program.shaped(program.replay(arguments))[0]

@@ -56,12 +56,13 @@ class Shared(Routine):
         self.names = [name for name, kind in kinds.items() if kind is float]
         given = [getattr(hold, name, None) for name in self.names]
         floats = all(type(x) in (float, np.float64) for x in given)
-        self.open = bool(self.names) and floats and hasattr(force, "system")
-        self.numbers = list(map(float, given)) if self.open else []  # Python's own, as on all tapes
+        self.shares = bool(self.names) and floats and hasattr(force, "system")
+        # Python's own, as on all tapes
+        self.numbers = list(map(float, given)) if self.shares else []
 
     def program(self, shapes, still):
         kept = None
-        if self.open and sum(map(len, still)) >= LENGTHY:
+        if self.shares and sum(map(len, still)) >= LENGTHY:
             near = [kept for kept in self.recent if self.near(kept, (shapes, still))]
             kept = next(filter(self.fits, near), None)
             if not near:  # one of another kind may stay the only one of its kind
@@ -69,7 +70,7 @@ class Shared(Routine):
         if kept is None:
             return super().program(shapes, still)
         effort.numpy_calls += effort.factor * kept.calls
-        return kept.program.settled(self.settled(kept.program))
+        return kept.program.with_numbers(self.by_name(kept.program))
 
     def general(self, shapes, still):
         """What can be kept: the force with any numbers, as far as it branches alike; or None."""
@@ -84,8 +85,8 @@ class Shared(Routine):
         except Exception:  # a mistake of the reader's shows once more
             program = None
         calls, effort.numpy_calls = effort.numpy_calls - before, before
-        self.open = program is not None and not tape.parts
-        if self.open:
+        self.shares = program is not None and not tape.parts
+        if self.shares:
             there = self.function, (shapes, still)
             self.made.append(Kept(*there, program, calls // effort.factor, self.memory))
             return self.made[-1]
@@ -102,7 +103,7 @@ class Shared(Routine):
         itself = stand_in(force, system=force.system, hold=hold)
         return type(force).__call__(itself, q, v)
 
-    def settled(self, program):
+    def by_name(self, program):
         """{the name of an input: its number here}."""
         return dict(zip(program.inputs[-len(self.numbers) :], self.numbers, strict=True))
 
@@ -115,7 +116,7 @@ class Shared(Routine):
 
     def fits(self, kept):
         """Whether with the numbers of this force it branches as it did."""
-        numbers = self.settled(kept.program)
+        numbers = self.by_name(kept.program)
         return all(holds(node, numbers) is true for node, true in kept.program.tape.decided)
 
     def keep(self):

@@ -228,11 +228,11 @@ class Symbol:
     def branch(self, *_):
         """Whether this is true, if numbers that are settled decide it."""
         node, settled = self.tape.nodes.get(self.x, ()), self.tape.settled
-        if node and settled and all(type(x) is float or x in settled for x in node[1:]):
-            self.tape.decided.append((node, holds(node, settled)))
-        else:
+        if not (node and settled and all(type(x) is float or x in settled for x in node[1:])):
             self.refuse("it branches on a value; np.where, np.maximum and np.minimum do not")
-        return self.tape.decided[-1][1]
+        true = holds(node, settled)
+        self.tape.decided.append((node, true))
+        return true
 
     def no_number(self):
         why = "it wants a plain number, as math.sin does and np.sin does not"
