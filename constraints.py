@@ -2,99 +2,138 @@
 
 A weight on a rod would fall straight down, but the rod makes it swing. How hard does the rod pull?
 No formula tells: a linear system does, solved again each time an integrator asks for the force.
-This file derives that system, hides its solution inside `force(q, v)`, hands that to the
-integrators of chapter 3.3, which never learn of it, and measures what becomes of the rods.
+This file derives that system, hides its solution inside force(q, v), hands that to the integrators
+of chapter 3.3, which never learn of it, and measures what becomes of the rods.
 
-Run: python constraints.py --help. The lines you read are the lines that run: on numbers or, to be
-compiled, on symbols (the chapter tells how; --show-step prints the result). Change one, and see.
+    python constraints.py           a double pendulum, 20 s, held by each method
+    python constraints.py --help    what to change, and why you would
 """
 
 # --- region: setup ---
+import argparse
 import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-# To follow the force, know three of these: `solve` solves a linear system; `states`, of q and v,
-# and `ordered`, of any array, make arrays whose sums and @ add from first to last. Skip the rest.
-from curriculum.ch3_4_constraints import publish, run_checks, scene_files, statics, tables
-from curriculum.ch3_4_constraints.comparison import Comparison, frames
-from curriculum.ch3_4_constraints.solving import solve, unanswered
-from curriculum.ch3_4_constraints.systems import check_links, direction, energy_scale, states
-from curriculum.common import aim, banner, progress, ruler, rules
-from curriculum.common.arrays import ordered
-from curriculum.common.cli import chapter_parser, installed, number, run_script
-from curriculum.common.compiled import Compiled
-from curriculum.common.crowds import mapped
+import numpy as np
+
+# Of these names the lesson uses five, each explained where it stands: solve, ordered, while_loop,
+# compiled and vmap. The others read a scene, check the flags, print the table and write the files.
+from curriculum.ch3_4_constraints import output, scene_files, systems, table
+from curriculum.ch3_4_constraints.reference import find_reference
+from curriculum.ch3_4_constraints.run import Run
+from curriculum.ch3_4_constraints.solving import residual, solve
+from curriculum.common import cli, progress
 from curriculum.common.gauss import make_gauss
-from curriculum.common.midpoint import make_midpoint
-from curriculum.common.programs import repeat
-from curriculum.common.runs import Log
-from curriculum.common.steps import Plain, followed
+from curriculum.common.tracing import StepFailed, compiled, ordered, plain, vmap, while_loop
 
-import numpy as np  # last on purpose: curriculum answers Ctrl-C in words while numpy loads
+GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
+PIVOT = np.zeros(3)  # m: the one anchor of a system that names none
+SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 
-GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2: y is up
-PIVOT = np.zeros((1, 3))  # m, (K, 3): the anchors of a system that names none
-HERE = Path(__file__).resolve().parent
-CHAPTER = "curriculum/ch3_4_constraints"
-OUT = "outputs/ch3.4-constraints"
-SMOKE_STEPS = 800  # of a --smoke run: enough to tell the modes apart
+
+def parse_args(argv=None):
+    """The flags, each of which is something to turn, and the system that they ask for."""
+    parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")
+    methods = stabilizations(dt=1.0)  # for any dt: only their names and integrators count here
+    add = parser.add_argument
+    add("--scenes", action="store_true", help="list the systems that have a name")
+    add("--system", default="double", help="one that --scenes lists, or the file of a scene")
+    add("--links", type=cli.whole(1, 300), default=10, help="how many rods --system chain has")
+    add("--seed", type=cli.whole(0), default=0, help="tilts the start by a hair: see what grows")
+    add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="orders 1, 1, 4, 16")
+    add("--stabilization", choices=["all", *methods], default="all", help="what holds the rods")
+    add("--baumgarte", type=cli.number(0), default=20.0, help="its w in rad/s: there is a cliff")
+    add("--time-constant", type=cli.positive, default=0.02, help="s: how soon soft corrects a rod")
+    add("--impedance", type=cli.number(1e-9, 1), default=0.95, help="of soft: near 1 rods are hard")
+    add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
+    add("--steps", type=cli.whole(1), default=4000, help="how many: drift shows late")
+    add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
+    add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
+    add("--show-step", action="store_true", help="print the code that one step becomes")
+    add("--device", choices=["cpu"], default="cpu", help="there is no other")
+    add("--rerun", action=argparse.BooleanOptionalAction, default=True, help="write a recording")
+    add("--page", action=argparse.BooleanOptionalAction, default=True, help="write a page to touch")
+    add("--out", type=Path, default=Path("outputs/ch3.4-constraints"), help="its folder")
+    args = parser.parse_args(argv)
+    if args.scenes:
+        print(scene_files.listed(CHAINS))
+        parser.exit()
+    if args.smoke:
+        args.steps = SMOKE_STEPS
+    asked = methods if args.stabilization == "all" else [args.stabilization]
+    args.left_out = [x for x in asked if methods[x].integrator not in (None, args.integrator)]
+    args.methods = [name for name in asked if name not in args.left_out]
+    if not args.methods:
+        parser.error(f"argument --stabilization: {args.stabilization} is not for {args.integrator}")
+    args.knobs = {key: getattr(args, key) for key in ("baumgarte", "time_constant", "impedance")}
+    with parser.errors():
+        system = systems.check_system(build_system(args.system, args.seed, args.links), PIVOT)
+        output.check(args, system)
+    return args, system
+
+
 # --- endregion ---
 # --- region: systems ---
-# A system is N particles, C rods and K anchors, and nothing derived from them: a dict of
+# A system is a dict of N particles, C rods and K anchors, and of nothing derived from them:
 #     q0, v0   (N, 3)  where the particles start, in m, and how fast, in m/s
 #     m        (N, 1)  their masses, in kg
 #     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, where j
 #                      is negative, to an anchor, which stands still: -1 is the first, -2 the next
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  where they stand, in m; without this key they are PIVOT
+#     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
 # A state is q and v, (N, 3) each: where the particles are now, in m, and how fast, in m/s.
-SYSTEMS = {"pendulum": 1, "double": 2, "triple": 3}  # made here: how many rods each has
+CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_system(name, rng=0, links=10):
-    """The system called `name`: one of SYSTEMS, "chain" with `links` rods, a scene or its file.
+    """The system called `name`: one of CHAINS, "chain" with `links` rods, a scene or its file.
 
-    Chains made here have rods of 1 m and bobs of 1 kg, and start at rest, nearly level: `rng`, a
-    Generator or a seed, draws their tilt. That is all that is random here. Raises SceneError.
+    A chain has rods of 1 m and bobs of 1 kg and starts at rest, nearly level. `rng`, a Generator or
+    a seed, draws its tilt, and nothing else here is random. Raises SceneError.
     """
-    if name not in SYSTEMS and name != "chain":
-        return scene_files.load_scene(name, HERE / CHAPTER, [*SYSTEMS, "chain"], GRAVITY)
-    count = SYSTEMS.get(name, links)
-    check_links(count)
-    tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)
-    along = direction(-tilt)  # (cos, sin, 0), the same bits on every processor
+    if name not in CHAINS and name != "chain":
+        return scene_files.load_scene(name, GRAVITY, CHAINS)
+    n = CHAINS.get(name, links)
+    tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
+    along = systems.direction(-tilt)  # (cos, sin, 0), the same bits on every processor
     return {
-        "q0": PIVOT + np.arange(1.0, count + 1.0)[:, None] * along,
-        "v0": np.zeros((count, 3)),
-        "m": np.ones((count, 1)),
-        "pairs": [(k, k - 1) for k in range(count)],  # rod 0 hangs on anchor -1
-        "lengths": np.ones(count),
-        "anchors": PIVOT.copy(),
+        "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,
+        "v0": np.zeros((n, 3)),
+        "m": np.ones((n, 1)),
+        "pairs": [(k, k - 1) for k in range(n)],  # rod 0 hangs on anchor -1
+        "lengths": np.ones(n),
+        "anchors": np.array([PIVOT]),
     }
 
 
 def external_force(system, q, v=None):
-    """All forces but the rods', (N, 3) in N: add drag or a motor. energy() counts GRAVITY alone."""
+    """All forces but the rods', (N, 3) in N: add drag, or a motor; energy() knows GRAVITY only."""
     return system["m"] * GRAVITY
 
 
-def applied_force(system, q, v):
-    """external_force, checked: yours may take no v, return lists, or one [x, y, z]. (N, 3) in N."""
-    return run_checks.own_force(external_force, system, q, v)
+def rod_lengths(system, q):
+    """|d| (C,) in m: what a ruler would show."""
+    d = systems.differences(ordered(q), system.get("anchors", [PIVOT]), system["pairs"])  # (C, 3)
+    return np.sqrt(np.sum(d * d, axis=1))
+
+
+def rod_errors(system, q):
+    """|d| - L (C,) in m: above 0 where a rod is too long."""
+    return rod_lengths(system, q) - system["lengths"]
 
 
 # --- endregion ---
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i. Its constraint is
 #     g = (d . d - L^2) / 2 = 0
-# where . is the dot product; gdot and gddot are its derivatives in time. With rate = v_i - v_j
-#     gdot  = d . rate                         = J v
-#     gddot = d . (a_i - a_j) + rate . rate    = J a + Jdot v
+# where . is the dot product; gdot and gddot are its derivatives in time. With d_dot = v_i - v_j
+#     gdot  = d . d_dot                        = J v
+#     gddot = d . (a_i - a_j) + d_dot . d_dot  = J a + Jdot v
 # v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
-# -d in those of j. (Jdot has rate where J has d.) A rod pulls along d, equally and oppositely at
+# -d in those of j. (Jdot has d_dot where J has d.) A rod pulls along d, equally and oppositely at
 # its ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
 # number per rod, lambda, in N/m, below zero where the rod pulls. Newton, with M the masses, says
 #     M a = f + J^T lambda
@@ -103,94 +142,116 @@ def applied_force(system, q, v):
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
 def constraint_terms(system, q, v):
     """J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
-    q, v = states(system, q, v)  # @ and sums add from first to last: the same bits everywhere
+    q, v = ordered(q), ordered(v)  # now @ and sums add from first to last: equal bits everywhere
+    anchors = system.get("anchors", [PIVOT])
     rods = len(system["pairs"])
-    anchors = system.get("anchors", PIVOT)
-    jac = np.zeros_like(q, shape=(rods, *q.shape))  # (C, N, 3), of floats or symbols, as q is
-    g, gdot, jdotv = np.zeros_like(q, shape=(3, rods))  # three arrays of zeros, (C,) each
+    jac = np.zeros((rods, *q.shape), like=q)  # like=q: it can hold what q holds, so it compiles
+    g, gdot, jdotv = np.zeros((3, rods), like=q)
     for k, (i, j) in enumerate(system["pairs"]):
         if j < 0:
             d = q[i] - anchors[-1 - j]
-            rate = v[i]  # an anchor stands still
+            d_dot = v[i]  # an anchor stands still
         else:
             d = q[i] - q[j]
-            rate = v[i] - v[j]
+            d_dot = v[i] - v[j]
             jac[k, j] = -d
         jac[k, i] = d
-        L = float(system["lengths"][k])  # a float32 would be squared with its few digits
-        g[k] = 0.5 * (d @ d - L * L)
-        gdot[k] = d @ rate  # = (J v)_k
-        jdotv[k] = rate @ rate  # = (Jdot v)_k
+        g[k] = 0.5 * (d @ d - system["lengths"][k] ** 2)
+        gdot[k] = d @ d_dot  # = (J v)_k
+        jdotv[k] = d_dot @ d_dot  # = (Jdot v)_k
     return jac.reshape(rods, q.size), g, gdot, jdotv
 
 
 # gddot = 0 keeps a right rod right, but asks nothing of g and gdot: each step of an integrator
 # leaves an error there, and nothing takes it back. So ask that g behave like a damped spring:
 #     gddot = -2 w gdot - w^2 g
-# e^(rt) solves that if r = -w: errors die like e^(-wt), and do not swing. Most remedies differ by
-# four numbers only. (use_jdotv is 1 or 0, A is J M^-1 J^T, and diag A is its diagonal.)
-#     (A + softness diag A) lambda = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
-class Hold(NamedTuple):
-    """A way to hold rods: what it asks of gddot, and for which steps it is meant."""
+# Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: the spring is critically
+# damped. Errors die like e^(-wt), and do not swing.
+# Most remedies differ by four numbers only. (use_jdotv is 1 or 0; A is J M^-1 J^T.)
+#     (A + regularization diag A) lambda
+#         = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
+class Stabilization(NamedTuple):
+    """What a method asks of gddot, and what it does to a finished step."""
 
-    use_jdotv: float  # 1, or 0 without the term Jdot v
-    damping: float  # 1/s
-    stiffness: float  # 1/s^2
-    softness: float  # a share of A's diagonal
-    dt: float | None = None  # s, if it is for steps of this length only
-    rule: str | None = None  # the name of an integrator, if it is for that one only
-    after: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v): it mends a step
+    use_jdotv: float = 1.0  # 1, or 0 without the term Jdot v
+    damping: float = 0.0  # 1/s
+    stiffness: float = 0.0  # 1/s^2
+    regularization: float = 0.0  # a share of A's diagonal: what MuJoCo calls efc_R
+    post_step: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v)
+    integrator: str | None = None  # the only one that it is made for
 
 
-def multipliers(system, q, v, hold, f=None):
-    """J (C, 3N); lambda (C,) in N/m; A (C, C), its softness included, and b (C,): A lambda = b.
+def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
+    """The methods by name, for steps of dt s; `baumgarte` in rad/s, `time_constant` in s."""
+    w, p = baumgarte, impedance
+    t = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps at least
+    return {
+        # gddot = 0. Fails by drift: what has gone wrong stays, and every step adds to it.
+        "none": Stabilization(),
+        # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
+        # Fails when dt w passes 0.83 (semi_implicit), 2 (euler) or 2.79 (rk4): see STABILITY_LIMIT.
+        "baumgarte": Stabilization(damping=2.0 * w, stiffness=w * w),
+        # Ask that q + dt v_next be right: J v_next = -g/dt, to first order. With v_next = v + dt a
+        # that is J a = -gdot/dt - g/dt^2, no Jdot v (E. Catto, GDC 2005). Fails where q moves by
+        # something else than dt v_next.
+        "impulse": Stabilization(
+            use_jdotv=0.0,
+            damping=1.0 / dt,
+            stiffness=1.0 / (dt * dt),
+            integrator="semi_implicit",
+        ),
+        # A rod that gives, as MuJoCo's tendon, with g = |d| (|d| - L). Fails by design: a rod under
+        # load is longer.
+        "soft": Stabilization(
+            use_jdotv=0.0,
+            damping=2.0 / (p * t),
+            stiffness=1.0 / (p * t * t),
+            regularization=(1.0 - p) / p,
+        ),
+        # gddot = 0, and project() corrects each finished step. Fails if it finds no way back.
+        "project": Stabilization(post_step=project),
+    }
 
-    `hold`: a Hold, a mode's name, or Baumgarte's w in rad/s. f (N, 3) in N: all other forces.
-    """
-    q, v = states(system, q, v)
-    if f is None:
-        f = applied_force(system, q, v)
-    hold = run_checks.chosen(hold, hold_table)  # now it is a Hold
-    m = np.repeat(system["m"], 3)  # kg, (3N,)
+
+def constraint_equation(system, q, v, method):
+    """J (C, 3N), A (C, C) and b (C,) of A lambda = b, with all that a Stabilization asks for."""
+    m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x
+    f = np.ravel(external_force(system, q, v))
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
-    if hold.softness > 0.0:  # MuJoCo's error is |d| - L, for its row of J is ours / |d|
-        stretch = rod_errors(system, q)  # |d| - L
-        g = (system["lengths"] + stretch) * stretch  # |d| (|d| - L): for a row of J like ours
-        A = A + hold.softness * np.diag(np.diag(A))
-    b = -(jac @ (f.ravel() / m) + hold.use_jdotv * jdotv)
-    b = b - hold.damping * gdot - hold.stiffness * g
-    lam = solve(system, A, b, v, jac)  # as np.linalg.solve(A, b); v, jac: where rods close a loop
-    return jac, lam, A, b
+    if method.regularization > 0.0:  # soft: MuJoCo measures |d| - L, so J = d needs |d| (|d| - L)
+        g = rod_lengths(system, q) * rod_errors(system, q)
+        A = A + method.regularization * np.diag(np.diag(A))
+    b = -(jac @ (f / m) + method.use_jdotv * jdotv)
+    b = b - method.damping * gdot - method.stiffness * g
+    return jac, A, b
 
 
-def constraint_force(system, q, v, hold="none", f=None):
-    """The rods' force J^T lambda (N, 3) in N; f: all other forces, or else external_force's."""
-    jac, lam, _, _ = multipliers(system, q, v, hold, f)
+def constraint_force(system, q, v, method=0.0):
+    """The rods' force J^T lambda (N, 3) in N; `method`: a Stabilization, or Baumgarte's w."""
+    jac, A, b = constraint_equation(system, q, v, as_stabilization(method))
+    # along a chain np.linalg.solve(A, b); where rods close a loop, A can be singular
+    lam = solve(system, A, b, v, jac)
     return (jac.T @ lam).reshape(np.shape(q))
 
 
-def hold_table(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
-    """The modes by name: `baumgarte` in rad/s, MuJoCo's `time_constant` in s and `impedance`."""
-    w = baumgarte
-    p = impedance
-    t = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps at least
-    return {  # of Holds: use_jdotv, damping, stiffness, softness and, if it matters, dt, rule
-        # gddot = 0. Fails by drift: what has gone wrong stays, and every step adds to it.
-        "none": Hold(1.0, 0.0, 0.0, 0.0),
-        # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
-        # Fails when dt w passes STABILITY_LIMIT.
-        "baumgarte": Hold(1.0, 2.0 * w, w * w, 0.0),
-        # Ask that q + dt v_next be right: J v_next = -g/dt, to first order. With v_next = v + dt a
-        # that is J a = -gdot/dt - g/dt^2, no Jdot v (E. Catto, GDC 2005). Fails under euler.
-        "impulse": Hold(0.0, 1.0 / dt, 1.0 / (dt * dt), 0.0, dt, "semi_implicit"),
-        # A rod that gives, as MuJoCo's tendon. For a single rod, with g = |d| (|d| - L), it makes
-        # gddot = (1 - p) J M^-1 f + Jdot v - 2 gdot/t - g/t^2.
-        # Fails by design: a rod under load is longer.
-        "soft": Hold(0.0, 2.0 / (p * t), 1.0 / (p * t * t), (1.0 - p) / p, dt),
-        # gddot = 0, and project() mends each finished step. Fails if it finds no way back.
-        "project": Hold(1.0, 0.0, 0.0, 0.0, after=project),
-    }
+def as_stabilization(method):
+    """A Stabilization as it is; a number is Baumgarte's w in rad/s, 0 being none."""
+    if isinstance(method, Stabilization):
+        return method
+    return Stabilization(damping=2.0 * method, stiffness=method * method)
+
+
+def make_force(system, method):
+    """force(q, v) -> (N, 3) in N, the rods' included: the seam with chapter 3.3.
+
+    A method's post_step is no force: see stabilized.
+    """
+
+    def force(q, v):
+        return external_force(system, q, v) + constraint_force(system, q, v, method)
+
+    return force
 
 
 def project(system, q_start, q, v, dt):
@@ -198,21 +259,24 @@ def project(system, q_start, q, v, dt):
 
     First q moves by -M^-1 J(q_start)^T mu, and v changes by that move / dt: SHAKE (J.-P. Ryckaert
     et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods: RATTLE (H.
-    Andersen, ibid. 52 (1983) 24). With J(q) in place of J(q_start), or v left alone, the energy
-    explodes. Raises Stop if Newton finds no mu: simulate then tries the step in halves.
+    Andersen, ibid. 52 (1983) 24). Under semi_implicit, with J(q) in place of J(q_start), or v left
+    alone, the energy explodes. Raises StepFailed if Newton finds no mu.
     """
     m = np.repeat(system["m"], 3)
-    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # only J is used, and it needs no v
-    close = statics.near(system["lengths"], q_start)  # a g that counts as zero: 1e-12 L^2, or so
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)
+    tolerance = systems.tolerance(system["lengths"], q_start)  # of g: about 1e-12 L^2
 
-    # while off @ off > 1: q = newton(q), at most 20 times: repeat() is that, and can be compiled.
-    def newton(q):  # a better q, and how far this one is off
+    def is_off(q):
+        _, g, _, _ = constraint_terms(system, q, v)
+        return np.max(np.abs(g / tolerance)) > 1.0
+
+    def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
         mu = solve(system, (jac / m) @ jac_start.T, g, rough=True)  # kg; the next round corrects it
-        off = g / close
-        return q - (jac_start.T @ mu / m).reshape(q.shape), off @ off
+        return q - (jac_start.T @ mu / m).reshape(q.shape)
 
-    end = repeat(newton, q, 20, "no way back onto the rods")
+    # while is_off(q): q = newton(q), 20 times at most, in a form that can be compiled
+    end = while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
     nu = solve(system, (jac / m) @ jac.T, gdot)  # kg/s; J (v - M^-1 J^T nu) = 0
@@ -221,42 +285,22 @@ def project(system, q_start, q, v, dt):
 
 # --- endregion ---
 # --- region: integrators ---
-class Force(NamedTuple):
-    """force(q, v) -> (N, 3) in N, the rods' included: a function that remembers its system."""
-
-    system: dict
-    hold: Hold
-    after: Callable | None  # (q_start, q, v, dt) -> (q, v): mends a step, in your own loop, too
-
-    def __call__(self, q, v):
-        q, v = states(self.system, q, v)
-        f = applied_force(self.system, q, v)
-        return f + constraint_force(self.system, q, v, self.hold, f)
-
-
-def make_force(system, hold):
-    """A Force; `hold`: a Hold, a mode's name (for steps of 0.005 s), or Baumgarte's w in rad/s."""
-    hold = run_checks.chosen(hold, hold_table)
-    after = partial(hold.after, system) if hold.after else None
-    return Force(system, hold, after)
-
-
-# The rules of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods: they need
-# not know that force() solves a linear system. How fast rods drift depends on the rule's error.
+# Those of chapter 3.3, (q, v, m, force, dt) -> (q, v), without a word about rods: they need not
+# know that force() solves a linear system.
 def euler_step(q, v, m, force, dt):
-    """Explicit Euler: order 1, one force a step. What swings gains energy: kept as a warning."""
+    """Explicit Euler: order 1, one solve a step. What swings gains energy: kept as a warning."""
     a = force(q, v) / m
     return q + dt * v, v + dt * a
 
 
 def semi_implicit_step(q, v, m, force, dt):
-    """Semi-implicit (symplectic) Euler: order 1, one force, v before q; as game engines do."""
+    """Semi-implicit (symplectic) Euler: order 1, one solve, v before q; as game engines do."""
     v = v + dt * (force(q, v) / m)
     return q + dt * v, v
 
 
 def rk4_step(q, v, m, force, dt):
-    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4; energy drifts."""
+    """Runge-Kutta (W. Kutta, Z. Math. Phys. 46 (1901) 435): order 4, four solves a step."""
 
     def slope(q, v):
         return v, force(q, v) / m
@@ -269,170 +313,137 @@ def rk4_step(q, v, m, force, dt):
     return q, v + (dt / 6.0) * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
-INTEGRATORS = {"euler": euler_step, "semi_implicit": semi_implicit_step, "rk4": rk4_step}
-INTEGRATORS |= {"midpoint": make_midpoint(8), "gauss": make_gauss(8)}  # order 8; 8 stages, order 16
+INTEGRATORS = {
+    "euler": euler_step,
+    "semi_implicit": semi_implicit_step,
+    "rk4": rk4_step,
+    "gauss": make_gauss(8),  # 8 stages, order 16: what the others are measured against
+}
 
 # Baumgarte's spring is stable up to this z = dt w. A step multiplies its error by 1 - z (Euler) or
 # 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4): within -1..1. Semi-implicit (see chapter): 4 - 4z - z^2 > 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
+def stabilized(step_fn, system, method):
+    """The same integrator, whose every step the method corrects, if it has a post_step."""
+    if method.post_step is None:
+        return step_fn
+
+    def step(q, v, m, force, dt):
+        q_end, v_end = step_fn(q, v, m, force, dt)
+        return method.post_step(system, q, q_end, v_end, dt)
+
+    return step
+
+
 # --- endregion ---
 # --- region: simulate ---
-# An honest run measures at every step how far the worst rod is off, and what the energy is.
 def energy(system, q, v):
     """Kinetic and potential energy in J; U = -sum m GRAVITY . q."""
-    q, v = states(system, q, v)
-    m = ordered(system["m"])
-    return np.sum(0.5 * m * v * v - m * q * GRAVITY)
-
-
-def rod_errors(system, q):
-    """|d| - L (C,) in m: what a ruler would show."""
-    q = states(system, q)[0]
-    d = statics.differences(q, system.get("anchors", PIVOT), system["pairs"])  # (C, 3): each d
-    return np.sqrt(np.sum(d * d, axis=1)) - system["lengths"]
+    return np.sum(ordered(system["m"]) * (0.5 * v * v - q * GRAVITY))
 
 
 def constraint_violation(system, q):
-    """The largest rod error in m, whatever its sign."""
+    """The largest rod error in m, whatever its sign: the chapter's number."""
     return np.max(np.abs(rod_errors(system, q)))
 
 
-def simulate(step_fn, system, force, dt, steps, keep=(), way=Compiled):
-    """A Run of `steps` steps of `dt` s by step_fn(q, v, m, force, dt), every one of them measured.
+def simulate(step_fn, system, force, dt, steps):
+    """Take `steps` steps of dt s; note of each state how far the worst rod is off, and the energy.
 
-    It unpacks into tip (steps + 1, 3), the last particle's place, violations in m, energies in J.
-    `keep`: steps whose states it has, too. `way`: Compiled, or Plain, the lines as they stand.
+    A Run, which unpacks into tip (steps + 1, 3), the last particle's path in m, violations in m and
+    energies in J, (steps + 1,) each. By name it has all states, too: q, v (steps + 1, N, 3).
     """
-    system = run_checks.check_run(system, force, dt, steps, keep, way, step_fn, INTEGRATORS, PIVOT)
-    step_fn = followed(step_fn, getattr(force, "after", None))  # a step, mended if force has after
-
-    def measure(q, v):
-        q, v = states(system, q, v)  # read-only: to measure is to change nothing
-        return constraint_violation(system, q), energy(system, q, v)
-
-    stepper = way(step_fn, system["m"], force, dt, measure, steps)  # calls step_fn and measure
-    log = Log(stepper, steps, keep, 100.0 * np.sum(system["lengths"]))  # m: beyond that, "diverged"
-    q, v = log.start(system["q0"], system["v0"])  # the start is measured, too: it is row 0
-    with log:  # if a step fails, even in halves, this run ends, and the other modes still run
-        for _ in range(steps):
-            q, v = log.step(q, v)  # the state after a step by step_fn, which is measured and noted
-    return log.run()  # the Run: tip, violations, energies, and the states of keep
+    # compiled(step, steps) is the same step, with the same bits, a hundred times as fast. It sees
+    # what this loop does to q[i + 1] and v[i + 1], but not a dt or a mass that changes midway.
+    step = compiled(lambda q, v: step_fn(q, v, system["m"], force, dt), steps)
+    q, v = np.full((2, steps + 1, *system["q0"].shape), np.nan)
+    q[0], v[0] = system["q0"], system["v0"]
+    stopped = None
+    try:
+        for i in range(steps):
+            q[i + 1], v[i + 1] = step(q[i], v[i])
+    except StepFailed as why:
+        stopped = f"lost at {i * dt:.3g} s: {why}"
+    # vmap(f)(q, v) is [f(q[0], v[0]), f(q[1], v[1]), ...]
+    violations = vmap(partial(constraint_violation, system))(q)
+    energies = vmap(partial(energy, system))(q, v)
+    run = Run(q[:, -1], violations, energies, dt, q, v, stopped, step)
+    return run.until_diverged(system)
 
 
 # --- endregion ---
 # --- region: report ---
-def tensions(system, q, v, hold="none", f=None):
-    """Newtons (C,) with which rods pull, -lambda |d|; below zero they push. f: other forces."""
-    _, lam, _, _ = multipliers(system, q, v, hold, f)
-    return -lam * (rod_errors(system, q) + system["lengths"])  # |d| is L and its error
+def run_method(system, name, integrator, dt, steps, **knobs):
+    """The Run of a method by name, its post_step included. From a shell or a study, start here.
+
+    `knobs`: those of stabilizations, such as baumgarte=10.0.
+    """
+    method = stabilizations(dt, **knobs)[name]
+    step_fn = stabilized(INTEGRATORS[integrator], system, method)
+    return Run.of(simulate(step_fn, system, make_force(system, method), dt, steps), system, dt)
 
 
-def unheld(system, q, v, hold="none"):
-    """The largest acceleration in m/s^2 that is asked of the rods, and that they do not make."""
-    jac, lam, A, b = multipliers(system, q, v, hold)
-    return unanswered(system, jac, A, b, lam, v)
+def one_step(system, name, integrator, q, v, dt, **knobs):
+    """One step of that from q, v, a function of what stands here: for the page and reference."""
+    method = stabilizations(dt, **knobs)[name]
+    step_fn = stabilized(INTEGRATORS[integrator], system, method)
+    return step_fn(q, v, system["m"], make_force(system, method), dt)
 
 
-# Stop reading here: what follows serves the command line, with flags, tables and files.
-def parse(argv):
-    """Parser, command line, and the system it names; scene() and method() add flags to --help."""
-    examples = "--system jansen_leg --integrator rk4", "--dt 0.05", "--integrator gauss --tol 1e-9"
-    parser, scene, method = chapter_parser("constraints.py", HERE / CHAPTER, OUT, examples)
-    modes = ["all", *hold_table()]
-    orders = f"{', '.join(INTEGRATORS)}; midpoint:10 is of order 10, gauss:6 has 6 stages"
-    scene("--scenes", action="store_true", help="list them")
-    scene("--system NAME", default="double", help="one that --scenes lists, or a file")
-    scene("--links N", type=number(int, 1, 1001), help="rods of --system chain (10)")
-    scene("--steps N", type=number(int, 1), default=4000, help="how many; drift shows late")
-    scene("--dt S", type=number(high=1e3), default=0.005, help="length of a step, in s: halve it")
-    method("--integrator RULE", default="semi_implicit", help=orders)
-    method("--stabilization MODE", choices=modes, default="all", help=", ".join(modes[1:]))
-    method("--baumgarte W", type=number(float, 0), default=20.0, help="its w, rad/s; has a cliff")
-    method("--time-constant T", type=number(), default=0.02, help="s; how soon soft mends a rod")
-    method("--impedance P", type=number(high=1), default=0.95, help="soft: hard rods near 1")
-    method("--tol M", type=number(high=1), help="aim, m at 2 s; midpoint, gauss find their step")
-    scenes = [*SYSTEMS, "chain", *scene_files.shipped(HERE / CHAPTER)]
-    parser.names = {"--system": scenes, "--integrator": INTEGRATORS}  # when a flag is forgotten
-    args = parser.parse_args(argv)
-    if args.scenes:
-        print(publish.scene_list(SYSTEMS, HERE / CHAPTER))
-        parser.exit()
-    if args.tol is not None and args.plain:
-        parser.error(f"argument --tol: {args.tol:g} wants compiled steps: no --plain")
-    if args.links is not None and args.system != "chain":
-        parser.error(f"argument --links: {args.links} wants --system chain, not {args.system}")
-    parser.attempt("--integrator", rules.named, args.integrator, INTEGRATORS)
-    parser.attempt("--tol", rules.offered, args.integrator, INTEGRATORS, args.tol)
-    mode = args.stabilization
-    why = run_checks.misfit(hold_table().get(mode), args.integrator)
-    if why is not None:
-        parser.error(f"argument --stabilization: {mode} {why}")
-    if args.rerun:
-        parser.attempt("--rerun", installed, "rerun")
-    links = 10 if args.links is None else args.links
-    own = parser.attempt("--system", build_system, args.system, args.seed, links)
-    system = parser.attempt("build_system", run_checks.check_system, own, PIVOT)
-    if not args.show_step:  # last, so that every other mistake is told first
-        args.out = parser.attempt("--out", publish.results_folder, args.out)
-    return parser, args, system
+def tensions(system, q, v, method=0.0):
+    """How hard each rod pulls, -lambda |d| (C,) in N; below zero it pushes. For the recording."""
+    jac, A, b = constraint_equation(system, q, v, as_stabilization(method))
+    return -solve(system, A, b, v, jac) * rod_lengths(system, q)
 
 
-def report(comparison):
-    """Print the table, a sentence for each mark in it, and the verdict."""
-    args, dt = comparison.args, comparison.dt
-    how = "; ".join(dict.fromkeys(run.how for run in comparison.runs.values()))  # each once
-    limit = STABILITY_LIMIT.get(comparison.rule, np.inf)
-    tables.say(f"{args.system}: seed {args.seed}; {comparison.rule}, steps of {dt:.4g} s, {how}")
-    tables.show_comparison(comparison)
-    if "baumgarte" in comparison.runs and dt * args.baumgarte > limit:
-        print(f"baumgarte: dt w = {dt * args.baumgarte:.3g} is past the limit {limit:.3g} here")
-    if args.system in SYSTEMS and args.baumgarte > 0.0 and comparison.steps >= SMOKE_STEPS:
-        tables.verdict(comparison.rows)
+def constraint_residual(system, q, v, method=0.0):
+    """The largest acceleration in m/s^2 asked along a rod that no tensions make: 0 but in loops."""
+    if not systems.has_loop(system):
+        return 0.0
+    jac, A, b = constraint_equation(system, q, v, as_stabilization(method))
+    left = residual(system, A, b, solve(system, A, b, v, jac), jac)  # b - A lambda
+    return np.max(np.abs(left) / rod_lengths(system, q))
+
+
+def summary(system, run, method, reference):
+    """What metrics.json says of a run."""
+    m_g_L = np.sum(system["m"]) * np.linalg.norm(GRAVITY) * np.sum(system["lengths"])  # J
+    return {
+        "max_violation": np.max(run.violations),
+        "final_violation": run.violations[-1],
+        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
+        "energy_step_max": np.max(np.abs(np.diff(run.energies)), initial=0.0) / m_g_L,
+        "constraint_residual": run.largest(partial(constraint_residual, system, method=method)),
+        "tip_final": run.tip[-1].tolist(),
+        "error": reference.error(run.q),
+        "stopped": run.stopped,
+    }
 
 
 def main(argv=None):
-    """Run the comparison that `argv` asks for, print it, write what --out is to hold."""
-    parser, args, system = parse(argv)
-    offered = rules.offered(args.integrator, INTEGRATORS, args.tol)
-    modes = list(hold_table()) if args.stabilization == "all" else [args.stabilization]
-    steps = SMOKE_STEPS if args.smoke else args.steps
-    knobs = args.baumgarte, args.time_constant, args.impedance
-    usual = Plain if args.plain else Compiled
-
-    def run(mode, rule, dt, steps, keep=(), way=usual, nudge=False, start=system):
-        force = make_force(system, hold_table(dt, *knobs)[mode])
-        return simulate(rule, ruler.nudged(start) if nudge else start, force, dt, steps, keep, way)
-
+    """Run the methods, print the table, and write what it shows."""
+    args, system = parse_args(argv)
+    settings = args.integrator, args.dt, args.steps
     if args.show_step:
-        name, rule = next(iter(offered.items()))
-        print(f"# {modes[0]}, {name}\n{run(modes[0], rule, args.dt, 1).source}")
-        return
-    default = vars(parser.parse_args([])) == vars(args) | {"out": OUT}  # all as usual but --out?
-    print(banner.banner("ch3.4", "constraints", args.device, default))
-    modes = run_checks.fitting(modes, hold_table(), args.integrator)
-    progress.work.plan("the truth", *modes, "the true motion", *publish.parts(args))
-    unsought = run_checks.unsought(system, partial(unheld, system), args.plain, hold_table())
-    right = system if unsought else run_checks.righted(system, project)
-    true_run = ruler.truly(partial(run, "project", start=right), unsought)
-    tried = [partial(run, mode) for mode in modes]
-    plan = parser.attempt("--tol", aim.settle, true_run, tried, offered, args.dt, steps, args.tol)
-    rule, holds = offered[plan.rule], hold_table(plan.dt, *knobs)  # as --tol may have chosen them
-    shown = frames(plan.steps, plan.dt, len(system["q0"]), args.picture or args.rerun)
-    keep, runs, pulls = [plan.truth.step, *shown], {}, {}
-    for mode in progress.work.each(modes):
-        watch = run_checks.watched(system, partial(unheld, system, hold=holds[mode]))
-        runs[mode] = run(mode, rule, plan.dt, plan.steps, keep, partial(usual, watch=watch))
-        pulls[mode] = mapped(run_checks.felt(system, partial(tensions, system, hold=holds[mode])))
-    plan, motion = ruler.believed(true_run, system, plan, shown, runs.values())
-    mgl = energy_scale(system, GRAVITY)  # J
-    comparison = Comparison(args, system, *plan, runs, mgl, pulls, shown, motion)
-    report(comparison)
-    print(publish.publish(comparison, sys.modules[__name__], rule))  # a page of these lines, too
+        print(run_method(system, args.methods[0], *settings[:2], 1, **args.knobs).source)
+        return 0
+    print(f"ch3.4 constraints | device {args.device}")
+    runs = {}
+    with plain(args.plain):
+        for name in progress.each(args.methods, always=args.plain):
+            runs[name] = run_method(system, name, *settings, **args.knobs)
+    exact = partial(one_step, system, "project", "gauss")
+    reference = find_reference(exact, system, args.dt, args.steps, args.plain)
+    methods = stabilizations(args.dt, **args.knobs)
+    results = {name: summary(system, run, methods[name], reference) for name, run in runs.items()}
+    table.show(args, runs, results, reference, STABILITY_LIMIT)
+    output.write(args, system, runs, results, reference, sys.modules[__name__])
+    return 0
 
 
-command = partial(run_script, main)  # as a program: by its entry point, or as below
+command = partial(cli.run_script, main)  # for the entry point in pyproject.toml
 if __name__ == "__main__":
     command()
 # --- endregion ---

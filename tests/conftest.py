@@ -1,82 +1,84 @@
-"""What several test files need: mistakes, processes of their own, runs for the ruler, forces."""
+"""What several test files need."""
 
-import gc
 import os
-import re
+import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
-import constraints
-from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.common.compiled import Compiled
-from curriculum.common.ruler import nudged, truly
-
+import numpy as np
 import pytest
 
-MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
-gc.set_threshold(1_000_000)  # a trace makes many objects, which stay: a tenth less to do
-START = "import os, signal, sys, time\nfrom curriculum.common import cli, files\ndef main():\n    "
+import constraints
+
+ROOT = Path(__file__).resolve().parents[1]
+BARE = "--no-rerun", "--no-page"
+posix = pytest.mark.skipif(os.name == "nt", reason="signals and shells are others there")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """All tests go in two processes if pytest-xdist is installed, which may be told otherwise."""
-    all_of_them = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    here = hasattr(config, "workerinput") or config.option.usepdb
+    """All tests together go in two processes if pytest-xdist is installed."""
+    everything = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of those two: more would wait by turning
-    if all_of_them and not here and getattr(config.option, "numprocesses", 0) is None:
+    if everything and getattr(config.option, "numprocesses", 0) is None:
         config.option.numprocesses = 2
         config.option.dist = "worksteal"
 
 
-def complaint(capsys, *words, main=constraints.main):
-    """The one line with which a main refuses `words`; no folder can be written: that comes last."""
-    nowhere = ["--out", "/dev/null/below"] if main is constraints.main else []
-    with pytest.raises(SystemExit, match="2"):
-        main([*nowhere, *map(str, words)])
-    printed, line = capsys.readouterr()
-    assert printed == "" and re.fullmatch(r"[\w.]+: error: [^\n]{1,400}\n", line)
+def python(*words, variables=None):
+    """A Python that was run from the project's folder and has ended; its output is text."""
+    command, env = [sys.executable, *map(str, words)], os.environ | (variables or {})
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env)
+
+
+@pytest.fixture
+def refused(capsys):
+    """refused(*flags): what main says of a command line that it refuses: a line, and exit 2."""
+
+    def line(*flags):
+        with pytest.raises(SystemExit, match="2"):
+            constraints.main([*map(str, flags)])
+        printed, said = capsys.readouterr()
+        assert (printed, said.count("\n")) == ("", 1)
+        return said
+
     return line
 
 
-def python(*words, variables=None, shell="", **settings):
-    """A Python, run from the project's folder, that has ended; its output is text, kept apart.
-
-    `variables` are added to its environment; a line of a `shell` may start it, as "$@".
-    """
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60}
-    pipes |= {"cwd": constraints.HERE, "env": os.environ | (variables or {})}
-    start = ["sh", "-c", shell, "sh"] if shell else []
-    return subprocess.run([*start, sys.executable, *map(str, words)], **pipes | settings)
+@pytest.fixture(scope="session")
+def browser():
+    """The system's Chromium."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = shutil.which("chromium") or pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        yield playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
 
 
-def script(lines, *words, **settings):
-    """Such a process whose main, as run_script runs it, is these lines."""
-    body = lines.replace("\n", "\n    ")
-    return python("-c", f"{START}{body}\ncli.run_script(main)", *words, **settings)
+@pytest.fixture
+def visit(browser):
+    """visit(path, **context): the page of a file. What it complains about or asks for, fails."""
+    trouble = []
+
+    def opened(path, **context):
+        usual = {"reduced_motion": "reduce", "viewport": {"width": 1100, "height": 820}}
+        page = browser.new_page(**usual | context)
+        page.on("pageerror", lambda error: trouble.append(str(error)))
+        page.on("console", lambda message: trouble.append(message.text))
+        page.on("request", lambda request: trouble.append(request.url))
+        page.goto(path.as_uri())
+        trouble.remove(path.as_uri())
+        return page
+
+    yield opened
+    for context in browser.contexts:
+        context.close()
+    assert [x for x in trouble if not x.startswith("data:")] == []
 
 
-def held(system, mode):
-    """The run of a system or a scene, held by a mode, that the ruler asks for."""
-    system = constraints.build_system(system) if isinstance(system, str) else system
-
-    def asked(rule, dt, steps, keep=(), way=Compiled, nudge=False):
-        return run(nudged(system) if nudge else system, rule, mode, dt, steps, keep, way)
-
-    return asked
-
-
-def true_run(system):
-    """What finds the truth of a system or a scene."""
-    return truly(held(system, "project"))
-
-
-def feel(monkeypatch, force):
-    """Have the rods feel gravity and force(q, v)."""
-
-    def both(system, q, v=None):
-        return system["m"] * constraints.GRAVITY + force(q, v)
-
-    monkeypatch.setattr(constraints, "external_force", both)
+def contrast(*colors):
+    """That of two colours, such as "#1f2328", as WCAG 2 defines it."""
+    parts = np.array([[*bytes.fromhex(color[1:])] for color in colors]) / 255.0
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    dark, light = sorted(linear @ [0.2126, 0.7152, 0.0722])
+    return (light + 0.05) / (dark + 0.05)

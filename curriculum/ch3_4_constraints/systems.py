@@ -1,40 +1,32 @@
-"""Systems, checked so that a mistake in one is answered by a sentence.
-
-A system is a dict of arrays, as COLUMNS has them, and of what else its maker puts in.
-"""
+"""Systems: what their arrays must be, checked so that a mistake is answered by a sentence."""
 
 import json
 from argparse import ArgumentTypeError
 from collections.abc import Mapping
 from decimal import Decimal, localcontext
 from itertools import accumulate
-from numbers import Integral
 from operator import mul
-
-from curriculum.ch3_4_constraints.statics import differences
-from curriculum.common.arrays import ordered
-from curriculum.common.cli import shorten
 
 import numpy as np
 
-FIT = 1e-6  # relative: how far a length in a file may be from the distance of the rod's ends
-ROUGH = 0.1  # the same of a typed system, which may start wrong on purpose, but not by a slip
-FILLED = 10_000  # entries of A that are not zero, at most: they get more in a solve
-MOST = 1000  # particles, rods or anchors in a file; rods of a chain
-HUGE = 1e12  # beyond (divisors: below 1 / HUGE; masses: times another) rods have no digits left
+from curriculum.common.elimination import parts
+
+FIT = 1e-6  # the share by which a length in a file may differ from the distance of its rod's ends
+ROUGH = 0.1  # the same in a typed system, which may be wrong on purpose, but not by a slip
+FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
+MOST = 1000  # particles, rods or anchors in a file
+HUGE = 1e12  # larger numbers, positive ones below 1 / HUGE, and masses as unlike have no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
-DIVISOR = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
-COLUMNS = {  # type, shape and bound of a row; the shape of all; a row's name in a file, what it is
+POSITIVE = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
+COLUMNS = {  # a row's type, shape and bound; the shape of all; a row's name in a file, what it is
     "q0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].position", POINT),
     "v0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].velocity", POINT),
-    "m": (float, (1,), 1 / HUGE, "(N, 1)", "particles[{}].mass", DIVISOR.format("kilograms")),
+    "m": (float, (1,), 1 / HUGE, "(N, 1)", "particles[{}].mass", POSITIVE.format("kilograms")),
     "anchors": (float, (3,), -HUGE, "(K, 3)", "anchors[{}]", POINT),
     "pairs": (int, (2,), -HUGE, "(C, 2)", "rods[{}].pair", "two whole numbers [i, j]"),
-    "lengths": (float, (), 1 / HUGE, "(C,)", "rods[{}].length", DIVISOR.format("metres")),
+    "lengths": (float, (), 1 / HUGE, "(C,)", "rods[{}].length", POSITIVE.format("metres")),
 }
-REPEATED = "m", "anchors", "lengths"  # which numpy would repeat: a lone [x, y, z] at (x, x, x)
-ANCHORS = np.zeros((1, 3))  # of a system that names none: how many, not where
 
 
 class SceneError(ArgumentTypeError, ValueError):
@@ -50,10 +42,10 @@ def direction(angle):
         return np.array([float(cosine), float(sine), 0.0])
 
 
-def check_links(links):
-    """Raise SceneError unless a chain can have so many links."""
-    right = type(links) is not bool and isinstance(links, Integral) and 1 <= links <= MOST
-    need(right, "links", links, f"a whole number of rods, 1 to {MOST}")
+def shorten(text):
+    """The text in a line, or its beginning."""
+    text = " ".join(text.split())
+    return text if len(text) < 60 else text[:57] + "..."
 
 
 def need(test, field, found, allowed):
@@ -63,45 +55,42 @@ def need(test, field, found, allowed):
         raise SceneError(f"{field} is {shorten(found)}; must be {allowed}")
 
 
-def energy_scale(system, gravity):
-    """m g L in J, of all masses and all rods; 1 where nothing weighs anything. gravity (3,)."""
-    size = np.sqrt(np.sum(np.square(gravity)))
-    scale = np.sum(system["m"]) * size * np.sum(system["lengths"])
-    return scale if scale > 0.0 else 1.0
+def has_loop(system):
+    """Whether its rods close a loop, maybe through the ground."""
+    return any(loop for _, loop in parts(system["pairs"]))
 
 
-def states(system, *arrays):
-    """Positions or velocities, (N, 3) each: read-only arrays whose products and sums go in order.
-    Lists will do. Raises ValueError for another shape, which numpy would repeat silently."""
-    need(isinstance(system, Mapping), "a system", system, "a dict, as build_system makes it")
-    given = (system.get(key, ANCHORS) for key in REPEATED)
-    found = m, anchors, _ = tuple(getattr(x, "shape", None) or np.shape(x) for x in given)
-    count = m[0] if m else 1
-    wanted = (count, 1), (*anchors[:1], 3), (len(system["pairs"]),)
-    if found != wanted:  # as nearly never: else each of them would be looked at
-        for key, shape, must in zip(REPEATED, found, wanted, strict=True):
-            if shape != must:
-                raise ValueError(f"{key} has the shape {shape}, must have {must}")
-    made = []
-    for x in map(ordered, arrays):
-        if x.shape != (count, 3):
-            must = f"must be {(count, 3)}, a row for each particle"
-            if x.ndim == 3:
-                must += "; mapped(function)(q, v) is for many"
-            raise ValueError(f"a state is an array of shape {x.shape}; {must}")
-        if x.flags.writeable:
-            x = x.view()
-            x.flags.writeable = False  # a force is to change no state
-        made.append(x)
-    return made
+def tolerance(lengths, q):
+    """The |g| (C,) in m^2 that counts as zero: 1e-12 L^2, and more far from the origin.
+
+    There q (N, 3) is rounded more coarsely, and so is g.
+    """
+    far, lengths = np.sum(np.abs(q)) / len(q), np.asarray(lengths)
+    return 1e-12 * lengths * lengths + 1e-15 * far * lengths
 
 
-def check_system(system, anchors=None):
-    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept. A
-    length may be a tenth off. `anchors` (K, 3): of a system that names none. Raises SceneError."""
+def nodes(x, fixed):
+    """What pairs index: x (..., N, 3) and, from the end on, that of the anchors, `fixed` (K, 3)."""
+    fixed = np.asarray(fixed)[::-1]
+    fixed = np.broadcast_to(fixed, (*x.shape[:-2], *fixed.shape))
+    return np.concatenate([x, fixed], axis=-2)
+
+
+def differences(x, fixed, pairs):
+    """x_i - x_j (..., C, D) of rods (i, j), with x (..., N, D); at anchors it is fixed (K, D)."""
+    i, j = np.transpose(pairs)
+    ends = nodes(x, fixed)
+    return ends.take(i, axis=-2) - ends.take(j, axis=-2)
+
+
+def check_system(system, pivot):
+    """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
+
+    A length may be a tenth off. `pivot` (3,) is the anchor of one without. Raises SceneError.
+    """
     allowed = f"a dict with {', '.join(COLUMNS)}"
     need(isinstance(system, Mapping), "a system", system, allowed)
-    system = {"anchors": anchors, **system}
+    system = {"anchors": [pivot], **system}
     for key in COLUMNS:
         if key not in system:
             raise SceneError(f"a system has no {key}; must be {allowed}")
@@ -122,8 +111,11 @@ def check_system(system, anchors=None):
 
 
 def checked(system, fit, name, bare):
-    """The arrays of a system, checked against each other. Lengths may be off by a share `fit`, and
-    those of the rods `bare` are measured; name(key, k): what row k is called."""
+    """The arrays of a system, checked against each other.
+
+    Lengths may be off by a share `fit`; those of the rods `bare` are measured. name(key, k) is what
+    row k is called. Raises SceneError.
+    """
 
     def refuse(key, bad, allowed):  # for the first bad row k of system[key]; allowed(k): words
         if np.any(bad):

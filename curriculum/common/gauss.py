@@ -2,15 +2,15 @@
 
 import math
 from decimal import Decimal, localcontext
-from functools import lru_cache
-
-from curriculum.common.programs import repeat, side_by_side
+from functools import lru_cache, partial
 
 import numpy as np
 
-ROUGH = 0.02  # last terms as a share of all: from there on a polynomial is no picture of the motion
+from curriculum.common.tracing import vmap, while_loop
+
 DIGITS = 50  # in which nodes and weights are computed, so that every machine has the same doubles
-MOST = 60  # rounds
+ROUNDS = 60  # of the iteration of the stages, at most
+PARTS = 256 + 8  # of a step, at most: where all are 1/256 long, 8 longer ones have failed before
 
 
 def legendre(x, degree):
@@ -25,9 +25,8 @@ def legendre(x, degree):
 def collocation(stages):
     """Gauss's rule on a step of 1: nodes c (s,), weights b (s,), matrix a (s, s) and its square.
 
-    a_ij is the integral from 0 to c_i of the polynomial that is 1 at c_j and 0 at the other nodes,
-    taken in Legendre's basis (E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration,
-    II.1.3). And weights (2, s) of the last two terms in that basis of what is given at the nodes.
+    a_ij is the integral from 0 to c_i of the polynomial that is 1 at c_j and 0 at other nodes, in
+    Legendre's basis (E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, II.1.3).
     """
     n = range(stages)
     with localcontext(prec=DIGITS):
@@ -40,17 +39,13 @@ def collocation(stages):
         p = legendre(x, stages)
         terms = sum(np.outer(p[k + 1] - p[k - 1], p[k]) for k in n[1:])
         a = b / 2 * (x[:, None] + 1 + terms)
-        ends = [b * (2 * k + 1) * p[k] for k in n[-2:]]
-        parts = (x + 1) / 2, b, a, a @ a, ends
+        parts = (x + 1) / 2, b, a, a @ a
         return tuple(np.array(part, dtype=float) for part in parts)
 
 
 def total(x):
-    """The sum over the first axis of x: the second half is added to the first, again and again.
-
-    So its order is the same everywhere, and a processor adds side by side. An odd one waits.
-    """
-    while len(x) > 1:
+    """The sum over the first axis of x: its second half is added to its first, again and again."""
+    while len(x) > 1:  # in the same order everywhere, and side by side
         half = len(x) // 2
         x = np.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
     return x[0]
@@ -61,56 +56,77 @@ def combined(weights, a):
     return total(weights[:, None, None] * a)
 
 
-def squares(x):
+def sum_of_squares(x):
     """The sum of the squares of an array."""
     return total(np.square(x).ravel())
 
 
-def make_gauss(stages, tol=1e-16):
-    """The rule of Gauss-Legendre collocation: order 2 * `stages`, symplectic, time-reversible.
+def attempt(stages, tol, q, v, m, force, dt):
+    """q and v (N, 3) after dt s, and whether the stages have converged: 1.0 or 0.0.
 
-    The accelerations of the stages solve a(t_s) = force(q(t_s), v(t_s)) / m. That is iterated as it
-    stands (Hairer, Lubich, Wanner, VIII.6) until a round moves the end of the step by no more than
-    `tol`, relatively, or as little as rounding allows. Raises Stop after MOST rounds or, with 6
-    stages or more, where the polynomial through them has no digits: a run then tries halves.
+    A round computes each stage's acceleration a_s = force(q_s, v_s) / m, (stages, N, 3) in all, at
+    the place and speed that those of the round before give it (Hairer, Lubich, Wanner, VIII.6).
     """
+    c, b, once, twice = collocation(stages)
+    shape, dt4 = (stages, *q.shape), dt * dt * dt * dt
 
-    def gauss_step(q, v, m, force, dt):
-        c, b, once, twice, last_terms = collocation(stages)
+    def next_round(state):  # accelerations, (the move of this round)^2, that of the last, the count
+        a = state[:-3].reshape(shape)
 
-        def iterate(a):  # and the square of how far that moves the end of the step
-            def stage(c, once, twice, before):
-                x = q + dt * c * v + dt * dt * combined(twice, a)
-                after = force(x, v + dt * combined(once, a)) / m
-                return after, squares(after - before)
+        def stage(c, once, twice, before):
+            x = q + dt * c * v + dt * dt * combined(twice, a)
+            after = force(x, v + dt * combined(once, a)) / m
+            return after, sum_of_squares(after - before)
 
-            following, moved = side_by_side(stage, c, once, twice, a)
-            return following, dt4 * total(moved)
+        after, moved = vmap(stage)(c, once, twice, a)
+        return np.concatenate([after.ravel(), [dt4 * total(moved), state[-3], state[-1] + 1.0]])
 
-        start, dt4 = squares(q) + dt * dt * squares(v), dt * dt * dt * dt
-        first, moved = iterate(np.zeros((stages, *q.shape)))  # the particles coast
-        scale = tol**2 * (start + moved) + 1e-300  # the square of a move that is small enough
-        nearly = 1e-18 / tol**2  # by this scale: from so small on rounding may end the fall
+    def has_converged(state):
+        move, before = state[-3:-1]
+        limit = np.where(before <= move, rounding, enough)  # what no longer falls is rounding
+        return np.where(move <= limit, 1.0, 0.0)
 
-        def another(state):  # accelerations, the move that led to them, and the move before it
-            size, last = state[-2:]
-            settled = (size <= 1.0) | ((last <= size) & (size <= nearly))  # or it falls no more
-            following, moved = iterate(state[:-2].reshape(first.shape))
-            following = np.concatenate([following.ravel(), [moved / scale, size]])
-            return following, np.where(settled, 0.0, 2.0)
+    def is_going(state):
+        move, count = state[-3], state[-1]
+        going = np.where(count < ROUNDS, 1.0 - has_converged(state), 0.0)
+        return np.where(move < np.inf, going, 0.0)  # it may be NaN
 
-        begun = np.concatenate([first.ravel(), [moved / scale, np.inf]])
-        ended = repeat(another, begun, MOST, "the Gauss stages do not settle")
-        a = ended[:-2].reshape(first.shape)
-        ends, checked = np.stack([b, b * (1.0 - c), *last_terms]), stages > 5
-        ends = ends if checked else ends[:2]
-        speed, place, *terms = side_by_side(lambda weights: combined(weights, a), ends)
-        if checked:
-            least = 1e-14 * start / dt4  # less moves nothing: rounding errors, a narrow spike
-            wild = squares(np.stack(terms)) / (ROUGH**2 * squares(a) / stages + least + 1e-300)
-            end = np.stack([speed, place])
-            why = "the Gauss stages do not resolve the motion"
-            speed, place = repeat(lambda x: (x, wild), end, 1, why)
-        return q + dt * v + dt * dt * place, v + dt * speed
+    first = next_round(np.zeros(stages * q.size + 3))  # as if the particles coasted
+    size = sum_of_squares(q) + dt * dt * sum_of_squares(v) + first[-3]
+    enough = tol * tol * size + 1e-300
+    rounding = np.maximum(enough, 1e-18 * size)
+    first = np.concatenate([first[:-2], [np.inf, 1.0]])
+    last = while_loop(is_going, next_round, first, ROUNDS, "")
+    a = last[:-3].reshape(shape)
+    q = q + dt * v + dt * dt * combined(b * (1.0 - c), a)
+    return q, v + dt * combined(b, a), has_converged(last)
 
-    return gauss_step
+
+def step_in_parts(stages, tol, q, v, m, force, dt):
+    """The step in one part or, as often as its stages do not converge, in shorter ones."""
+
+    def next_part(state):  # q, v, what is left of the step, and how long the next part is
+        (q, v), (left, part) = state[:-2].reshape(2, *shape), state[-2:]
+        q_next, v_next, converged = attempt(stages, tol, q, v, m, force, part * dt)
+        q, v = np.where(converged, q_next, q), np.where(converged, v_next, v)
+        left = np.where(converged, left - part, left)
+        part = np.where(converged, part, 0.5 * part)
+        return np.concatenate([q.ravel(), v.ravel(), [left, part]])
+
+    def is_left(state):
+        return state[-2] > 0.0
+
+    shape = q.shape
+    whole = np.concatenate([np.ravel(q), np.ravel(v), [1.0, 1.0]])
+    end = while_loop(is_left, next_part, whole, PARTS, "the Gauss stages do not converge")
+    return tuple(end[:-2].reshape(2, *shape))
+
+
+def make_gauss(stages, tol=1e-16):
+    """A step(q, v, m, force, dt) of Gauss-Legendre collocation: symplectic, of order 2 * `stages`.
+
+    Its stages are iterated until a round moves the end of the step by a share of at most `tol`, or
+    as little as rounding allows. Where they do not converge, the step is taken in parts, each half
+    as long as what failed. Raises StepFailed if even 1/256 of the step is too long.
+    """
+    return partial(step_in_parts, stages, tol)

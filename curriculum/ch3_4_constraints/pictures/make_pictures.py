@@ -1,195 +1,167 @@
-"""Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures [NAME ...]
+"""Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures
 
-They are computed, and are the same bytes each time. Drawings without a number are not among them;
-nor is page.png, which a browser of 1100 x 820 pixels shows of the page of `double` after 9 s, when
-a hand has pulled the first bob of the third tile for 0.7 s.
+Charts, tiles and pages are computed. DRAWINGS are edited by hand, except for their colours.
 """
 
-import contextlib
-import io
-import tempfile
-from functools import partial
+import re
+from html import escape
 from pathlib import Path
-
-import constraints as c
-from curriculum.ch3_4_constraints import svg
-from curriculum.ch3_4_constraints.picture import DECADES
-from curriculum.ch3_4_constraints.studies import _runs, speed_vs_error
-from curriculum.ch3_4_constraints.studies import chaos as thousand
-from curriculum.ch3_4_constraints.studies import hard_cases as hard
-from curriculum.ch3_4_constraints.studies._runs import run
-from curriculum.ch3_4_constraints.studies.shown import swinging
-from curriculum.ch3_4_constraints.svg import EXCESS, GREY, INK, MODES, PULL, Drawing
-from curriculum.common.cli import Parser, one_of, run_script
-from curriculum.common.files import write_whole
 
 import numpy as np
 
+import constraints as c
+from curriculum.ch3_4_constraints import page
+from curriculum.ch3_4_constraints.table import length
+
 FOLDER = Path(__file__).parent
-METHODS = [("euler", "none"), ("rk4", "soft"), ("rk4", "baumgarte")]
-METHODS += [("semi_implicit", mode) for mode in ("none", "baumgarte", "project", "impulse")]
-METHODS += [("midpoint:8", "project"), ("gauss:12:1e-14", "project")]
-DASHES = {"semi_implicit": "none", "euler": "1 6", "rk4": "10 5"}  # modes are told by colours
-DASHES |= {"midpoint:8": "2 5", "gauss:12:1e-14": "14 4 2 4"}
-SOLVES = {100.0: "100", 1000.0: "1 000", 10_000.0: "10 000"}
-LENGTHS = DECADES | {1e-15: "1 fm"}
+DT = 0.005  # s
+TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
+DRAWINGS = "question", "tangent", "jacobian", "drift", "soft"
+MOVING = ("double", 12.0, 20.0, 10), ("peaucellier", 0.0, 6.0, 20), ("jansen_leg", 0.0, 5.0, 20)
+METHODS = {name: f"m{k}" for k, name in enumerate(c.stabilizations(DT))}  # and their colours
+STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
+text {{ font: 30px system-ui, sans-serif }}</style>"""
 
 
-def turned(degrees, length):
-    """(x, y) on a sheet, y down, of an arrow that hangs down and is then turned to the right."""
-    return length * np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])
+class Sheet:
+    """A drawing of the box from `low` to `high`, `width` by `height` units, two to a pixel."""
+
+    def __init__(self, width, height, low, high):
+        self.size, self.low = (width, height), low
+        self.scale = np.divide(self.size, np.subtract(high, low))
+        self.parts = [STYLE, '<rect width="100%" height="100%" rx="12" fill="var(--paper)"/>']
+
+    def at(self, point):
+        x, y = (np.array(point)[:2] - self.low) * self.scale
+        return f"{x:.0f} {self.size[1] - y:.0f}"
+
+    def line(self, points, colour, width=6):
+        self.path("M" + "L".join(map(self.at, points)), colour, f"{width};stroke-linecap:round")
+
+    def path(self, data, colour, width, move=""):
+        style = f"stroke:var(--{colour});stroke-width:{width}"
+        self.parts.append(f'<path d="{data}" style="{style}">{move}</path>')
+
+    def words(self, point, words, colour="ink", anchor="middle", up=0):
+        x, y = self.at(point).split()
+        place = f'x="{x}" y="{int(y) - up}" text-anchor="{anchor}"'
+        self.parts.append(f'<text {place} style="fill:var(--{colour})">{escape(words)}</text>')
+
+    def write(self, name):
+        box = 'viewBox="0 0 {} {}" width="{}"'.format(*self.size, self.size[0] // 2)
+        lines = "\n".join(self.parts)
+        text = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>\n{lines}\n</svg>\n'
+        (FOLDER / f"{name}.svg").write_text(text, encoding="utf-8")
 
 
-def arc(sheet, middle, radius, begin, end):
-    """A dashed circle's part between two angles in degrees, and its middle, (x, y)."""
-    sheet.line([middle + turned(a, radius) for a in np.linspace(begin, end, 90)], GREY, 1.5, "2 6")
-    sheet.dot(middle, 7, GREY)
+def chart(name, curves, x_ticks, y_ticks, y_name):
+    """Curves (name, colour, x, y) over axes that reach from the first tick to the last."""
+    (left, *_, right), (bottom, *_, top) = x_ticks, y_ticks
+    wide, high = right - left, top - bottom
+    low, end = (left - 0.16 * wide, bottom - 0.14 * high), (right + 0.07 * wide, top + 0.2 * high)
+    sheet = Sheet(1200, 600, low, end)
+    for y, words in y_ticks.items():
+        sheet.line([(left, y), (right, y)], "reference", 1)
+        sheet.words((left - 0.01 * wide, y), words, "reference", "end", -10)
+    for x, words in x_ticks.items():
+        sheet.words((x, bottom), words, "reference", up=-40)
+    sheet.words((left, top), y_name, "reference", "start", 64)
+    for k, (words, colour, x, y) in enumerate(curves):
+        sheet.line(zip(x, np.clip(y, bottom, top), strict=True), colour)
+        sheet.words((left + (k + 0.5) / len(curves) * wide, top), words, colour, up=18)
+    sheet.write(name)
 
 
-def two_pendulums():
-    """The same pendulum held by two modes, after the same time."""
-    dt, steps, metre = 0.005, 3800, 105
-    seconds = f"{dt * steps:.0f} s"
-    sheet = Drawing(480, 170, f"Two pendulums after {seconds}")
-    for x, mode in ((112, "project"), (342, "none")):
-        end = run(c.build_system("pendulum"), "semi_implicit", mode, dt, steps).q[-1][0, :2]
-        size, pivot, color = np.linalg.norm(end), np.array([x, 26]), MODES[mode]
-        right, bob = (pivot + metre * end * [1, -1] / over for over in (size, 1.0))
-        arc(sheet, pivot, metre, -85, 85)
-        sheet.line([right, bob], EXCESS, 8)
-        sheet.line([pivot, right], color, 5)
-        sheet.dot(bob, 11, color)
-        sheet.words(x - 26, 72, mode, color, "middle", 20, "bold")
-        sheet.words(x - 26, 98, f"{size:.2f} m", color, "middle", 20, "bold")
-    sheet.words(240, 160, f"after {seconds}", INK, "middle", 17)
-    return sheet.text()
+def run(system, method, steps=4000, **knobs):
+    return c.run_method(system, method, "semi_implicit", DT, steps, **knobs)
 
 
-def eigenvalue():
-    """The eigenvalues of Baumgarte's spring under semi-implicit Euler, which are real."""
-    limit, z = c.STABILITY_LIMIT["semi_implicit"], np.linspace(0.0, 0.9, 91)
-    step = np.array([[1.0 - z * z, 1.0 - 2.0 * z], [-z * z, 1.0 - 2.0 * z]])
-    first, other = np.sort(np.linalg.eigvals(np.moveaxis(step, 2, 0)).real).T
-    curves = {"leaves": (EXCESS, zip(z, first, strict=True))}
-    curves["stays"] = INK, zip(z, other, strict=True)
-    x = "dt w", (0.0, 0.9), {0.0: "0", 0.4: "0.4", limit: f"{limit:.3f}"}
-    y = "eigenvalue of a step", (-1.4, 1.1), {-1.0: "-1", 0.0: "0", 1.0: "1"}
-    return svg.chart("An eigenvalue leaves through -1", x, y, curves)
+def charts():
+    """The figures that are curves."""
+    double, times = c.build_system("double"), np.arange(0, 4001, 32) * DT
+    errors, energies = [], []
+    for method, colour in METHODS.items():
+        found = run(double, method)
+        error = np.maximum(found.violations[::32], 1e-13)
+        errors.append((method, colour, times, np.log10(error)))
+        gained = (found.energies - found.energies[0]) / (2 * 9.81 * 2)
+        energies.append((method, colour, times, gained[::32]))
+    ticks = {k: length(10.0**k) for k in range(-4, 1)}
+    chart("two_methods", errors[:2], TIMES, ticks, "worst rod error")
+    ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
+    chart("energy", energies, TIMES, ticks, "energy gained, of m g L")
+
+    curves, hung = [], c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
+    for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
+        found = run(hung, "baumgarte", 40, baumgarte=z / DT)
+        curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
+    ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
+    chart("cliff", curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+
+    curves, tip = [], run(double, "project").tip
+    for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
+        thrown = double | {"v0": np.array([[0.0, 0.0, 0.0], [0.0, 10.0**-digits, 0.0]])}
+        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[32::32]
+        curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
+    ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
+    chart("chaos", curves, TIMES, ticks, "distance between the tips")
 
 
-def forces():
-    """Weight, pull and their sum at four angles of a pendulum, with the numbers."""
-    sheet, metre, newton = Drawing(480, 500, "What force does a rod exert?"), 235, 5.0  # pixels
-    arc(sheet, pivot := np.array([60.0, 60.0]), metre, -12, 90)
-    for degrees in (90, 60, 30, 0):
-        system, bob = swinging(degrees), pivot + turned(degrees, metre)
-        weight = c.external_force(system, system["q0"])[0]
-        pull = c.constraint_force(system, system["q0"], system["v0"])[0]
-        aside = [10 * (degrees in (0, 90)), 0]  # there they are on one line
-        sheet.line([pivot, bob], GREY, 2)
-        for force, color, at in ((pull, PULL, 0), (weight, GREY, 0), (pull + weight, INK, aside)):
-            sheet.arrow(bob + at, bob + at + newton * force[:2] * [1, -1], color)
-        sheet.dot(bob, 8, INK)
-        words = f"{degrees}\u00b0: {np.linalg.norm(pull):.2f} N"
-        below = {0: 48, 90: -10}.get(degrees, 22)  # pixels: off all arrows
-        sheet.words(bob[0] + 16, bob[1] + below, words, size=19)
-    what = {"weight, m g": GREY, "pull of the rod": PULL, "their sum, m a": INK}
-    for k, (name, color) in enumerate(what.items()):
-        sheet.words(270, 420 + 28 * k, name, color, size=20, weight="bold")
-    return sheet.text()
+def pieces(system, q):
+    """Of each rod (C, 2, 3): its right part, its particle, what is too much, what is missing."""
+    start = np.array([(q if j >= 0 else system["anchors"][::-1])[j] for _, j in system["pairs"]])
+    end = q[[i for i, _ in system["pairs"]]]
+    share = (system["lengths"] / c.rod_lengths(system, q))[:, None]
+    right = start + (end - start) * np.minimum(share, 1.0)
+    farther = start + (end - start) * np.maximum(share, 1.0)
+    parts = (start, right), (end, end), (right, end), (end, farther)
+    return [np.stack(part, axis=1) for part in parts]
 
 
-def drift():
-    """The worst rod error of the five modes over the default run."""
-    dt, steps, every, curves = 0.005, 4000, 20, {}
-    times = dt * every * np.arange(1, steps // every + 1)
-    for mode in c.hold_table():
-        found = run(c.build_system("double"), "semi_implicit", mode, dt, steps).violations[1:]
-        worst = np.maximum(np.max(found.reshape(-1, every), axis=1), 1e-12)  # its tolerance
-        curves[mode] = MODES[mode], list(zip(times, worst, strict=True))
-    x = "time, s", (0.0, 20.0), {float(t): f"{t}" for t in range(0, 21, 5)}
-    return svg.chart("What keeps the rods?", x, ("worst rod error", (1e-13, 3.0), DECADES), curves)
+def tiles(name, scene, begin, end, every=1):
+    """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps."""
+    system, frames = c.build_system(scene), np.arange(begin / DT, end / DT + 1, every, dtype=int)
+    runs = {method: run(system, method, frames[-1]) for method in METHODS}
+    seen = np.vstack([*system["anchors"], *(q for x in runs.values() for q in x.q[frames])])
+    low, high = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
+    wide, tall, _ = high - low + [0.0, 0.14 * (high - low)[0], 0.0]  # with a line of words
+    corner = low[:2] - [0.0, tall]
+    sheet = Sheet(1500, round(1000 * tall / wide), corner, corner + [3.0 * wide, 2.0 * tall])
+    for k, (method, found) in enumerate(runs.items()):
+        shift, colour = np.array([k % 3 * wide, -(k // 3) * tall, 0.0]), METHODS[method]
+        poses = zip(*(pieces(system, q) + shift for q in found.q[frames]), strict=True)
+        colours = colour, colour, "long", "short"
+        widths = 7, "20;stroke-linecap:round", 12, "7;stroke-dasharray:6"
+        for *style, parts in zip(colours, widths, poses, strict=True):
+            data = ["".join(f"M{sheet.at(a)}L{sheet.at(b)}" for a, b in part) for part in parts]
+            move = f'attributeName="d" values="{";".join(data)}" dur="{len(data) * every * DT:g}s"'
+            move = f'<animate {move} repeatCount="indefinite"/>' if len(data) > 1 else ""
+            sheet.path(data[0], *style, move)
+        for anchor in system["anchors"] + shift:
+            sheet.line([anchor, anchor], "reference", 14)
+        words = f"{method}: worst rod {length(found.violations.max())}"
+        sheet.words(low + shift + [0.5 * wide, tall, 0.0], words, colour, up=-50)
+    place = low + [2.5 * wide, 0.0, 0.0]
+    sheet.words(place, f"{scene}, {'to' if begin < end else 'at'} {end:g} s", up=-50)
+    sheet.words(place, "red: too much", "long", up=-90)
+    sheet.words(place, "blue: missing", "short", up=-130)
+    sheet.write(name)
 
 
-def cost():
-    """Error against counted cost, from the study speed_vs_error."""
-    task, curves = _runs.double(), {}
-    for rule, mode in METHODS:
-        rows = speed_vs_error.ladder(task, rule, mode)
-        spots = ((row["solves"], row["error"]) for row in rows)
-        spots = [(x, error) for x, error in spots if x > 28.0 and 1e-14 < error < 20.0]
-        curves[f"{rule} {mode}"] = MODES[mode], spots, DASHES[rule]
-    x = "linear systems solved for a simulated second", (28.0, 20_000.0), SOLVES
-    y = "largest error of a particle within 5 s", (1e-14, 20.0), LENGTHS
-    return svg.chart("What does an error cost?", x, y, curves, (600, 520), 190)
-
-
-def hard_cases():
-    """The table of the study hard_cases, as the studies' page shows it: the larger the better."""
-    page = (_runs.SCENES.parent / "studies/README.md").read_text(encoding="utf-8")
-    table = page.partition("hard_cases -->")[2].partition("\n```\n")[0]
-    lines = (line.split() for line in table.splitlines())
-    rows = [x for x in lines if len(x) == 1 + len(hard.TITLES) and x[0] in hard.NAMES]
-    sizes = {dt: 3 + 2 * k for k, dt in enumerate(hard.LADDER[::-1])}
-    sheet = Drawing(760, 470, "What holds when it gets hard?")
-    sheet.words(16, 26, "a dot: the largest step that holds all starts; a ring: some starts only")
-    columns = [(160 + 78 * k, MODES[title.split()[-1]]) for k, title in enumerate(hard.TITLES)]
-    for (x, color), title in zip(columns, hard.TITLES, strict=True):
-        for line, word in enumerate(title.split()):
-            sheet.words(x, 52 + 17 * line, word, color, "middle", 14, "bold")
-    for row, (name, *cells) in enumerate(rows):
-        y = 96 + 28 * row
-        sheet.words(110, y + 5, name, INK, "end", 14)
-        for (x, color), cell in zip(columns, cells, strict=True):
-            if "/" in cell:
-                sheet.add("circle", cx=x, cy=y, r=4, fill="none", stroke=color)
-            elif cell != "-":
-                sheet.dot((x, y), sizes[float(cell)], color)
-    y = 96 + 28 * len(rows) + 8
-    sheet.words(110, y + 5, "steps, s", GREY, "end", 14)
-    for k, dt in enumerate(hard.LADDER):
-        sheet.dot((160 + 98 * k, y), sizes[dt], GREY)
-        sheet.words(178 + 98 * k, y + 5, f"{dt:g}", GREY, size=14)
-    return sheet.text()
-
-
-def chaos():
-    """How much energy a thousand double pendulums have gained after 20 s, with rods that leak."""
-    system, curves = thousand.ensemble("double", range(1000)), {}
-    for rule, mode in thousand.RUNS:
-        gained = np.sort(thousand.follow(system, rule, mode, 4000).gained)
-        points = zip(np.clip(gained, -0.6, 1.0), np.linspace(0.0, 1.0, len(gained)), strict=True)
-        name = mode if rule == "semi_implicit" else f"{rule} {mode}"
-        curves[name] = MODES[mode], list(points)[::10], DASHES[rule]
-    shares = {-0.5: "-50 %", 0.0: "0", 0.5: "+50 %", 1.0: "+100 %"}
-    x = "energy gained, of m g L", (-0.6, 1.0), shares
-    y = "share of the seeds below", (0.0, 1.0), {0.0: "0", 0.5: "half", 1.0: "all"}
-    return svg.chart("What do leaky rods do to a crowd?", x, y, curves, (560, 380), 110)
-
-
-def moving(name):
-    """The moving picture that a run of a scene writes."""
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        steps = "4000" if name == "double" else "1000"  # a gallery is to be light
-        c.main(["--system", name, "--steps", steps, "--no-rerun", "--out", folder])
-        return Path(folder, "motion.svg").read_text(encoding="utf-8")
-
-
-DRAWN = two_pendulums, eigenvalue, forces, drift, cost, hard_cases, chaos
-PICTURES = {x.__name__: x for x in DRAWN}
-PICTURES |= {name: partial(moving, name) for name in (*c.SYSTEMS, "chain", *_runs.SHIPPED)}
-
-
-def main(argv=None):
-    """Make the pictures that `argv` names, or all."""
-    parser = Parser(prog="make_pictures", description=__doc__)
-    names = {"nargs": "*", "metavar": "NAME", "type": one_of(PICTURES)}
-    parser.add_argument("names", **names, help=f"some of {', '.join(PICTURES)}")
-    for name in parser.parse_args(argv).names or PICTURES:
-        made = PICTURES[name]().encode()
-        write_whole(FOLDER / f"{name}.svg", made)
-        print(f"wrote {name}.svg, {len(made) / 1e3:.0f} kB")
+def main():
+    """Make them all."""
+    for path in [FOLDER / f"{name}.svg" for name in DRAWINGS]:
+        text = path.read_text(encoding="utf-8")
+        path.write_text(re.sub("<style>.*?</style>", STYLE, text, flags=re.S), encoding="utf-8")
+    charts()
+    tiles("tiles", "double", 20.0, 20.0)
+    tiles("flat_pose", "peaucellier", 4.0, 4.0)
+    for scene, begin, end, every in MOVING:
+        tiles(scene, scene, begin, end, every)
+        args, system = c.parse_args(["--system", scene, "--no-rerun"])
+        args.out = Path(__file__).parent  # from where its links lead
+        (FOLDER / f"{scene}.html").write_text(page.play(c, args, system), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    run_script(main)
+    main()

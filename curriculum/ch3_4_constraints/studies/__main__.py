@@ -12,12 +12,10 @@ NAMES = sorted(path.stem for path in Path(__file__).parent.glob("[!_]*.py"))
 def main(argv=None):
     """Hand what follows the name to the study that has it."""
     words = sys.argv[1:] if argv is None else argv
-    command, known = f"python -m {__package__}", f"one of {', '.join(NAMES)}"
-    parser = Parser(prog=command, usage=f"{command} NAME [its flags, or --help]")
-    parser.add_argument("name", metavar="NAME", choices=NAMES, help=f"a question each: {known}")
-    if not words:
-        parser.error(f"a NAME is missing, {known}")
+    parser = Parser(__doc__)
+    parser.add_argument("name", choices=NAMES, help="a question each; its own flags follow")
     name = parser.parse_args(words[:1]).name
+    sys.argv[0] = f"studies {name}"  # as its help and its errors name it
     return import_module(f"{__package__}.{name}").main(words[1:])
 
 

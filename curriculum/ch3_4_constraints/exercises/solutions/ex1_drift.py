@@ -1,5 +1,5 @@
-def answer():
-    return {"rod": "grows", "factor": 16, "heavy": "the same"}
+def guess():
+    return {"rod": "grows", "factor": 16}
 
 
 def expected_g(speeds, dt):

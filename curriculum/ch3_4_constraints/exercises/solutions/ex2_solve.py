@@ -1,10 +1,6 @@
-def turning(d, rate):
-    return rate @ rate
+def jdotv(d, d_dot):
+    return d_dot @ d_dot
 
 
-def mobility(jac, inverse_m):
-    return (jac * inverse_m) @ jac.T
-
-
-def wanted(g, gdot, w):
+def target(g, gdot, w):
     return -2.0 * w * gdot - w**2 * g

@@ -1,0 +1,42 @@
+"""Exercise 5: write the method that games use. It has no force and no system to solve. (30 minutes)
+
+    python -m curriculum.ch3_4_constraints.exercises.ex5_xpbd
+
+XPBD takes a step in short sub-steps. In each, particles fly as if there were no rods; then each rod
+in turn pulls its ends to its length; then a velocity is a particle's move divided by the time.
+"""
+
+import numpy as np
+
+import constraints as c
+from curriculum.ch3_4_constraints.exercises import checks
+from curriculum.ch3_4_constraints.exercises.checks import blank
+
+
+def substep(system, q, v, h):
+    """q, v (N, 3) after h s. c.external_force(system, q, v) is in N.
+
+    A rod (i, j) is too long by |d| - L. Both ends move along d until it is not, each by its share
+    w / (w_i + w_j) of that, w = 1/m. With j < 0 it ends at the pivot, the origin, whose w is 0.
+    """
+    return blank("fly, correct the rods in their order, and see how far each particle has moved")
+
+
+def main():
+    """What sub-steps buy in 20 s. Guess first: is energy lost or gained, and how much?"""
+    system = c.build_system("double")
+    for count in 1, 4, 20:
+
+        def step(q, v, m, force, dt, count=count):
+            for _ in range(count):
+                q, v = substep(system, q, v, dt / count)
+            return q, v
+
+        run = c.simulate(step, system, None, 0.005, 4000)
+        gained = (run.energies[-1] - run.energies[0]) / (4.0 * np.linalg.norm(c.GRAVITY))
+        rods = f"rods {1e3 * run.violations.max():.3f} mm off"
+        print(f"{count:2} sub-steps: {rods}, energy {100.0 * gained:+.0f} % of m g L")
+
+
+if __name__ == "__main__":
+    checks.judge(checks.xpbd)

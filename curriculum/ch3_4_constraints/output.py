@@ -1,0 +1,106 @@
+"""What a run leaves behind: metrics.json, a page and a recording, all or nothing."""
+
+import json
+import math
+import os
+import shlex
+import sys
+from argparse import ArgumentTypeError
+from pathlib import Path
+
+from curriculum.ch3_4_constraints.table import WIDTH, say, wrapped
+from curriculum.common.files import check_writable, write_together
+
+METRICS, PAGE, RECORDING = "metrics.json", "play.html", "constraints.rrd"
+ALWAYS = {"system", "integrator", "dt", "steps", "seed", "baumgarte", "results"}  # keys of METRICS
+MOST = 4e9  # bytes of states
+STATE = 96  # bytes of a particle: its q and v, and once more where they are computed
+
+
+def check(args, system):
+    """Raise an error in a sentence if a run has too many states, or if its files could not be
+    written, or would replace such as no run has written."""
+    fit = int(MOST / (STATE * len(system["m"]) * len(args.methods)))
+    if args.steps > fit:
+        raise ArgumentTypeError(
+            f"argument --steps: {args.steps} steps take more than {MOST / 1e9:g} GB; {fit} fit"
+        )
+    for path in (args.out / name for name in (METRICS, PAGE, RECORDING)):
+        check_writable(path)
+        if path.exists() and not is_ours(args.out):
+            raise ArgumentTypeError(f"argument --out: {path} is not of a run; name another folder")
+
+
+def is_ours(folder):
+    """Whether a run has written to this folder: its metrics.json is a run's."""
+    try:
+        return json.loads((folder / METRICS).read_bytes()).keys() >= ALWAYS
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def write(args, system, runs, results, reference, chapter):
+    """Write the files that are asked for, remove those of an earlier run, and say so."""
+    text = metrics(args, system, results, reference)
+    files = {METRICS: text, PAGE: None, RECORDING: None}
+    left_out = {}
+    if args.page and args.plain:
+        left_out[PAGE] = "--plain compiles nothing"
+    elif args.page:
+        from curriculum.ch3_4_constraints import page  # here: a run without one is quicker
+
+        try:
+            files[PAGE] = page.play(chapter, args, system)
+        except page.NoPage as why:
+            left_out[PAGE] = why
+    if args.rerun:
+        try:
+            from curriculum.ch3_4_constraints import recording  # here: it takes long to load
+        except ImportError:
+            left_out[RECORDING] = "it needs rerun: pip install rerun-sdk"
+        else:
+            files[RECORDING] = recording.record(args, system, runs, results, text, chapter)
+    write_together(args.out, files)
+    say(f"wrote {args.out}: {', '.join(name for name in files if files[name])}")
+    for name, why in left_out.items():
+        say(f"{name} is left out: {why}")
+    if files[RECORDING]:
+        print(look(args.out / RECORDING))
+
+
+def metrics(args, system, results, reference):
+    """The text of metrics.json: no times, nothing of the host, so two runs give the same bytes."""
+    used = {name: getattr(args, name) for name in ("integrator", "dt", "steps", "seed")}
+    used["system"] = Path(args.system).name
+    used |= args.knobs
+    used["rods"] = len(system["pairs"])
+    used["error_at"] = reference.step * args.dt
+    used["reference_uncertainty"] = reference.uncertainty if reference.q is not None else None
+    used["results"] = {
+        name: {key: rounded(x, 6 if key == "tip_final" else 12) for key, x in row.items()}
+        for name, row in results.items()
+    }
+    return json.dumps(used, indent=2, sort_keys=True, allow_nan=False) + "\n"
+
+
+def rounded(x, digits):
+    """A number, or each of a list, with so many decimals, None if it is not finite; else x."""
+    if isinstance(x, list):
+        return [rounded(y, digits) for y in x]
+    if isinstance(x, float):
+        return round(float(x), digits) if math.isfinite(x) else None
+    return x
+
+
+def look(recording):
+    """A line with the command that shows a recording, as a shell takes it: in a browser where
+    there is no display."""
+    python = Path(sys.executable)
+    if python.is_relative_to(Path.cwd()):
+        python = python.relative_to(Path.cwd())
+    words = [python, "-m", "rerun", "--bind", "127.0.0.1"]  # no other machine is to see it
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}:
+        words += ["--web-viewer", "--new", "--web-viewer-port", "0"]  # another may be open
+    quoted = [shlex.quote(str(word)).replace(" ", "\0") for word in (*words, recording)]
+    lines = wrapped(f"look: {' '.join(quoted)}", WIDTH - 2)
+    return " \\\n".join(lines).replace("\0", " ")

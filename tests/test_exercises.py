@@ -1,0 +1,75 @@
+"""Exercises: answers are right, mistakes are not, and a blank says where it is."""
+
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from curriculum.ch3_4_constraints.exercises import checks
+from curriculum.ch3_4_constraints.xpbd import xpbd_step
+
+PACKAGE = "curriculum.ch3_4_constraints.exercises"
+CHECKS = {
+    "ex1_drift": checks.drift,
+    "ex2_solve": checks.solve,
+    "ex3_chaos": checks.chaos,
+    "ex4_cliff": checks.cliff,
+    "ex5_xpbd": checks.xpbd,
+}
+MISTAKES = [
+    ("ex1_drift", "guess", lambda: {"rod": "oscillates", "factor": 16}),
+    ("ex1_drift", "guess", lambda: {"rod": "grows", "factor": 4}),
+    ("ex1_drift", "expected_g", lambda speeds, dt: 0.5 * dt**2 * np.sum(speeds[:-1] ** 2)),
+    ("ex1_drift", "expected_g", lambda speeds, dt: np.nan),
+    ("ex2_solve", "jdotv", lambda d, d_dot: d @ d_dot),
+    ("ex2_solve", "target", lambda g, gdot, w: -w * gdot - w**2 * g),
+    ("ex3_chaos", "guess", lambda: {1e-12: 27.2, 1e-24: 60.0}),
+    ("ex3_chaos", "guess", lambda: {1e-12: 34.4, 1e-24: 120.0}),
+    ("ex4_cliff", "guess", lambda: {"euler": "later", "semi_implicit": "later", "rk4": "sooner"}),
+    ("ex4_cliff", "step_matrix", lambda name, z: np.array([[0.0, 1.0], [-(z**2), -z]])),
+    ("ex5_xpbd", "substep", lambda system, q, v, h: (xpbd_step(system, q, v, h)[0], v)),
+    ("ex5_xpbd", "substep", lambda system, q, v, h: xpbd_step(system, q + h * v, v, h)),
+]
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_an_exercise_says_where_its_first_blank_is(name, capsys):
+    exercise = import_module(f"{PACKAGE}.{name}")
+    assert checks.verdict(CHECKS[name], exercise) == 0
+    place, what = capsys.readouterr().out.splitlines()[-1].split(": ", 1)
+    path = Path(exercise.__file__)
+    line = path.read_text(encoding="utf-8").splitlines()[int(place.split()[-1]) - 1]
+    assert place.startswith(path.name) and f'blank("{what}")' in line
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """solved(name): the module of an exercise, with the answers in place of its blanks."""
+
+    def fill(name):
+        exercise = import_module(f"{PACKAGE}.{name}")
+        for key, answer in vars(import_module(f"{PACKAGE}.solutions.{name}")).items():
+            if key[0] != "_":
+                monkeypatch.setattr(exercise, key, answer, raising=False)
+        return exercise
+
+    return fill
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_the_solutions_are_right(name, solved, capsys):
+    assert checks.verdict(CHECKS[name], solved(name)) == 0
+    assert capsys.readouterr().out.endswith("\nsolved\n")
+
+
+@pytest.mark.parametrize(("name", "blank", "mistake"), MISTAKES)
+def test_a_mistake_is_wrong_by_so_much_and_has_a_hint(
+    name, blank, mistake, solved, monkeypatch, capsys
+):
+    exercise = solved(name)
+    monkeypatch.setattr(exercise, blank, mistake)
+    assert checks.verdict(CHECKS[name], exercise) == 1
+    *_, wrong, hint = capsys.readouterr().out.splitlines()
+    assert wrong.startswith("wrong: ") and (": off by " in wrong or ": not " in wrong)
+    assert hint.startswith("hint: ") and len(hint) > 20
