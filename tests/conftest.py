@@ -16,16 +16,6 @@ BARE = "--no-rerun", "--no-page"
 posix = pytest.mark.skipif(os.name == "nt", reason="signals and shells are others there")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_cmdline_main(config):
-    """All tests together go in two processes if pytest-xdist is installed."""
-    everything = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of those two: more would wait by turning
-    if everything and getattr(config.option, "numprocesses", 0) is None:
-        config.option.numprocesses = 2
-        config.option.dist = "worksteal"
-
-
 def python(*words, variables=None):
     """A Python that was run from the project's folder and has ended; its output is text."""
     command, env = [sys.executable, *map(str, words)], os.environ | (variables or {})
