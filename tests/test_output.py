@@ -62,7 +62,7 @@ def test_a_run_prints_the_courses_first_lines_and_what_metrics_json_and_python_h
         assert lengths == [table.length(x) for x in (worst, end, found["error"])]
 
 
-def test_what_a_reader_must_know_is_said_in_lines_no_wider_than_a_terminal(run, tmp_path, monkeypatch):
+def test_what_a_reader_must_know_is_said_in_lines_that_fit_a_terminal(run, tmp_path, monkeypatch):
     monkeypatch.setattr(c, "constraint_residual", lambda *a, **k: 1.1e-3)
     printed, metrics = run("--integrator rk4 --dt 0.1 --steps 90 --baumgarte 30 --no-page")
     assert max(map(len, printed.replace(str(tmp_path), "out").splitlines())) <= 80
