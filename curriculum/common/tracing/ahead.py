@@ -3,6 +3,7 @@
 import math
 import time
 from contextlib import suppress
+from itertools import count
 
 import numpy as np
 
@@ -12,8 +13,8 @@ from curriculum.common.tracing.symbols import FUNCTIONS
 from curriculum.common.tracing.tape import StepFailed, Untraceable, current
 from curriculum.common.tracing.trace import several, trace_loop, work
 
-FIRST, EVERY = 16, 500  # which steps are compared
-FASTER, FAR = 8, 10_000  # a stretch is so much longer than the one before, up to so many steps
+FIRST, EVERY = 16, 2_000  # the steps that are compared: the first ones, then every so many-th
+FASTER = 8  # a stretch is so many times as long as the one before, and ends at a comparison
 LARGE = 1e100  # beyond, the step as it stands shows how it diverges
 SAME, ROUNDING = 1e-9, 1e-15  # of what a step changes, and of a number: as sines may differ
 DIFFERS = (
@@ -26,55 +27,61 @@ class Step:
     """step(*arrays) -> arrays as a function of its arguments alone, compiled where that can be.
 
     It runs ahead of its caller: while each state that comes in is the one that went out, the next
-    has been computed. The first steps, every 500th and the last are compared with the step as it
-    stands when they are handed out, and where one differs, that is taken from there on. `how` steps
-    are taken, in how many `seconds`, and the `source` of what is compiled are attributes. Raises
-    StepFailed.
+    has been computed. Some steps are compared with the step as it stands, and where one differs,
+    that is taken from there on. `how` steps are taken, in how many `seconds`, and the `source` of
+    what is compiled are attributes. Raises StepFailed.
     """
 
     def __init__(self, step, steps):
         self.step, self.steps = step, steps
         self.how, self.seconds, self.source = "plain numpy", 0.0, ""
         self.run, self.compiles = None, True
-        self.number, self.stretch = 0, 1  # of the next step; how many to compute at once
-        self.ahead, self.expected = iter(()), None  # (bytes, state) computed; bytes of the last out
+        self.number, self.stretch = -1, 0  # of the last step; how many were computed at once
+        self.ahead, self.expected = iter(()), None  # steps computed; the last state's bytes
 
     def __call__(self, *state):
-        if current.plain or as_bytes(state) != self.expected:
-            self.ahead, self.stretch = iter(()), 1
-        row = next(self.ahead, None) or self.run_ahead(state)
-        number, self.number = self.number, self.number + 1
-        if row is None:  # only the step as it stands can tell
-            self.expected, clock = None, time.perf_counter()
-            made = self.as_it_stands(state)
-            self.seconds += time.perf_counter() - clock
-            return made
-        self.expected, made = row
-        if number < FIRST or number % EVERY == 0 or number == self.steps - 1:
-            right = self.as_it_stands(state)
-            if not self.same(state, several(made), several(right)):
-                self.how, self.compiles = DIFFERS.format(number), False
-                self.expected, made = None, right
+        row = next(self.ahead, None) if as_bytes(state) == self.expected else None
+        self.number, self.expected, made = row or self.begin(state)
         return made
 
-    def run_ahead(self, state):
-        """Compute what follows a state, and give the first of it; None if that cannot be done."""
+    def begin(self, state):
+        """Begin a stretch, and give its first step: its number, bytes and state."""
+        number, last = self.number + 1, self.steps - 1
+        compared = number < FIRST or number % EVERY == 0 or number == last
+        end = number + 1 if number < FIRST else EVERY * (number // EVERY + 1)
+        end = last if number < last < end else end  # where the next is compared
+        grown = FASTER * self.stretch if as_bytes(state) == self.expected else 1
+        self.stretch = min(grown, end - number)
+        self.ahead = self.run_ahead(state, number)
+        row = next(self.ahead, None)
+        if row and not compared:
+            return row
+        clock = time.perf_counter()
+        right = self.as_it_stands(state)
+        if row is None:  # only the step as it stands can tell
+            self.seconds += time.perf_counter() - clock
+        elif self.same(state, several(row[-1]), several(right)):
+            return row
+        else:
+            self.how, self.compiles = DIFFERS.format(number), False
+        return number, None, right
+
+    def run_ahead(self, state, number):
+        """Compute a stretch of steps: of each its number, bytes and state; none if it cannot be."""
         if current.plain or not self.compiles:
-            return None
+            return iter(())
         try:
             if self.run is None or not self.run.fits(state):
                 self.run = CompiledSteps(self.step, state, self.steps)
                 self.how, self.source = self.run.how, self.run.source
         except Untraceable as why:
             self.how, self.compiles = f"plain numpy: {why}", False
-            return None
-        rows, seconds = self.run.rows(state, max(1, min(self.stretch, self.steps - self.number)))
+            return iter(())
+        rows, seconds = self.run.rows(state, self.stretch)
         self.seconds += seconds
-        self.stretch = min(FASTER * self.stretch, FAR)
         columns = self.run.columns(rows[1:])
         made = columns[0] if self.run.single else zip(*columns, strict=True)
-        self.ahead = zip(map(np.ndarray.tobytes, rows[1:]), made, strict=True)
-        return next(self.ahead, None)
+        return zip(count(number), map(np.ndarray.tobytes, rows[1:]), made)
 
     def as_it_stands(self, state):
         with np.errstate(all="ignore"):
