@@ -1,7 +1,7 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
 A weight on a rod would fall straight down, but the rod makes it swing. How hard does the rod pull?
-No formula tells: a linear system does, solved again each time an integrator asks for the force.
+No formula says. A linear system does, solved again each time an integrator asks for the force.
 This file derives that system, hides its solution inside force(q, v), hands that to the integrators
 of chapter 3.3, which never learn of it, and measures what becomes of the rods.
 
@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Of these names the lesson uses five, each explained where it stands: solve, ordered, while_loop,
-# compiled and vmap. The others read a scene, check the flags, print the table and write the files.
+# The lesson uses seven of these names, each explained where it stands: solve, ordered, while_loop,
+# compiled, vmap, StepFailed, Run. The others read scenes, check flags, print tables, write files.
 from curriculum.ch3_4_constraints import output, scene_files, systems, table
 from curriculum.ch3_4_constraints.reference import find_reference
 from curriculum.ch3_4_constraints.run import Run
@@ -35,7 +35,7 @@ SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs by
 
 
 def parse_args(argv=None):
-    """The flags, each of which is something to turn, and the system that they ask for."""
+    """Parse the flags, each of them something to turn, and build the system they ask for."""
     parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")
     methods = stabilizations(dt=1.0)  # for any dt: only their names and integrators count here
     add = parser.add_argument
@@ -56,7 +56,7 @@ def parse_args(argv=None):
     add("--device", choices=["cpu"], default="cpu", help="there is no other")
     add("--rerun", action=argparse.BooleanOptionalAction, default=True, help="write a recording")
     add("--page", action=argparse.BooleanOptionalAction, default=True, help="write a page to touch")
-    add("--out", type=Path, default=Path("outputs/ch3.4-constraints"), help="its folder")
+    add("--out", type=Path, default=Path("outputs/ch3.4-constraints"), help="where to write")
     args = parser.parse_args(argv)
     if args.scenes:
         print(scene_files.listed(CHAINS))
@@ -115,13 +115,13 @@ def external_force(system, q, v=None):
 
 
 def rod_lengths(system, q):
-    """|d| (C,) in m: what a ruler would show."""
+    """How long each rod is now, (C,) in m. (For ordered, see constraint_terms.)"""
     d = systems.differences(ordered(q), system.get("anchors", [PIVOT]), system["pairs"])  # (C, 3)
     return np.sqrt(np.sum(d * d, axis=1))
 
 
 def rod_errors(system, q):
-    """|d| - L (C,) in m: above 0 where a rod is too long."""
+    """How much too long each rod is, (C,) in m."""
     return rod_lengths(system, q) - system["lengths"]
 
 
@@ -132,10 +132,11 @@ def rod_errors(system, q):
 # where . is the dot product; gdot and gddot are its derivatives in time. With d_dot = v_i - v_j
 #     gdot  = d . d_dot                        = J v
 #     gddot = d . (a_i - a_j) + d_dot . d_dot  = J a + Jdot v
-# v and a hold all particles, 3N numbers. J has one row per rod: d in the columns of particle i and
-# -d in those of j. (Jdot has d_dot where J has d.) A rod pulls along d, equally and oppositely at
-# its ends, with lambda d and -lambda d; all rods together exert J^T lambda. So there is one unknown
-# number per rod, lambda, in N/m, below zero where the rod pulls. Newton, with M the masses, says
+# v and a now stack all particles: 3N numbers each. J has one row per rod: d in the columns of its
+# particle and -d in those of its partner. (Jdot has d_dot where J has d.) A rod pulls along d, at
+# its ends equally and oppositely, with lambda d and -lambda d; all rods together exert J^T lambda.
+# So there is one unknown number per rod, lambda, in N/m, below 0 if it pulls. With masses M and
+# other forces f, Newton says
 #     M a = f + J^T lambda
 # A right rod stays right if gddot stays 0. So put that a into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
@@ -167,7 +168,7 @@ def constraint_terms(system, q, v):
 #     gddot = -2 w gdot - w^2 g
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: the spring is critically
 # damped. Errors die like e^(-wt), and do not swing.
-# Most remedies differ by four numbers only. (use_jdotv is 1 or 0; A is J M^-1 J^T.)
+# Most methods differ in four numbers only. (use_jdotv is 1 or 0; A is J M^-1 J^T.)
 #     (A + regularization diag A) lambda
 #         = -(J M^-1 f + use_jdotv Jdot v) - damping gdot - stiffness g
 class Stabilization(NamedTuple):
@@ -176,7 +177,7 @@ class Stabilization(NamedTuple):
     use_jdotv: float = 1.0  # 1, or 0 without the term Jdot v
     damping: float = 0.0  # 1/s
     stiffness: float = 0.0  # 1/s^2
-    regularization: float = 0.0  # a share of A's diagonal: what MuJoCo calls efc_R
+    regularization: float = 0.0  # a share of A's diagonal; g is then |d| (|d| - L)
     post_step: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v)
     integrator: str | None = None  # the only one that it is made for
 
@@ -189,19 +190,19 @@ def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         # gddot = 0. Fails by drift: what has gone wrong stays, and every step adds to it.
         "none": Stabilization(),
         # gddot = -2 w gdot - w^2 g (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
-        # Fails when dt w passes 0.83 (semi_implicit), 2 (euler) or 2.79 (rk4): see STABILITY_LIMIT.
+        # Fails, if not sooner, at dt w = 0.83 (semi_implicit), 2 (euler), 2.79 (rk4): see below.
         "baumgarte": Stabilization(damping=2.0 * w, stiffness=w * w),
         # Ask that q + dt v_next be right: J v_next = -g/dt, to first order. With v_next = v + dt a
         # that is J a = -gdot/dt - g/dt^2, no Jdot v (E. Catto, GDC 2005). Fails where q moves by
-        # something else than dt v_next.
+        # anything but dt v_next.
         "impulse": Stabilization(
             use_jdotv=0.0,
             damping=1.0 / dt,
             stiffness=1.0 / (dt * dt),
             integrator="semi_implicit",
         ),
-        # A rod that gives, as MuJoCo's tendon, with g = |d| (|d| - L). Fails by design: a rod under
-        # load is longer.
+        # A rod that gives, like MuJoCo's tendon (regularization is efc_R there). Fails by design: a
+        # rod under load is longer.
         "soft": Stabilization(
             use_jdotv=0.0,
             damping=2.0 / (p * t),
@@ -219,7 +220,7 @@ def constraint_equation(system, q, v, method):
     f = np.ravel(external_force(system, q, v))
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T
-    if method.regularization > 0.0:  # soft: MuJoCo measures |d| - L, so J = d needs |d| (|d| - L)
+    if method.regularization > 0.0:  # MuJoCo has g = |d| - L and J = d/|d|; times |d|, J is ours
         g = rod_lengths(system, q) * rod_errors(system, q)
         A = A + method.regularization * np.diag(np.diag(A))
     b = -(jac @ (f / m) + method.use_jdotv * jdotv)
@@ -245,7 +246,7 @@ def as_stabilization(method):
 def make_force(system, method):
     """force(q, v) -> (N, 3) in N, the rods' included: the seam with chapter 3.3.
 
-    A method's post_step is no force: see stabilized.
+    A post_step is not part of the force: see stabilized.
     """
 
     def force(q, v):
@@ -255,7 +256,7 @@ def make_force(system, method):
 
 
 def project(system, q_start, q, v, dt):
-    """Put back q, v (N, 3), where a step from q_start ended a little off, so that g = 0, J v = 0.
+    """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     First q moves by -M^-1 J(q_start)^T mu, and v changes by that move / dt: SHAKE (J.-P. Ryckaert
     et al., J. Comput. Phys. 23 (1977) 327). Then v loses its part along the rods: RATTLE (H.
@@ -320,13 +321,13 @@ INTEGRATORS = {
     "gauss": make_gauss(8),  # 8 stages, order 16: what the others are measured against
 }
 
-# Baumgarte's spring is stable up to this z = dt w. A step multiplies its error by 1 - z (Euler) or
+# Baumgarte's spring alone is stable up to z = dt w. A step multiplies its error by 1 - z (Euler) or
 # 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4): within -1..1. Semi-implicit (see chapter): 4 - 4z - z^2 > 0.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
 def stabilized(step_fn, system, method):
-    """The same integrator, whose every step the method corrects, if it has a post_step."""
+    """step_fn, followed by the method's post_step if it has one."""
     if method.post_step is None:
         return step_fn
 
@@ -350,13 +351,13 @@ def constraint_violation(system, q):
 
 
 def simulate(step_fn, system, force, dt, steps):
-    """Take `steps` steps of dt s; note of each state how far the worst rod is off, and the energy.
+    """Take `steps` steps of dt s, and record of each state how far rods are off, and the energy.
 
     A Run, which unpacks into tip (steps + 1, 3), the last particle's path in m, violations in m and
     energies in J, (steps + 1,) each. By name it has all states, too: q, v (steps + 1, N, 3).
     """
-    # compiled(step, steps) is the same step, with the same bits, a hundred times as fast. It sees
-    # what this loop does to q[i + 1] and v[i + 1], but not a dt or a mass that changes midway.
+    # compiled(step, steps) is the same step, with the same bits, a hundred times as fast. The loop
+    # may edit q[i + 1] and v[i + 1] as it likes; to change dt or a mass midway, use --plain.
     step = compiled(lambda q, v: step_fn(q, v, system["m"], force, dt), steps)
     q, v = np.full((2, steps + 1, *system["q0"].shape), np.nan)
     q[0], v[0] = system["q0"], system["v0"]
@@ -367,10 +368,9 @@ def simulate(step_fn, system, force, dt, steps):
     except StepFailed as why:
         stopped = f"lost at {i * dt:.3g} s: {why}"
     # vmap(f)(q, v) is [f(q[0], v[0]), f(q[1], v[1]), ...]
-    violations = vmap(partial(constraint_violation, system))(q)
-    energies = vmap(partial(energy, system))(q, v)
-    run = Run(q[:, -1], violations, energies, dt, q, v, stopped, step)
-    return run.until_diverged(system)
+    violations = vmap(lambda q: constraint_violation(system, q))(q)
+    energies = vmap(lambda q, v: energy(system, q, v))(q, v)
+    return Run(q[:, -1], violations, energies, system, dt, q, v, stopped, step)
 
 
 # --- endregion ---
@@ -382,11 +382,12 @@ def run_method(system, name, integrator, dt, steps, **knobs):
     """
     method = stabilizations(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    return Run.of(simulate(step_fn, system, make_force(system, method), dt, steps), system, dt)
+    made = simulate(step_fn, system, make_force(system, method), dt, steps)
+    return Run.of(made, system, dt)  # your own simulate may return three arrays, as chapter 3.3's
 
 
 def one_step(system, name, integrator, q, v, dt, **knobs):
-    """One step of that from q, v, a function of what stands here: for the page and reference."""
+    """One step of run_method's, from q, v: for the page and the reference."""
     method = stabilizations(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     return step_fn(q, v, system["m"], make_force(system, method), dt)
@@ -399,7 +400,7 @@ def tensions(system, q, v, method=0.0):
 
 
 def constraint_residual(system, q, v, method=0.0):
-    """The largest acceleration in m/s^2 asked along a rod that no tensions make: 0 but in loops."""
+    """The largest acceleration in m/s^2 that a rod needs and no tensions give: 0 without loops."""
     if not systems.has_loop(system):
         return 0.0
     jac, A, b = constraint_equation(system, q, v, as_stabilization(method))
@@ -425,12 +426,11 @@ def summary(system, run, method, reference):
 def main(argv=None):
     """Run the methods, print the table, and write what it shows."""
     args, system = parse_args(argv)
-    settings = args.integrator, args.dt, args.steps
     if args.show_step:
-        print(run_method(system, args.methods[0], *settings[:2], 1, **args.knobs).source)
+        print(run_method(system, args.methods[0], args.integrator, args.dt, 1, **args.knobs).source)
         return 0
     print(f"ch3.4 constraints | device {args.device}")
-    runs = {}
+    runs, settings = {}, (args.integrator, args.dt, args.steps)
     with plain(args.plain):
         for name in progress.each(args.methods, always=args.plain):
             runs[name] = run_method(system, name, *settings, **args.knobs)
@@ -439,7 +439,7 @@ def main(argv=None):
     methods = stabilizations(args.dt, **args.knobs)
     results = {name: summary(system, run, methods[name], reference) for name, run in runs.items()}
     table.show(args, runs, results, reference, STABILITY_LIMIT)
-    output.write(args, system, runs, results, reference, sys.modules[__name__])
+    output.write(args, system, runs, results, reference, sys.modules[__name__])  # this file
     return 0
 
 

@@ -10,12 +10,14 @@ FAR = 100.0  # of all rods together: beyond, a run has diverged
 
 
 class Run:
-    """A run, measured at each of its states.
+    """A run, measured at each of its states, up to the last before it diverged.
 
     It unpacks as the chapter has it: tip, violations, energies = simulate(...).
     """
 
-    def __init__(self, tip, violations, energies, dt, q=None, v=None, stopped=None, step=None):
+    def __init__(
+        self, tip, violations, energies, system, dt, q=None, v=None, stopped=None, step=None
+    ):
         self.tip = tip  # (steps + 1, 3) in m: the last particle's path
         self.violations, self.energies = violations, energies  # (steps + 1,) in m and J
         self.dt = dt  # s
@@ -24,11 +26,12 @@ class Run:
         self.how = step.how if step else "a simulate without compiled steps"
         self.source = step.source if step else ""  # of one step, as Python
         self.pace = 1e6 * step.seconds / max(1, len(tip) - 1) if step else math.nan  # us a step
+        self.cut_where_diverged(FAR * np.sum(system["lengths"]))
 
     @classmethod
     def of(cls, made, system, dt):
         """What a simulate made, as a Run: it may be chapter 3.3's three arrays."""
-        return made if isinstance(made, cls) else cls(*made, dt).until_diverged(system)
+        return made if isinstance(made, cls) else cls(*made, system, dt)
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -37,11 +40,9 @@ class Run:
         """The largest function(q, v) of its states; None if they are not known."""
         return None if self.q is None else np.max(vmap(function)(self.q, self.v))
 
-    def until_diverged(self, system):
-        """This run up to its last state whose energy is finite, and whose rods are off by less
-        than FAR of their lengths."""
-        good = self.violations < FAR * np.sum(system["lengths"])
-        good &= np.isfinite(self.energies)
+    def cut_where_diverged(self, far):
+        """Keep the states whose energy is finite, and whose rods are off by less than `far` m."""
+        good = np.isfinite(self.energies) & (self.violations < far)
         if not good.all():
             k = max(1, int(np.argmin(good)))
             never_written = np.isnan(self.tip[k]).all()
@@ -51,4 +52,3 @@ class Run:
             self.tip, self.violations, self.energies = (x[:k] for x in self)
             if self.q is not None:
                 self.q, self.v = self.q[:k], self.v[:k]
-        return self

@@ -54,7 +54,9 @@ class Parser(argparse.ArgumentParser):
 
 def number(low, high=1e12, kind=float):
     """An argparse type: a finite number, at least `low` and below `high`."""
-    allowed = f"a {'whole' if kind is int else 'finite'} number >= {low:g} and < {high:g}"
+    allowed = f"a finite number >= {low:g} and < {high:g}"
+    if kind is int:
+        allowed = f"a whole number from {low} to {high - 1:g}"
 
     def parse(text):
         try:

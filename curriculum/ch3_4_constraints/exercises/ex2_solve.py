@@ -2,7 +2,7 @@
 
     python -m curriculum.ch3_4_constraints.exercises.ex2_solve
 
-Find them on paper: differentiate g = (d . d - L^2) / 2 twice, and mark what holds no acceleration.
+On paper: differentiate g = (d . d - L^2) / 2 twice, and mark the terms without an acceleration.
 """
 
 import numpy as np

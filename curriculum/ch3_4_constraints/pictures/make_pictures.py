@@ -1,9 +1,8 @@
-"""Make the pictures:  python -m curriculum.ch3_4_constraints.pictures.make_pictures
+"""Make the pictures, but those drawn by hand, and the gallery's pages.
 
-Charts, tiles and pages are computed. DRAWINGS are edited by hand, except for their colours.
+python -m curriculum.ch3_4_constraints.pictures.make_pictures
 """
 
-import re
 from html import escape
 from pathlib import Path
 
@@ -16,8 +15,13 @@ from curriculum.ch3_4_constraints.table import length
 FOLDER = Path(__file__).parent
 DT = 0.005  # s
 TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
-DRAWINGS = "question", "tangent", "jacobian", "drift", "soft"
-MOVING = ("double", 12.0, 20.0, 10), ("peaucellier", 0.0, 6.0, 20), ("jansen_leg", 0.0, 5.0, 20)
+MOVING = {  # from when to when in s, a frame every so many steps
+    "double": (12.0, 20.0, 10),
+    "triple": (12.0, 20.0, 10),
+    "peaucellier": (0.0, 6.0, 20),
+    "jansen_leg": (0.0, 5.0, 20),
+    "windows": (0.0, 6.0, 40),
+}
 METHODS = {name: f"m{k}" for k, name in enumerate(c.stabilizations(DT))}  # and their colours
 STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
 text {{ font: 30px system-ui, sans-serif }}</style>"""
@@ -150,14 +154,11 @@ def tiles(name, scene, begin, end, every=1):
 
 def main():
     """Make them all."""
-    for path in [FOLDER / f"{name}.svg" for name in DRAWINGS]:
-        text = path.read_text(encoding="utf-8")
-        path.write_text(re.sub("<style>.*?</style>", STYLE, text, flags=re.S), encoding="utf-8")
     charts()
     tiles("tiles", "double", 20.0, 20.0)
     tiles("flat_pose", "peaucellier", 4.0, 4.0)
-    for scene, begin, end, every in MOVING:
-        tiles(scene, scene, begin, end, every)
+    for scene, frames in MOVING.items():
+        tiles(scene, scene, *frames)
         args, system = c.parse_args(["--system", scene, "--no-rerun"])
         args.out = Path(__file__).parent  # from where its links lead
         (FOLDER / f"{scene}.html").write_text(page.play(c, args, system), encoding="utf-8")
