@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from curriculum.ch3_4_constraints.studies import chaos
 from curriculum.ch3_4_constraints.studies import speed_vs_error as speed
 
 G = 9.81
-ALONE = speed.SYSTEM["q0"][None]
-KNOWN = speed.reference(ALONE)
+PEER = "a peer: pip install -e '.[peers]'"
+needs_scipy = pytest.mark.skipif(find_spec("scipy") is None, reason=PEER)
 
 
 # --- speed_vs_error ---
@@ -30,19 +31,21 @@ def test_an_error_is_that_of_the_worst_particle_and_counts_if_the_next_step_has_
 
 
 def test_all_who_race_end_where_joint_angles_do():
-    for name in "llvmlite", "mujoco", "heyoka":
-        pytest.importorskip(name, reason="a peer: pip install -e '.[peers]'")
+    for name in "llvmlite", "mujoco", "heyoka", "scipy":
+        pytest.importorskip(name, reason=PEER)
     q0 = np.stack([c.build_system("double", seed)["q0"] for seed in range(130)])
     ends = speed.reference(q0)
+    known = ends[:1]  # of seed 0, as speed.SYSTEM
     go = speed.ours(partial(speed.whole_gauss, 8, 1e-13))(80)
     for _ in range(2):
-        assert speed.distance(go()[1], KNOWN) < 1e-12
+        assert speed.distance(go()[1], known) < 1e-12
     assert speed.distance(speed.our_crowd(q0, 400)()[1], ends) < 1e-10
-    assert speed.distance(speed.mujoco_hinges(2000)()[1], KNOWN) < 1e-8
+    assert speed.distance(speed.mujoco_hinges(2000)()[1], known) < 1e-8
     for count in 1, 20:
         assert speed.distance(speed.heyoka(q0[:count], 1e-14)()[1], ends[:count]) < 1e-11
 
 
+@needs_scipy
 def test_a_peer_that_fails_says_so_in_its_row_and_one_that_is_missing_how_to_get_it(
     monkeypatch, capsys
 ):
@@ -59,9 +62,13 @@ def test_a_peer_that_fails_says_so_in_its_row_and_one_that_is_missing_how_to_get
     assert rows[-1].startswith("MuJoCo") and rows[-1].endswith(" failed: no such engine")
 
 
+@needs_scipy
 def test_the_race_prints_a_ratio_at_each_error(monkeypatch, capsys):
+    alone = speed.SYSTEM["q0"][None]
+    known = speed.reference(alone)
+
     def racer(seconds):
-        return lambda: (seconds, KNOWN)
+        return lambda: (seconds, known)
 
     monkeypatch.setattr(speed, "find_spec", lambda _: True)
     monkeypatch.setattr(speed, "heyoka", lambda q0, tol: racer(4e-6))
@@ -69,7 +76,7 @@ def test_the_race_prints_a_ratio_at_each_error(monkeypatch, capsys):
         "slow, {} steps": {1: racer(5e-6), 2: racer(5e-6)},
         "quick, {} steps": {1: racer(1e-6), 2: racer(9e-6)},
     }
-    speed.race("title", engines, ALONE, 3)
+    speed.race("title", engines, alone, 3)
     lines = capsys.readouterr().out.splitlines()
     assert lines[-4] == "1e-03 m  ours quick, 1 steps: 1.0 us  heyoka tol 1e-01: 4.0 us  ratio 0.25"
     assert [line[:5] for line in lines[-4:]] == ["1e-03", "1e-06", "1e-09", "1e-12"]
@@ -91,6 +98,7 @@ def test_neighbours_part_as_the_linear_theory_says(q0, rate, tolerance):
     assert np.allclose(found, rate, atol=tolerance)
 
 
+@needs_scipy
 def test_the_time_of_the_first_turn_is_that_of_joint_angles():
     angle = np.array([[-1.01, 2.41, 1.33], [1.72, -2.17, -0.17]])  # from +x
     found = chaos.first_turn(np.concatenate([speed.places(angle)] * 40), 0.001, 2000)[:3]
