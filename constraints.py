@@ -376,10 +376,7 @@ def simulate(step_fn, system, force, dt, steps):
 # --- endregion ---
 # --- region: report ---
 def run_method(system, name, integrator, dt, steps, **knobs):
-    """The Run of a method by name, its post_step included. From a shell or a study, start here.
-
-    `knobs`: those of stabilizations, such as baumgarte=10.0.
-    """
+    """The Run of a method by name; `knobs` are those of stabilizations, such as baumgarte=10.0."""
     method = stabilizations(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     made = simulate(step_fn, system, make_force(system, method), dt, steps)
@@ -426,16 +423,18 @@ def summary(system, run, method, reference):
 def main(argv=None):
     """Run the methods, print the table, and write what it shows."""
     args, system = parse_args(argv)
+    run_of = partial(run_method, system, integrator=args.integrator, dt=args.dt, **args.knobs)
     if args.show_step:
-        print(run_method(system, args.methods[0], args.integrator, args.dt, 1, **args.knobs).source)
+        run = run_of(args.methods[0], steps=1)
+        print(run.source or run.how)
         return 0
     print(f"ch3.4 constraints | device {args.device}")
-    runs, settings = {}, (args.integrator, args.dt, args.steps)
+    runs = {}
     with plain(args.plain):
         for name in progress.each(args.methods, always=args.plain):
-            runs[name] = run_method(system, name, *settings, **args.knobs)
+            runs[name] = run_of(name, steps=args.steps)
     exact = partial(one_step, system, "project", "gauss")
-    reference = find_reference(exact, system, args.dt, args.steps, args.plain)
+    reference = find_reference(exact, system, GRAVITY, args.dt, args.steps, args.plain)
     methods = stabilizations(args.dt, **args.knobs)
     results = {name: summary(system, run, methods[name], reference) for name, run in runs.items()}
     table.show(args, runs, results, reference, STABILITY_LIMIT)

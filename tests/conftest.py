@@ -13,7 +13,7 @@ import constraints
 
 ROOT = Path(__file__).resolve().parents[1]
 BARE = "--no-rerun", "--no-page"
-posix = pytest.mark.skipif(os.name == "nt", reason="signals and shells are others there")
+SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 844}, "dark")]
 
 
 def python(*words, variables=None):
@@ -64,6 +64,10 @@ def visit(browser):
     for context in browser.contexts:
         context.close()
     assert [x for x in trouble if not x.startswith("data:")] == []
+
+
+def click(shown, name):
+    shown.get_by_role("button", name=name, exact=True).click()
 
 
 def contrast(*colors):

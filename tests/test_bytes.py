@@ -1,17 +1,17 @@
 """The bytes of metrics.json, pinned: a bit that changes, on any processor or numpy, is seen.
 
 They are our own earlier results, and no proof that they are right: the one exception among the
-tests.  python tests/test_bytes.py  pins them anew.
+tests.  python -m tests.test_bytes  pins them again.
 """
 
 import hashlib
 import json
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
+
+import constraints as c
 
 PINNED = Path(__file__).with_name("pinned.json")
 RUNS = (
@@ -28,13 +28,7 @@ RUNS = (
 def digest(run):
     """The sha256 of the metrics.json of a run."""
     with tempfile.TemporaryDirectory() as folder:
-        flags = [*run.split(), "--no-rerun", "--no-page", "--out", folder]
-        subprocess.run(
-            [sys.executable, "constraints.py", *flags],
-            cwd=PINNED.parents[1],
-            check=True,
-            capture_output=True,
-        )
+        c.main([*run.split(), "--no-rerun", "--no-page", "--out", folder])
         return hashlib.sha256(Path(folder, "metrics.json").read_bytes()).hexdigest()
 
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import contrast
+from conftest import SCREENS, click, contrast
 
 import constraints as c
 from curriculum.ch3_4_constraints import palette, table
@@ -13,7 +13,6 @@ builder = "curriculum.ch3_4_constraints.chapter"
 chapter = pytest.importorskip(builder, reason="to make it: pip install -e '.[site]'")
 FIGURES = ["question", "tangent", "jacobian", "two_methods", "drift", "cliff", "energy", "soft"]
 FIGURES += ["tiles", "flat_pose", "chaos"]  # in the order of the text
-SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 844}, "dark")]
 DT = 0.005  # s: the step of all figures at first, but for drift's
 
 
@@ -45,10 +44,6 @@ def seen(found):
     """All that a figure shows."""
     drawn = found.evaluate("x => [...x.querySelectorAll('canvas')].map(y => y.toDataURL())")
     return drawn, found.inner_text()
-
-
-def click(found, name):
-    found.get_by_role("button", name=name, exact=True).click()
 
 
 def slide(found, label, k):

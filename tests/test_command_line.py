@@ -7,20 +7,17 @@ import tomllib
 from functools import partial
 
 import pytest
-from conftest import BARE, ROOT, posix, python
+from conftest import BARE, ROOT, python
 
 import constraints as c
 from curriculum.ch3_4_constraints import scene_files
 from curriculum.common import progress
 
 WRONG = {  # flags: what the line names
-    "--dt 0": "--dt: '0' must be a finite number",
     "--dt nan": "--dt: 'nan' must be a finite number",
-    "--steps 0": "--steps: '0' must be a whole number",
     "--steps 2.5": "--steps: '2.5' must be a whole number",
-    "--links 301": "--links: '301'",
+    "--links 301": "--links: '301' must be a whole number from 1 to 300",
     "--baumgarte -1": "--baumgarte: '-1'",
-    "--time-constant 0": "--time-constant: '0'",
     "--sys double": "--sys",
     "--system doubel": "did you mean 'double'?",
     "--integrator rk4 --stabilization impulse": "impulse is not for rk4",
@@ -75,7 +72,6 @@ assert state() == before, "main"
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@posix
 def test_runs_leave_no_memory_behind(tmp_path):
     code = """import resource, sys, constraints
 def peak(runs):
@@ -112,7 +108,6 @@ def test_a_readers_mistake_is_a_traceback_that_ends_in_their_line(mistake, error
     assert f'File "{mine}"' in shown and "external_force" in shown
 
 
-@posix
 def test_ctrl_c_from_mains_first_line_on_ends_it_in_one_line(tmp_path):
     command = [sys.executable, "-u", "constraints.py", "--steps", "9999", "--out", str(tmp_path)]
     heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)
@@ -125,7 +120,6 @@ def test_ctrl_c_from_mains_first_line_on_ends_it_in_one_line(tmp_path):
     assert said == "\ninterrupted: no file is half written\n" and not [*tmp_path.iterdir()]
 
 
-@posix
 def test_a_reader_who_wants_no_more_lines_ends_a_run_in_silence(tmp_path):
     command = f"{sys.executable} constraints.py --steps 9 {' '.join(BARE)} --out {tmp_path}"
     done = subprocess.run(f"{command} | head -0", shell=True, cwd=ROOT, capture_output=True)

@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import contrast
+from conftest import SCREENS, click, contrast
 
 import constraints as c
 from curriculum.ch3_4_constraints import page, palette, table
@@ -33,8 +33,8 @@ def states(system, integrator, steps, **settings):
     """{method: (q, v)} after so many steps that node takes, with the page's knobs set so."""
     if shutil.which("node") is None:
         pytest.skip("node is not installed")
-    scene = page.traced(c, system, integrator, USUAL, {})
-    script = TAKE_STEPS % (scene, page.part("parts.js"), json.dumps(settings), steps)
+    scene = page.scene_script(c, system, integrator, USUAL, {})
+    script = TAKE_STEPS % (scene, page.page_file("parts.js"), json.dumps(settings), steps)
     done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, timeout=60)
     return {x: np.reshape(state, (2, -1, 3)) for x, state in json.loads(done.stdout)}
 
@@ -74,7 +74,7 @@ def test_sliders_a_hand_and_a_row_of_the_readers_own_are_the_chapters_to_the_bit
 def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
     def refused(system, force=c.external_force, integrator="semi_implicit"):
         with patch.object(c, "external_force", force), pytest.raises(page.NoPage) as why:
-            page.traced(c, system, integrator, USUAL, {})
+            page.scene_script(c, system, integrator, USUAL, {})
         return str(why.value)
 
     system = c.build_system("double")
@@ -106,10 +106,6 @@ def still(pages):
     return pages()
 
 
-def click(shown, name):
-    shown.get_by_role("button", name=name, exact=True).click()
-
-
 DRAWN = """() => {
   const marks = [];
   let path;
@@ -132,6 +128,7 @@ DRAWN = """() => {
 
 def drawn(shown, stage, kind, color=None):
     """The lines, discs, bars or words, of a colour, that a stage draws."""
+    shown.wait_for_function(f"{stage}.width > 0")  # it knows its size
     marks = shown.evaluate(DRAWN.replace("STAGE", stage))
     return [x for x in marks if x["kind"] == kind and color in (None, x["color"])]
 
@@ -143,9 +140,6 @@ def pixels(shown, points):
     scale = np.min(np.subtract(size, 12) / (high - low))  # 6 pixels are left free around it
     places = np.array(size) / 2 + scale * (np.array(points)[..., :2] - (low + high) / 2) * [1, -1]
     return pytest.approx(places, abs=0.5)
-
-
-SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 844}, "dark")]
 
 
 @pytest.mark.parametrize(("size", "theme"), SCREENS)

@@ -19,7 +19,13 @@ from pygments.lexers import get_lexer_by_name
 from pygments.token import Comment, Keyword, Name, Number, String
 
 import constraints
-from curriculum.ch3_4_constraints.page import as_script, palette_css, part, traced, written
+from curriculum.ch3_4_constraints.page import (
+    as_script,
+    page_file,
+    palette_css,
+    scene_script,
+    written,
+)
 
 HERE = Path(__file__).parent
 SOURCE, PAGE = HERE / "README.md", HERE / "chapter.html"
@@ -110,7 +116,7 @@ def heading_open(tokens, k, *_):
 
 def page():
     """The page, as text."""
-    figures = part("figures.js")
+    figures = page_file("figures.js")
     known = re.findall(r"^figures\.(\w+) =", figures, re.M)
     markdown = MarkdownIt("commonmark").enable("table")
     rules = code_inline, code_block, fence, heading_open
@@ -120,11 +126,11 @@ def page():
     text = re.sub(r"<p>(<figure.*?</figure>)</p>", r"\1", text, flags=re.S)  # alone in a paragraph
     blanks = {
         "title": re.search("<h1.*?>(.*?)</h1>", text)[1],
-        "style": palette_css() + part("style.css") + part("chapter.css"),
+        "style": palette_css() + page_file("style.css") + page_file("chapter.css"),
         "text": text,
-        "script": f"const traced = {scenes()};\n" + part("parts.js") + figures,
+        "script": f"const traced = {scenes()};\n" + page_file("parts.js") + figures,
     }
-    return re.sub("{{(.*?)}}", lambda blank: blanks[blank[1]], part("chapter.html"))
+    return re.sub("{{(.*?)}}", lambda blank: blanks[blank[1]], page_file("chapter.html"))
 
 
 def scenes():
@@ -132,7 +138,7 @@ def scenes():
     systems = {name: constraints.build_system(name) for name in MEASURES}
     other = constraints.build_system("double", 1)
     made = {
-        name: traced(constraints, system, "semi_implicit", KNOBS, MEASURES[name])
+        name: scene_script(constraints, system, "semi_implicit", KNOBS, MEASURES[name])
         for name, system in systems.items()
     }
     start = np.ravel([other["q0"], other["v0"]]).tolist()

@@ -19,7 +19,7 @@ STATE = 96  # bytes of a particle: its q and v, and once more where they are com
 
 def check(args, system):
     """Raise an error in a sentence if a run has too many states, or if its files could not be
-    written, or would replace such as no run has written."""
+    written, or would overwrite files that no run has written."""
     fit = int(MOST / (STATE * len(system["m"]) * len(args.methods)))
     if args.steps > fit:
         raise ArgumentTypeError(
@@ -69,7 +69,7 @@ def write(args, system, runs, results, reference, chapter):
 
 
 def metrics(args, system, results, reference):
-    """The text of metrics.json: no times, nothing of the host, so two runs give the same bytes."""
+    """The text of metrics.json: no times, nothing about the machine: equal runs, equal bytes."""
     used = {name: getattr(args, name) for name in ("integrator", "dt", "steps", "seed")}
     used["system"] = Path(args.system).name
     used |= args.knobs

@@ -35,18 +35,18 @@ def play(chapter, args, system):
     """
     name = Path(args.system).stem
     chain = "A chain of bobs of 1 kg on rods of 1 m, let go nearly level."
-    scene = traced(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})
+    scene = scene_script(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})
     parts = {
         "name": escape(name),
         "about": escape(system.get("about", chain)),
         "folder": escape(Path(os.path.relpath(HERE, args.out)).as_posix()),
-        "style": palette_css() + part("style.css"),
-        "script": f"const scene = {scene};\n" + part("parts.js") + part("play.js"),
+        "style": palette_css() + page_file("style.css"),
+        "script": f"const scene = {scene};\n" + page_file("parts.js") + page_file("play.js"),
     }
-    return re.sub("{{(.*?)}}", lambda blank: parts[blank[1]], part("play.html"))
+    return re.sub("{{(.*?)}}", lambda blank: parts[blank[1]], page_file("play.html"))
 
 
-def part(name):
+def page_file(name):
     """The text of a file in page/."""
     return (HERE / "page" / name).read_text(encoding="utf-8")
 
@@ -60,7 +60,7 @@ def palette_css():
     return f":root {{ {light}}}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}\n"
 
 
-def traced(chapter, system, integrator, knobs, measures):
+def scene_script(chapter, system, integrator, knobs, measures):
     """A scene as an object of JavaScript, for a Motion of parts.js.
 
     `chapter`: the module constraints. `knobs`: dt, baumgarte and time_constant, with which the page

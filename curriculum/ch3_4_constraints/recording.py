@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from curriculum.ch3_4_constraints import palette
-from curriculum.ch3_4_constraints.systems import nodes
+from curriculum.ch3_4_constraints.systems import nodes, rod_parts
 from curriculum.ch3_4_constraints.table import length
 from curriculum.common.tracing import vmap
 
@@ -51,7 +51,7 @@ def record(args, system, runs, results, metrics, chapter):
     scene = Path(args.system).stem
     name = f"{scene}-{zlib.crc32(metrics.encode()):08x}"
     stream = rr.RecordingStream("constraints", recording_id=name, send_properties=False)
-    memory = stream.memory_recording()  # on a full disk rerun's own writer may wait for ever
+    memory = stream.memory_recording()  # on a full disk rerun's own writer may hang
     try:
         title = f"{scene}, {args.integrator}, steps of {args.dt:.4g} s"
         fill(stream, title, args, system, runs, results, chapter)
@@ -117,19 +117,14 @@ def drawn(system, run, shown, color, ball):
     yield "path", rr.Points3D.from_fields(radii=THIN, colors=color), path
     if run.q is None:
         return
-    heads, tails = np.moveaxis(nodes(q, system["anchors"])[:, system["pairs"]], 2, 0)
-    d, lengths = heads - tails, system["lengths"]
-    size = np.linalg.norm(d, axis=-1)
-    marks = tails + (lengths / np.maximum(size, FLOOR))[..., None] * d  # where they should end
-    error, always = size - lengths, np.full(size.shape, True)
-    for entity, begins, ends, where, shade in (
-        ("rods", tails, np.where(error[..., None] > 0.0, marks, heads), always, color),
-        ("too_long", marks, heads, error > ball, rgb(palette.TOO_LONG[DARK])),
-        ("too_short", heads, marks, error < -ball, rgb(palette.TOO_SHORT[DARK])),
-    ):
-        strips = rr.LineStrips3D.columns(strips=np.stack([begins, ends], axis=2)[where])
+    shades = {"rods": color, "too_long": rgb(palette.TOO_LONG[DARK])}
+    shades["too_short"] = rgb(palette.TOO_SHORT[DARK])
+    for (entity, shade), part in zip(shades.items(), rod_parts(system, q), strict=True):
+        size = np.linalg.norm(part[:, :, 1] - part[:, :, 0], axis=-1)
+        visible = size > (0.0 if entity == "rods" else ball)
         style = rr.LineStrips3D.from_fields(radii=THICK, colors=shade)
-        yield entity, style, strips.partition(np.sum(where, axis=1))
+        strips = rr.LineStrips3D.columns(strips=part[visible])
+        yield entity, style, strips.partition(np.sum(visible, axis=1))
 
 
 def measured(run, shown, pull, m_g_L):

@@ -13,14 +13,14 @@ HALVINGS = 4  # of these, at most
 STEPS = 800  # for each rod, as a guess: many repay machine code
 ENOUGH = 1e-11  # m: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
-LARGE = 40  # rods: for more the reference takes longer than the run
+MAX_RODS = 40  # for more the reference takes longer than the run
 
 
 class Reference(NamedTuple):
     """Where the particles are after so many steps of the run."""
 
     step: int
-    swing: float  # sqrt(L/g) of the shortest rod in s: beside it a step is short or long
+    time_scale: float  # sqrt(L/g) of the shortest rod in s: beside it a step is short or long
     q: np.ndarray | None = None  # (N, 3) in m, if it is known
     uncertainty: float = math.inf  # m
     why: str = ""  # it is not known, in words
@@ -39,24 +39,25 @@ class Reference(NamedTuple):
         return f"< {length(self.uncertainty)}" if coarse else length(error)
 
 
-def find_reference(step, system, dt, steps, plain=False):
+def find_reference(step, system, gravity, dt, steps, plain=False):
     """The Reference after HORIZON or, if they end sooner, after so many steps of dt s.
 
     step(q, v, dt) -> (q, v) is of high order. Its steps are halved until two ends agree, or until
-    rounding keeps them apart. What a start that is off by one rounding changes cannot be known.
+    rounding keeps them apart. What changes with the last digit of the start cannot be known.
+    `gravity` (3,) in m/s^2; below 1 it counts as 1.
     """
     q, v, rods = system["q0"], system["v0"], len(system["pairs"])
     shortest = float(np.min(system["lengths"]))
-    swing = math.sqrt(shortest / 9.81)
-    horizon = min(HORIZON, 20.0 * swing)
+    time_scale = math.sqrt(shortest / max(1.0, np.linalg.norm(gravity)))
+    horizon = min(HORIZON, 20.0 * time_scale)
     last = min(steps, max(1, round(horizon / dt)))
-    unknown = Reference(last, swing)
+    unknown = Reference(last, time_scale)
     if plain:
         return unknown._replace(why="--plain compiles nothing, and it would take long")
     if dt > horizon:
         return unknown._replace(why=f"it reaches {horizon:.2g} s, and a step takes {dt:g} s")
-    if rods > LARGE:
-        return unknown._replace(why=f"it would take long for more than {LARGE} rods")
+    if rods > MAX_RODS:
+        return unknown._replace(why=f"it would take long for more than {MAX_RODS} rods")
     try:
         run = CompiledSteps(step, [q, v], STEPS * rods, knobs=1)
     except Untraceable as why:
@@ -66,7 +67,7 @@ def find_reference(step, system, dt, steps, plain=False):
         ends, _ = run([q * factor, v * factor], count, last * dt / count)
         return ends[-1] if len(ends) > count else np.full_like(q, np.nan)
 
-    count, gaps = math.ceil(last * dt / (FIRST * swing)), [math.inf, math.inf]
+    count, gaps = math.ceil(last * dt / (FIRST * time_scale)), [math.inf, math.inf]
     coarse = end(count)
     for _ in range(HALVINGS):
         fine = end(2 * count)
@@ -81,4 +82,4 @@ def find_reference(step, system, dt, steps, plain=False):
         uncertainty = max(uncertainty, 4.0 * float(np.max(apart)))
     if not uncertainty < known:
         return unknown._replace(why="shorter steps do not agree to a nanometre")
-    return Reference(last, swing, coarse, uncertainty)
+    return Reference(last, time_scale, coarse, uncertainty)

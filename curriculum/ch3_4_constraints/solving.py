@@ -18,11 +18,11 @@ def solve(system, a, b, v=None, jac=None, rough=False):
     back, O(N), as in R. Featherstone's articulated bodies (1983). In a loop A may be singular, so
     a little is added, of SLACK and, if v (N, 3) is given, of how the rods turn. Unless `rough`,
     refinement takes that back (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021). It leaves what
-    no lambda meets, and what only a huge one meets in a pose that moving rods pass at once.
+    no lambda meets, and what only a huge one would, in poses that moving rods leave at once.
     """
     a, b = np.asarray(a), np.asarray(b)
     lam = np.zeros_like(b, np.result_type(b, 1.0))
-    for part, has_loop in elimination.parts(system["pairs"]):
+    for part, has_loop in elimination.components(system["pairs"]):
         block, wanted = a[np.ix_(part, part)], ordered(b[part])
         order = elimination.elimination_order([system["pairs"][k] for k in part])
         if not has_loop:
@@ -65,7 +65,7 @@ def turned(system, v):
     for k, (i, j) in enumerate(system["pairs"]):
         d_dot = v[i] - v[j] if j >= 0 else v[i]
         slow = INSTANT / (TURN * system["lengths"][k])  # s/m: 1 over the speed that turns by TURN
-        # times h, which is INSTANT or TURN L / |d_dot|: smoothly the smaller one
+        # times h, which is INSTANT or TURN L / |d_dot|: a smooth minimum of the two
         d_dot = d_dot * (INSTANT / np.sqrt(1.0 + slow * slow * (d_dot @ d_dot)))
         jdot[k, i] = d_dot
         if j >= 0:

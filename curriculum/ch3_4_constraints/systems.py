@@ -1,31 +1,32 @@
 """Systems: what their arrays must be, checked so that a mistake is answered by a sentence."""
 
 import json
+import math
 from argparse import ArgumentTypeError
-from collections.abc import Mapping
 from decimal import Decimal, localcontext
 from itertools import accumulate
+from numbers import Integral, Real
 from operator import mul
 
 import numpy as np
 
-from curriculum.common.elimination import parts
+from curriculum.common.elimination import components
 
-FIT = 1e-6  # the share by which a length in a file may differ from the distance of its rod's ends
-ROUGH = 0.1  # the same in a typed system, which may be wrong on purpose, but not by a slip
+ROUGH = 0.1  # by this share a length may be off: on purpose, but not by a slip
 FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
-MOST = 1000  # particles, rods or anchors in a file
-HUGE = 1e12  # larger numbers, positive ones below 1 / HUGE, and masses as unlike have no digits
+HUGE = (
+    1e12  # larger numbers, positive ones below 1 / HUGE, and masses that far apart leave no digits
+)
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
 POSITIVE = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
-COLUMNS = {  # a row's type, shape and bound; the shape of all; a row's name in a file, what it is
-    "q0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].position", POINT),
-    "v0": (float, (3,), -HUGE, "(N, 3)", "particles[{}].velocity", POINT),
-    "m": (float, (1,), 1 / HUGE, "(N, 1)", "particles[{}].mass", POSITIVE.format("kilograms")),
-    "anchors": (float, (3,), -HUGE, "(K, 3)", "anchors[{}]", POINT),
-    "pairs": (int, (2,), -HUGE, "(C, 2)", "rods[{}].pair", "two whole numbers [i, j]"),
-    "lengths": (float, (), 1 / HUGE, "(C,)", "rods[{}].length", POSITIVE.format("metres")),
+COLUMNS = {  # a row's type, shape and bound, its name in a file, and what it is
+    "q0": (float, (3,), -HUGE, "particles[{}].position", POINT),
+    "v0": (float, (3,), -HUGE, "particles[{}].velocity", POINT),
+    "m": (float, (1,), 1 / HUGE, "particles[{}].mass", POSITIVE.format("kilograms")),
+    "anchors": (float, (3,), -HUGE, "anchors[{}]", POINT),
+    "pairs": (int, (2,), -HUGE, "rods[{}].pair", "two whole numbers [i, j]"),
+    "lengths": (float, (), 1 / HUGE, "rods[{}].length", POSITIVE.format("metres")),
 }
 
 
@@ -57,7 +58,7 @@ def need(test, field, found, allowed):
 
 def has_loop(system):
     """Whether its rods close a loop, maybe through the ground."""
-    return any(loop for _, loop in parts(system["pairs"]))
+    return any(loop for _, loop in components(system["pairs"]))
 
 
 def tolerance(lengths, q):
@@ -83,39 +84,40 @@ def differences(x, fixed, pairs):
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 
+def rod_parts(system, q):
+    """Of rods at q (..., N, 3), (..., C, 2, 3) each: what is right, too much, and missing."""
+    head, tail = np.moveaxis(nodes(q, system["anchors"])[..., system["pairs"], :], -2, 0)
+    d = head - tail
+    share = system["lengths"] / np.maximum(np.linalg.norm(d, axis=-1), 1 / HUGE)
+    right, farther = (tail + x[..., None] * d for x in (np.minimum(share, 1), np.maximum(share, 1)))
+    return [np.stack(x, axis=-2) for x in ((tail, right), (right, head), (head, farther))]
+
+
 def check_system(system, pivot):
     """A typed system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
 
     A length may be a tenth off. `pivot` (3,) is the anchor of one without. Raises SceneError.
     """
-    allowed = f"a dict with {', '.join(COLUMNS)}"
-    need(isinstance(system, Mapping), "a system", system, allowed)
     system = {"anchors": [pivot], **system}
-    for key in COLUMNS:
-        if key not in system:
-            raise SceneError(f"a system has no {key}; must be {allowed}")
-    typed = {}
-    for key, (dtype, row, low, shape, _, allowed) in COLUMNS.items():
-        try:
-            array = np.asarray(system[key])
-        except ValueError:
-            array = np.array(None)  # rows of several lengths
-        right = array.ndim == 1 + len(row) and array.shape[1:] == row
-        right = right and array.dtype.kind in ("iuf", "iu")[dtype is int]
-        need(right, key, system[key], f"a list or an array {shape}, each row {allowed}")
-        bad = ~((array > low) & (array < HUGE))
-        for k in np.argwhere(bad)[:1, 0].tolist():  # the first bad row
-            need(False, f"{key}[{k}]", array[k], allowed)
-        typed[key] = array.astype(dtype)
-    return system | checked(typed, ROUGH, "{}[{}]".format, [])
+    need({*COLUMNS} <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
+    return system | checked(system, ROUGH, "{}[{}]".format, [])
 
 
-def checked(system, fit, name, bare):
-    """The arrays of a system, checked against each other.
+def checked(rows, fit, name, bare):
+    """The arrays of a system of these rows {key: list or array}, each checked, and all together.
 
     Lengths may be off by a share `fit`; those of the rods `bare` are measured. name(key, k) is what
     row k is called. Raises SceneError.
     """
+    system = {}
+    for key, (dtype, shape, low, _, allowed) in COLUMNS.items():
+        kind = Integral if dtype is int else Real
+        for k, row in enumerate(rows[key]):
+            row = np.array(row, object)  # as it stands there: true is no number
+            right = all(isinstance(x, kind) and low < x < HUGE for x in row.flat)
+            right = right and bool not in map(type, row.flat) and row.size == math.prod(shape)
+            need(right, name(key, k), np.squeeze(row), allowed)
+        system[key] = np.array(rows[key], dtype).reshape(-1, *shape)
 
     def refuse(key, bad, allowed):  # for the first bad row k of system[key]; allowed(k): words
         if np.any(bad):

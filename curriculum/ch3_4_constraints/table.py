@@ -70,8 +70,8 @@ def show(args, runs, results, reference, limits):
         )
     for note in notes:
         say(note)
-    if args.dt > LONG * reference.swing:
-        share = args.dt / reference.swing
+    if args.dt > LONG * reference.time_scale:
+        share = args.dt / reference.time_scale
         say(f"a step of {args.dt:g} s is long: it is {share:.2g} sqrt(L/g) of the shortest rod")
     if reference.q is None:
         say(f"- no reference: {reference.why}")

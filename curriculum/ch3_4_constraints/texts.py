@@ -1,4 +1,4 @@
-"""Fill the blocks of the texts anew:  python -m curriculum.ch3_4_constraints.texts [FILE ...]
+"""Fill the blocks of the texts again:  python -m curriculum.ch3_4_constraints.texts [FILE ...]
 
 A fenced block below one of these comments is not typed but made:
 

@@ -16,7 +16,7 @@ ROUNDS = 100  # of a refinement, at most
 
 
 def cached(function):
-    """function(pairs), computed once for equal pairs, be they lists or tuples."""
+    """function(pairs), computed once for equal pairs, whether lists or tuples."""
     known = lru_cache(64)(function)
     return wraps(function)(lambda pairs: known(tuple(map(tuple, pairs))))
 
@@ -34,8 +34,8 @@ def neighbours(pairs):
 def elimination_order(pairs):
     """[(k, rest)]: pair k is next, and `rest` are the pairs after it that are coupled with it.
 
-    They are so by themselves or through pairs before it. The next is always one with the fewest
-    (minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1).
+    They are so by themselves or through pairs before it. The next is always one with the
+    fewest neighbours (minimum degree: A. George, J. W. H. Liu, SIAM Review 31 (1989) 1).
     """
     near, order, done = neighbours(pairs), [], set()
     queue = sorted((len(others), k) for k, others in enumerate(near))  # which is a heap
@@ -53,7 +53,7 @@ def elimination_order(pairs):
 
 
 @cached
-def parts(pairs):
+def components(pairs):
     """[(the numbers of pairs that are coupled, however indirectly; whether they close a loop)].
 
     An anchor couples nothing, but a loop may go through the ground: all anchors count as one point.
@@ -74,7 +74,7 @@ def eliminated(a, order):
     """The function b (n,) -> np.linalg.solve(a, b) of a matrix a (n, n).
 
     Gaussian elimination without pivoting, which J M^-1 J^T does not need, in an
-    `elimination_order`: entries that are zero for certain are never visited.
+    `elimination_order`: entries known to be zero are never visited.
     """
     a = np.array(a, np.result_type(a, 1.0))  # a copy, of floats or of symbols
     for k, rest in order:
@@ -102,7 +102,7 @@ def refined(times, near, diagonal, b, failure):
     """x (n,) with A x = b, by iterative refinement.
 
     times(x) is A x; near(b) solves for a matrix near A (n, n), whose diagonal is given. A round
-    solves for what is left of b. The last leaves 1e-15 of it, or over half of what it found.
+    solves for what is left of b. They end at 1e-15 of b, or with one that gains less than half.
     """
 
     def size(left):

@@ -8,9 +8,9 @@ import numpy as np
 
 from curriculum.common.tracing import vmap, while_loop
 
-DIGITS = 50  # in which nodes and weights are computed, so that every machine has the same doubles
+DIGITS = 50  # in which nodes and weights are computed, so that the doubles are the same everywhere
 ROUNDS = 60  # of the iteration of the stages, at most
-PARTS = 256 + 8  # of a step, at most: where all are 1/256 long, 8 longer ones have failed before
+PARTS = 256 + 8  # of a step, at most: 256, after 8 halvings that have failed
 
 
 def legendre(x, degree):

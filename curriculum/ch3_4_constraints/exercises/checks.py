@@ -1,4 +1,4 @@
-"""Judges an exercise: an answer is right, or wrong by so much, and there is a hint."""
+"""Checks an exercise: an answer is right, or wrong by so much, and then there is a hint."""
 
 import sys
 from functools import partial
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import constraints as c
+from curriculum.ch3_4_constraints.studies.real_thing import random_chain
 from curriculum.ch3_4_constraints.xpbd import xpbd_step
 from curriculum.common.cli import run_script
 
@@ -18,19 +19,6 @@ def blank(what):
     raise NotImplementedError(
         f"{Path(place.f_code.co_filename).name}, line {place.f_lineno}: {what}"
     )
-
-
-def random_chain():
-    """A chain of five rods, each up to 2 % off, and velocities (5, 3) in m/s."""
-    rng = np.random.default_rng(0)
-    d, v = rng.normal(size=(2, 5, 3))
-    chain = {
-        "q0": np.cumsum(d, axis=0),
-        "m": rng.uniform(0.1, 10.0, (5, 1)),
-        "pairs": [(k, k - 1) for k in range(5)],
-        "lengths": np.linalg.norm(d, axis=1) * rng.uniform(0.98, 1.02, 5),
-    }
-    return chain, v
 
 
 # A check takes the module of an exercise and yields, for one answer after the other, what it is,
@@ -49,7 +37,8 @@ def drift(exercise):
 
 
 def solve(exercise):
-    chain, v = random_chain()
+    chain = random_chain(np.random.default_rng(0), 5)
+    v = chain["v0"]
     f = c.external_force(chain, chain["q0"])
     for what, w, hint in (
         ("jdotv", 0.0, "gddot = d . (a_i - a_j) + what? Apply the product rule to d . d_dot"),
@@ -83,19 +72,27 @@ def cliff(exercise):
 
 
 def xpbd(exercise):
-    chain, v = random_chain()
-    mine = exercise.substep(chain, chain["q0"], v, 0.01)
-    right = np.array(xpbd_step(chain, chain["q0"], v, 0.01))
+    chain = random_chain(np.random.default_rng(0), 5)
+    mine = exercise.substep(chain, chain["q0"], chain["v0"], 0.01)
+    right = np.array(xpbd_step(chain, chain["q0"], chain["v0"], 0.01))
     hint = "each rod begins where those before it have left its ends; in the end, v = move / h"
     yield "substep, of a random chain", mine, right, 1e-12, hint
     exercise.main()
 
 
 def off_by(answer, right):
-    """How far an answer is off, as a share of the largest number of what is right; nan of words."""
+    """How far an answer is off, as a share of the largest number of what is right.
+
+    NaN if it is another word, or no array of that shape.
+    """
     if isinstance(right, str):
         return 0.0 if answer == right else np.nan
-    return np.max(np.abs(np.asarray(answer, float) - right)) / np.max(np.abs(right))
+    try:
+        answer = np.asarray(answer, float)
+    except (TypeError, ValueError):
+        return np.nan
+    same = np.shape(answer) == np.shape(right)
+    return np.max(np.abs(answer - right)) / np.max(np.abs(right)) if same else np.nan
 
 
 def verdict(check, exercise):

@@ -3,6 +3,7 @@
 python -m curriculum.ch3_4_constraints.pictures.make_pictures
 """
 
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints import page
+from curriculum.ch3_4_constraints.systems import rod_parts
 from curriculum.ch3_4_constraints.table import length
 
 FOLDER = Path(__file__).parent
@@ -23,6 +25,7 @@ MOVING = {  # from when to when in s, a frame every so many steps
     "windows": (0.0, 6.0, 40),
 }
 METHODS = {name: f"m{k}" for k, name in enumerate(c.stabilizations(DT))}  # and their colours
+run = partial(c.run_method, integrator="semi_implicit", dt=DT, steps=4000)
 STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
 text {{ font: 30px system-ui, sans-serif }}</style>"""
 
@@ -76,28 +79,22 @@ def chart(name, curves, x_ticks, y_ticks, y_name):
     sheet.write(name)
 
 
-def run(system, method, steps=4000, **knobs):
-    return c.run_method(system, method, "semi_implicit", DT, steps, **knobs)
-
-
 def charts():
     """The figures that are curves."""
     double, times = c.build_system("double"), np.arange(0, 4001, 32) * DT
-    errors, energies = [], []
-    for method, colour in METHODS.items():
-        found = run(double, method)
-        error = np.maximum(found.violations[::32], 1e-13)
-        errors.append((method, colour, times, np.log10(error)))
-        gained = (found.energies - found.energies[0]) / (2 * 9.81 * 2)
-        energies.append((method, colour, times, gained[::32]))
+    runs = {method: run(double, method) for method in METHODS}
+    logs = [np.log10(np.maximum(x.violations[::32], 1e-13)) for x in runs.values()]
+    curves = [(x, METHODS[x], times, log) for x, log in zip(runs, logs, strict=True)]
     ticks = {k: length(10.0**k) for k in range(-4, 1)}
-    chart("two_methods", errors[:2], TIMES, ticks, "worst rod error")
+    chart("two_methods", curves[:2], TIMES, ticks, "worst rod error")
+    gained = [(x.energies - x.energies[0])[::32] / (2 * 9.81 * 2) for x in runs.values()]
+    curves = [(x, METHODS[x], times, gain) for x, gain in zip(runs, gained, strict=True)]
     ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
-    chart("energy", energies, TIMES, ticks, "energy gained, of m g L")
+    chart("energy", curves, TIMES, ticks, "energy gained, of m g L")
 
     curves, hung = [], c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
     for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
-        found = run(hung, "baumgarte", 40, baumgarte=z / DT)
+        found = run(hung, "baumgarte", steps=40, baumgarte=z / DT)
         curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
     ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
     chart("cliff", curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
@@ -111,21 +108,10 @@ def charts():
     chart("chaos", curves, TIMES, ticks, "distance between the tips")
 
 
-def pieces(system, q):
-    """Of each rod (C, 2, 3): its right part, its particle, what is too much, what is missing."""
-    start = np.array([(q if j >= 0 else system["anchors"][::-1])[j] for _, j in system["pairs"]])
-    end = q[[i for i, _ in system["pairs"]]]
-    share = (system["lengths"] / c.rod_lengths(system, q))[:, None]
-    right = start + (end - start) * np.minimum(share, 1.0)
-    farther = start + (end - start) * np.maximum(share, 1.0)
-    parts = (start, right), (end, end), (right, end), (end, farther)
-    return [np.stack(part, axis=1) for part in parts]
-
-
 def tiles(name, scene, begin, end, every=1):
     """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps."""
     system, frames = c.build_system(scene), np.arange(begin / DT, end / DT + 1, every, dtype=int)
-    runs = {method: run(system, method, frames[-1]) for method in METHODS}
+    runs = {method: run(system, method, steps=frames[-1]) for method in METHODS}
     seen = np.vstack([*system["anchors"], *(q for x in runs.values() for q in x.q[frames])])
     low, high = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
     wide, tall, _ = high - low + [0.0, 0.14 * (high - low)[0], 0.0]  # with a line of words
@@ -133,10 +119,13 @@ def tiles(name, scene, begin, end, every=1):
     sheet = Sheet(1500, round(1000 * tall / wide), corner, corner + [3.0 * wide, 2.0 * tall])
     for k, (method, found) in enumerate(runs.items()):
         shift, colour = np.array([k % 3 * wide, -(k // 3) * tall, 0.0]), METHODS[method]
-        poses = zip(*(pieces(system, q) + shift for q in found.q[frames]), strict=True)
-        colours = colour, colour, "long", "short"
-        widths = 7, "20;stroke-linecap:round", 12, "7;stroke-dasharray:6"
-        for *style, parts in zip(colours, widths, poses, strict=True):
+        right, much, missing = (part + shift for part in rod_parts(system, found.q[frames]))
+        for parts, *style in (
+            (right, colour, 7),
+            (missing[:, :, [0, 0]], colour, "20;stroke-linecap:round"),  # particles
+            (much, "long", 12),
+            (missing, "short", "7;stroke-dasharray:6"),
+        ):
             data = ["".join(f"M{sheet.at(a)}L{sheet.at(b)}" for a, b in part) for part in parts]
             move = f'attributeName="d" values="{";".join(data)}" dur="{len(data) * every * DT:g}s"'
             move = f'<animate {move} repeatCount="indefinite"/>' if len(data) > 1 else ""

@@ -14,7 +14,7 @@ import constraints as c
 from curriculum.common.tracing import fori_loop, vmap
 
 CRANK, GROUND = 1.0, 0.5  # m
-EXTRA = 1e-2, 1e-3, 1e-4, 1e-5  # m: how much longer than GROUND the coupler is
+EXTRA = 1e-2, 1e-3, 1e-4, 1e-5  # m, of the coupler beyond GROUND
 DT, SECONDS, STARTS = 0.005, 2.0, 100
 WRONG = 0.1  # the sine of an angle in which a crank is clearly on the other side
 

@@ -1,7 +1,7 @@
 """Which method holds a scene when it gets hard, and at which step?
 
 One run may be held by luck. So each scene is started many times: as it is, and by turns with masses
-and speeds wrong by a rounding error, and with quite other ones. A start is held if no rod is ever
+and speeds off by a rounding error, and with different ones. A start is held if no rod is ever
 off by more than 1 % of the shortest, and the energy by no more than 10 % of m g L or, if that is
 more, of the kinetic energy at the start. A cell is the largest step of a ladder at which all starts
 are held; where there is none, how many of them the smallest step holds.
@@ -20,7 +20,7 @@ from curriculum.common.tracing import CompiledSteps, ordered
 
 LADDER = 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005  # s
 RODS, ENERGY = 0.01, 0.1  # what holding allows, see above
-ROUNDING, OTHER = 1e-14, 0.3  # by what share masses and speeds are wrong, or other ones
+ROUNDING, OTHER = 1e-14, 0.3  # how large the two changes are, relatively
 SUBSTEPS = 20
 STRETCH, MANY = 500, 10**6  # steps at once, and in all: enough to be worth machine code
 SCENES = ["braced", "cable", "heavy_tip", "light_tip", "long_chain", "peaucellier", "ring", "spin"]

@@ -127,7 +127,7 @@ def who_has_jdotv():
 
 
 # --- (c) other engines' rods ---
-def relaxed(system, q_start, q, v, dt):
+def velocity_sweep(system, q_start, q, v, dt):
     """Box2D's second sweep: J v = 0, and q stays."""
     m = np.repeat(system["m"], 3)
     jac, _, gdot, _ = c.constraint_terms(system, q, v)
@@ -135,7 +135,7 @@ def relaxed(system, q_start, q, v, dt):
     return q, v - (jac.T @ nu / m).reshape(q.shape)
 
 
-def nudged(system, q_start, q, v, dt):
+def position_sweeps(system, q_start, q, v, dt):
     """Jolt's sweeps over positions: two times a fifth of the error is taken back, v stays."""
     m = np.repeat(system["m"], 3)
     for _ in range(2):
@@ -157,9 +157,9 @@ def engines(h):
     return {
         "ours, impulse": c.stabilizations(h)["impulse"],
         "Box2D v3.1.1": level(  # src/distance_joint.c, b2SolveDistanceJoint
-            stiffness=stiff / h, regularization=stiff / (h * w * w), post_step=relaxed
+            stiffness=stiff / h, regularization=stiff / (h * w * w), post_step=velocity_sweep
         ),
-        "Jolt v5.5.0": level(post_step=nudged),  # ConstraintPart/AxisConstraintPart.h
+        "Jolt v5.5.0": level(post_step=position_sweeps),  # ConstraintPart/AxisConstraintPart.h
         "Drake v1.56.0": level(  # contact_solvers/sap/sap_holonomic_constraint.cc, beta = 0.1
             stiffness=0.5 / (h * h), regularization=0.01 / (4.0 * np.pi**2)
         ),

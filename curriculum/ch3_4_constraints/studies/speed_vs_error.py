@@ -5,7 +5,7 @@ beside heyoka's Taylor series. (c) The same for a crowd, beside heyoka's batches
 
 An error is how far the worst particle ends from where joint angles have it. A time is the thread's
 own for all steps of the 5 s, from the start again and again, compiled before. Racers take turns,
-and medians count. A setting is there if the next finer one is, too.
+and medians count. A setting counts if the next finer one is as good.
 """
 
 import time
@@ -20,7 +20,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.xpbd import xpbd_step
 from curriculum.common import cli, gauss
 from curriculum.common.tracing import fori_loop, llvm
-from curriculum.common.tracing.ahead import moving
+from curriculum.common.tracing.ahead import nonzero
 from curriculum.common.tracing.trace import LANES, Program, trace_loop
 
 SECONDS, DT = 5.0, 0.005  # s
@@ -97,7 +97,7 @@ def timed(call, places_of):
 def ours(step):
     """prepared(steps) -> go, of step(q, v, dt) -> (q, v) as machine code."""
     start = np.stack([SYSTEM["q0"], SYSTEM["v0"]])
-    live = moving(start)
+    live = nonzero(start)
     program, loop = trace_loop(step, live, knobs=1)
     machine = llvm.single(program)
 
@@ -264,7 +264,3 @@ def main(argv=None):
     q0 = np.stack([c.build_system("double", seed)["q0"] for seed in range(crowd)])
     settings = {"dop853, {} steps": {n: our_crowd(q0, n) for n in fine if n > 40}}
     race(f"(c) 5 s of {crowd}", settings, q0, turns)
-
-
-if __name__ == "__main__":
-    cli.run_script(main)

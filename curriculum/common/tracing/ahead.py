@@ -40,7 +40,8 @@ class Step:
         self.ahead, self.expected = iter(()), None  # steps computed; the last state's bytes
 
     def __call__(self, *state):
-        row = next(self.ahead, None) if as_bytes(state) == self.expected else None
+        goes_on = as_bytes(state) == self.expected and not current.plain
+        row = next(self.ahead, None) if goes_on else None
         self.number, self.expected, made = row or self.begin(state)
         return made
 
@@ -48,8 +49,8 @@ class Step:
         """Begin a stretch, and give its first step: its number, bytes and state."""
         number, last = self.number + 1, self.steps - 1
         compared = number < FIRST or number % EVERY == 0 or number == last
-        end = number + 1 if number < FIRST else EVERY * (number // EVERY + 1)
-        end = last if number < last < end else end  # where the next is compared
+        ends = EVERY * (number // EVERY + 1), last, self.steps  # a comparison, or all that is asked
+        end = number + 1 if number < FIRST else min(x for x in ends if x > number)
         grown = FASTER * self.stretch if as_bytes(state) == self.expected else 1
         self.stretch = min(grown, end - number)
         self.ahead = self.run_ahead(state, number)
@@ -114,7 +115,7 @@ class CompiledSteps:
     """
 
     def __init__(self, step, state, steps, knobs=0):
-        live = moving(state)
+        live = nonzero(state)
         self.shapes, self.mask = list(map(np.shape, state)), numbers(live) != 0.0
         program, loop = trace_loop(step, live, knobs)
         self.single, self.source = loop.single, python.source_of(program)
@@ -151,7 +152,7 @@ class CompiledSteps:
         return [x.reshape(-1, *shape) for x, shape in zip(parts, self.shapes, strict=True)]
 
 
-def moving(state):
+def nonzero(state):
     """Which numbers of a state are not always zero; a coordinate that all points lack is."""
     if min(map(np.ndim, state)) < 2 or len({np.shape(x)[1:] for x in state}) > 1:
         return [np.ones(np.shape(x), bool) for x in state]

@@ -1,7 +1,7 @@
 """Arrays whose products and sums add from first to last, of floats or of symbols.
 
-numpy adds eight numbers at a time and leaves products of matrices to a library, which adds as the
-processor likes best: so the last digit differs from machine to machine. Here it does not.
+numpy adds eight numbers at a time and leaves products of matrices to a library, which adds in
+whatever order suits the processor. So the last digit differs from machine to machine; not here.
 """
 
 import numpy as np
@@ -119,7 +119,7 @@ def cannot(name):
     return Untraceable(f"{name.replace('numpy', 'np')} cannot be compiled")
 
 
-def entries(sign, many):
+def elementwise(sign, many):
     """An operation on so many arrays, entry by entry."""
     return np.frompyfunc(lambda *given: operation(sign, *given), many, 1, identity=None)
 
@@ -157,17 +157,18 @@ def reflected(function):
     return lambda a, b: function(b, a)
 
 
-WHERE = entries("where", 3)
-POW = entries("pow", 2)
-LESS, MOST = entries("<", 2), entries("<=", 2)
-SAME = np.add, np.subtract, np.multiply, np.divide, np.negative, np.positive, np.absolute, np.square
-ENTRIES = {ufunc: ufunc for ufunc in SAME}  # Symbol's own operators
-ENTRIES |= {getattr(np, name): entries(name, 1) for name in ("sin", "cos", "tan")}
-ENTRIES |= {getattr(np, name): entries(name, 1) for name in ("sqrt", "exp", "log", "tanh")}
-ENTRIES |= {np.maximum: entries("max", 2), np.minimum: entries("min", 2)}
-ENTRIES |= {np.arctan2: entries("atan2", 2), np.power: power}
-ENTRIES |= {np.less: LESS, np.less_equal: MOST}
-ENTRIES |= {np.greater: reflected(LESS), np.greater_equal: reflected(MOST)}
+WHERE = elementwise("where", 3)
+POW = elementwise("pow", 2)
+LESS, LESS_EQUAL = elementwise("<", 2), elementwise("<=", 2)
+OPERATORS = np.add, np.subtract, np.multiply, np.divide, np.square
+OPERATORS += np.negative, np.positive, np.absolute
+ENTRIES = {ufunc: ufunc for ufunc in OPERATORS}  # a Symbol has them
+ENTRIES |= {getattr(np, name): elementwise(name, 1) for name in ("sin", "cos", "tan")}
+ENTRIES |= {getattr(np, name): elementwise(name, 1) for name in ("sqrt", "exp", "log", "tanh")}
+ENTRIES |= {np.maximum: elementwise("max", 2), np.minimum: elementwise("min", 2)}
+ENTRIES |= {np.arctan2: elementwise("atan2", 2), np.power: power}
+ENTRIES |= {np.less: LESS, np.less_equal: LESS_EQUAL}
+ENTRIES |= {np.greater: reflected(LESS), np.greater_equal: reflected(LESS_EQUAL)}
 ADDING = {np.linalg.norm: norm, np.dot: lambda a, b: ordered(a).dot(b)}
 OWN = ADDING | {np.where: where, np.clip: clip}  # of symbols
 for single in Symbol, Truth:

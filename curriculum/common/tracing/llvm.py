@@ -1,8 +1,8 @@
 """A program as machine code, by LLVM: the operations of its tape in their order, so the same bits.
 
 Rows side by side are lanes of vector registers. No fast-math, nothing contracted; sin, exp and the
-like are the C library's, as in Python's math. llvmlite is the extra `fast`. Without it, and once it
-has failed, steps are compiled to Python.
+like are the C library's, as in Python's math. llvmlite is the extra `fast`. Without it, or if it
+ever fails, steps are compiled to Python.
 """
 
 import ctypes
@@ -148,7 +148,7 @@ class Llvm(Writer):
         return Value(text, a.lanes)
 
     def loops(self, loop, env):
-        """A loop, in all rows at once: those that are done wait, and if never done become NaN."""
+        """A loop, in all rows at once: rows that are done wait, and what never ends is NaN."""
         k, lanes = next(self.count), padded(loop.rows)
         of, flags = kind(lanes), kind(lanes, "i1")
         turn = self.variable("0", "i64")

@@ -17,7 +17,7 @@ QUICKER = 50  # a number of a column than one by one
 
 
 def fori_loop(steps, body, *carry):
-    """carry = body(*carry), so many times: an array or several. A body may be mapped."""
+    """carry = body(*carry), so many times: an array or several. The body may be vmapped."""
     if current.tape is not None:
         carry = Loop(body, carry, steps).results
     elif hasattr(body, "of_one"):  # each goes its way

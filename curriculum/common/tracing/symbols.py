@@ -1,6 +1,6 @@
 """Symbols: numbers that are not known yet. Every operator notes what it is asked for on a tape.
 
-What is multiplied by zero vanishes, and what stands there twice is done once. What is left has the
+What is multiplied by zero vanishes, and repeated operations are done once. What is left has the
 operands and the order that the function gave it: the same bits, but for the sign of a zero.
 """
 
@@ -20,7 +20,7 @@ FLOATS["min"] = lambda a, b: a if a <= b or a != a else b
 FLOATS["where"] = lambda condition, a, b: a if condition else b
 
 
-def parts(x):
+def size_and_sign(x):
     """The size of a number, a float >= 0 or a Symbol's name, and whether it is minus that."""
     if isinstance(x, np.ndarray):  # of no axes
         x = x[()]
@@ -30,19 +30,19 @@ def parts(x):
     return abs(x), x < 0.0
 
 
-def carried(x):
-    """A Symbol's or a Truth's name, or a float, with the sign carried out."""
+def operand(x):
+    """A Symbol's or a Truth's name, or a float, with its sign written out."""
     if type(x) is Truth:
         return x.name
-    name, minus = parts(x)
+    name, minus = size_and_sign(x)
     if type(name) is float:
         return -name if minus else name
     return current.tape.note("-", 0.0, name) if minus else name
 
 
 def operation(sign, *given):
-    """What an operation makes of numbers whose signs are carried out."""
-    given = list(map(carried, given))
+    """What an operation makes of numbers, whose signs are written out first."""
+    given = list(map(operand, given))
     if all(type(x) is float for x in given):
         return FLOATS[sign](*given)
     if sign == "where" and given[1] == given[2]:
@@ -57,7 +57,7 @@ def signed(size, minus):
 
 
 def add(a, b):
-    (x, minus), (y, other) = parts(a), parts(b)
+    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
     if x == 0.0 or y == 0.0:
         return b if x == 0.0 else a
     if minus == other:
@@ -68,7 +68,7 @@ def add(a, b):
 
 
 def multiply(a, b):
-    (x, minus), (y, other) = parts(a), parts(b)
+    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
     if x == 0.0 or y == 1.0:
         size = x
     else:
@@ -77,7 +77,7 @@ def multiply(a, b):
 
 
 def divide(a, b):
-    (x, minus), (y, other) = parts(a), parts(b)
+    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
     size = x if x == 0.0 or y == 1.0 else current.tape.note("/", x, y)
     return signed(size, minus != other)
 

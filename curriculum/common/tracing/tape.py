@@ -40,11 +40,11 @@ class Tape:
     one name for a number in each of several `rows`, and ("lane", name, k) the one in row k.
     """
 
-    def __init__(self, outer=None, taken=()):
+    def __init__(self, outer=None, used=()):
         self.nodes, self.known, self.outer = {}, {}, outer  # outer: around this one, a loop's body
-        self.numbers, self.taken, self.rows = count(), {*taken}, 1
+        self.numbers, self.used, self.rows = count(), {*used}, 1
         if outer:
-            self.numbers, self.taken, self.rows = outer.numbers, outer.taken, outer.rows
+            self.numbers, self.used, self.rows = outer.numbers, outer.used, outer.rows
 
     def trace(self, function, *args):
         """function(*args), whose operations come onto this tape."""
@@ -55,7 +55,7 @@ class Tape:
             current.tape = before
 
     def note(self, sign, *operands):
-        """The name of an operation: if it stands here already, the same one."""
+        """The name of an operation: reused if the operation is there already."""
         if self.outer and not any(x in self.nodes for x in operands):
             return self.outer.note(sign, *operands)  # the same in every turn: done once
         key = (sign, *operands)
@@ -68,11 +68,11 @@ class Tape:
         return name
 
     def fresh(self, name):
-        """The name, with a number if it is taken: q, q2, q3."""
+        """The name, with a number if it is in use: q, q2, q3."""
         found, number = name, 2
-        while found in self.taken:
+        while found in self.used:
             found, number = f"{name}{number}", number + 1
-        self.taken.add(found)
+        self.used.add(found)
         return found
 
     def needed(self, names):

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from curriculum.common.tracing.arrays import ordered, viewed, zero
-from curriculum.common.tracing.symbols import FLOATS, Symbol, carried
+from curriculum.common.tracing.symbols import FLOATS, Symbol, operand
 from curriculum.common.tracing.tape import StepFailed, Tape, Untraceable, current
 
 LANES = 16  # rows at most, or members, that go in step: two or four registers keep a processor busy
@@ -40,7 +40,7 @@ def several(made):
 def traced(tape, function, arrays):
     """What a function makes of arrays, on a tape: an array or several; and the names in them."""
     made = tape.trace(function, *arrays)
-    return made, tape.trace(lambda: list(map(carried, flat(several(made)))))
+    return made, tape.trace(lambda: list(map(operand, flat(several(made)))))
 
 
 def parameters(function, many):
@@ -81,7 +81,7 @@ class Program:
     """
 
     def __init__(self, function, *live, knobs=0, rows=1, names=None):
-        self.tape = Tape(taken=TAKEN)
+        self.tape = Tape(used=TAKEN)
         self.tape.rows = rows
         names = names or parameters(function, len(live) + knobs)
         names = list(map(self.tape.fresh, names))
@@ -98,7 +98,7 @@ class Program:
 
 
 def side_by_side(function, rows):
-    """[function(*row)] of rows of arrays: if traced, then once, and the rows can be lanes."""
+    """[function(*row)] of rows of arrays: when traced, once, with the rows as lanes."""
     tape, many = current.tape, len(rows)
     if tape is None or tape.rows > 1 or many == 1:
         return [several(function(*row)) for row in rows]
@@ -116,7 +116,7 @@ def side_by_side(function, rows):
 
 def stacked(column):
     """One number for those of several rows."""
-    names = list(map(carried, column))
+    names = list(map(operand, column))
     return column[0] if len({*names}) == 1 else current.tape.note("stack", *names)
 
 
@@ -149,16 +149,16 @@ class Loop:
                 raise Untraceable("it returns other shapes than it is given")
             grown = [a or x != 0.0 for a, x in zip(live, after, strict=True)]
         self.size, self.places = len(live), [k for k, alive in enumerate(live) if alive]
-        self.carry = {carry[k]: (carried(start[k]), after[k]) for k in self.places}
+        self.carry = {carry[k]: (operand(start[k]), after[k]) for k in self.places}
         self.following = [after[k] for k in self.places]
         self.single = not isinstance(made, tuple | list)
         self.tape.outer = None  # which has this loop on it: a circle would live on
         part = f"loop{next(outer.numbers)}"
-        outer.nodes[part] = self, *(begin for begin, _ in self.carry.values()), *self.taken()
+        outer.nodes[part] = self, *(begin for begin, _ in self.carry.values()), *self.free_names()
         outer.nodes |= dict.fromkeys(self.carry, ("given", part))
         self.results = shaped(carry, arrays)
 
-    def taken(self):
+    def free_names(self):
         """The names from around it that it uses."""
         found, nodes = [self.going, *self.following], self.tape.nodes
         used = found + [x for name in self.tape.needed(found) for x in nodes[name][1:]]
