@@ -118,6 +118,8 @@ def test_tensions_and_residuals_of_many_states_are_those_of_each(name):
         many = vmap(of_one)(run.q, run.v)
         for k in range(0, 401, 40):
             assert np.array_equal(many[k], of_one(run.q[k], run.v[k]))
+    last = system, run.q[400], run.v[400]
+    assert np.array_equal(c.tensions(*last), c.tensions(*last, METHODS["none"]))
 
 
 def test_a_bob_between_rods_in_line_is_asked_for_what_no_tension_gives():

@@ -52,7 +52,6 @@ TYPED = {  # what is said of a typed system, and what is wrong in it
     "the shape of lengths is [3]; must be (2,)": {"lengths": [1.0, 1.0, 1.0]},
     "lengths[1] is 1.5; must be 1 m, to 10 %; that is how far": {"lengths": [1.0, 1.5]},
     "pairs[0] is [0.0, -1]; must be two whole": {"pairs": [[0.0, -1], [1, 0]]},
-    "v0[1] is [0, 0]; must be three finite": {"v0": [[0, 0, 0], [0, 0]]},
     "the number of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "entries of A, two for rods that meet, is": c.build_system("chain", links=101) | STAR,
 }
