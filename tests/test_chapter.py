@@ -26,7 +26,6 @@ def test_the_committed_page_is_what_its_builder_makes_and_links_lead_somewhere()
         assert path or f'id="{anchor}"' in text, link
 
 
-# --- in Chromium ---
 @pytest.fixture
 def page(visit):
     return visit(chapter.PAGE)
@@ -157,7 +156,7 @@ def test_the_error_decays_rings_or_explodes_as_theory_says(page):
         run = c.run_method(hangs, "baumgarte", "semi_implicit", DT, 30, baumgarte=z / DT)
         error = table.length(run.violations[-1]).replace("um", "µm")
         assert f"It {kind}: after 30 steps it is {error}." in found.inner_text()
-    verdict = f"As you said: it dies sooner and sooner, and past {limit:.3f} it explodes."
+    verdict = f"As you said: it dies sooner, then later again, and past {limit:.3f} it explodes."
     assert found.locator(".verdict").inner_text() == verdict
 
 

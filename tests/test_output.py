@@ -150,10 +150,13 @@ def test_plain_names_each_method_first_has_no_reference_and_the_same_figures(run
         assert found == compiled["results"][name] | {"error": None}
 
 
-def test_show_step_prints_python_and_writes_nothing(tmp_path, capsys):
+def test_show_step_prints_python_or_why_not_and_writes_nothing(tmp_path, capsys, monkeypatch):
     c.main(["--show-step", "--system", "pendulum", "--out", str(tmp_path / "x")])
     (function,) = ast.parse(capsys.readouterr().out).body
     assert "9.81" in ast.unparse(function) and not [*tmp_path.iterdir()]
+    monkeypatch.setattr(c, "external_force", lambda system, q, v: -q if q[0, 1] < 9.0 else q)
+    c.main(["--show-step"])
+    assert "it branches on a value" in capsys.readouterr().out
 
 
 def test_a_simulate_of_chapter_3_3_returns_three_arrays_and_is_shown(run, monkeypatch):

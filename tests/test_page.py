@@ -86,7 +86,6 @@ def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
     assert "in the plane z = 0 only" in refused(system)
 
 
-# --- in Chromium ---
 @pytest.fixture
 def pages(visit, tmp_path):
     """pages(*flags, **context) -> the page of a run with these flags."""
@@ -242,7 +241,8 @@ def test_a_method_that_is_lost_says_when_and_why_and_can_start_again(still):
     still.evaluate("knobs.baumgarte = 200; begin(); while (!copies[1].lost) step(); draw()")
     lost, when = still.locator(".lost"), still.evaluate("run.time")
     assert lost.nth(1).locator("p").inner_text() == f"lost at {when:.2f} s: its rods flew apart"
-    assert [x.is_visible() for x in lost.all()] == [k == 1 for k in range(5)]
+    inert = still.evaluate("copies.map(({view}) => view.element.inert)")  # no hand can pull it
+    assert [x.is_visible() for x in lost.all()] == inert == [k == 1 for k in range(5)]
     assert still.evaluate("step(); curves()[1].words") == "baumgarte lost"
     lost.nth(1).get_by_role("button", name="Start it again").click()
     assert not lost.nth(1).is_visible() and still.evaluate("run.time") > when
@@ -279,6 +279,19 @@ def test_a_drag_while_it_stands_still_poses_every_copy_on_right_rods(still):
         assert np.all(poses == poses[0]) and not poses[0, 1].any()
         assert c.constraint_violation(c.build_system("double"), poses[0, 0]) < 1e-12
         assert after or poses[0, 0, 1, :2] == pytest.approx(there, abs=0.05)
+    still.evaluate("scene.posts.project = () => { throw new Error('no way back') }; null")
+    back = still.evaluate("drag(copies[0], 0, [3, 0]); letGo(); [...copies[0].state]")
+    assert back == [*poses[0].flat], "where it was, if it finds no way"
+
+
+def test_the_nearest_of_bobs_whose_hands_overlap_is_pulled(pages):
+    shown = pages("--system", "chain", "--links", "12")
+    for k, hand in enumerate(shown.locator(".tile").first.locator(".hand").all()):
+        box = hand.bounding_box()
+        shown.mouse.move(box["x"] + 22, box["y"] + 22)
+        shown.mouse.down()
+        assert shown.evaluate("held.particle") == k
+        shown.mouse.up()
 
 
 @pytest.mark.parametrize("end", ["up", "Escape", "Tab"])
@@ -361,6 +374,7 @@ def test_each_question_sets_knobs_a_view_and_a_control_and_says_what_to_look_at(
     flat = pages("--system", "peaucellier")
     click(flat, "Which way through the flat pose?")
     assert flat.evaluate("run.view") == "motion"
+    assert pages("--system", "spin").get_by_role("button", name="Why do").count() == 0
     assert "NaN" not in "".join([*said, flat.locator("body").inner_text()])
 
 

@@ -51,7 +51,6 @@ def energy_error(run):
     return np.max(np.abs(run.energies - run.energies[0])) / (4.0 * 9.81)
 
 
-# --- the force ---
 def kkt_acceleration(system, f, method):
     """a (N, 3) of [[M, -J^T], [J, R]] [a, lambda] = [f, what the method asks], all at once."""
     q, v, n = system["q0"], system["v0"], len(system["q0"])
@@ -128,7 +127,6 @@ def test_a_bob_between_rods_in_line_is_asked_for_what_no_tension_gives():
     assert c.constraint_residual(system, system["q0"], system["v0"]) == pytest.approx(1.0, abs=1e-6)
 
 
-# --- the motion ---
 def test_a_pendulum_let_go_level_has_the_period_and_the_pull_of_the_closed_form():
     """T = gamma(1/4)^2 sqrt(L / (pi g)); at the bottom the rod pulls with 3 m g."""
     period = math.gamma(0.25) ** 2 / math.sqrt(math.pi * 9.81)
@@ -239,7 +237,6 @@ def test_gauss_divides_a_step_that_does_not_converge_and_can_be_pickled():
         step_fn(still, still, 1.0, lambda q, v: np.nan * q, 1.0)
 
 
-# --- the reference ---
 def reference_of(system, dt=0.005, steps=4000, plain=False):
     step = partial(c.one_step, system, "project", "gauss")
     return find_reference(step, system, c.GRAVITY, dt, steps, plain)
@@ -289,7 +286,6 @@ def test_a_reference_that_is_not_known_has_a_reason_and_a_stiff_start_is_none(mo
         assert found.shown(found.error(np.zeros((4001, 2, 3))), str) == "-"
 
 
-# --- the same bits ---
 BY_HAND = [(name, x) for name in METHODS for x in ("semi_implicit", "rk4", "gauss")]
 BY_HAND.remove(("impulse", "rk4"))
 W = {20.0: "baumgarte", 0.0: "none"}  # rad/s: a number is a method, too
@@ -349,7 +345,6 @@ def test_bits_are_the_same_over_kernels_and_compilers_and_in_plain_numpy():
     assert plain[::2] == usual[::2]
 
 
-# --- hard cases: starts that are perturbed, 10 s ---
 HARD = [  # a scene, the integrator, dt in s, how many starts, and how many must be held
     ("windows", "gauss", 0.02, 1, 1),  # through the flat pose, where J loses rank ten times
     ("light_tip", "rk4", 0.02, 3, 3),

@@ -1,7 +1,6 @@
 """The recording, read back with Rerun's own reader."""
 
 import subprocess
-import sys
 from collections import defaultdict
 
 import numpy as np
@@ -91,7 +90,6 @@ def test_equal_runs_are_equal_recordings_and_a_long_one_stays_small(tmp_path):
     assert ids[0] == ids[1] != ids[2]  # or a viewer that opens both takes them for one
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="it has a shell, and a browser to name")
 def test_the_look_line_works_when_pasted(tmp_path, monkeypatch, capsys):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)

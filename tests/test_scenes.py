@@ -108,11 +108,10 @@ def test_a_file_goes_before_a_shipped_scene_of_the_same_name(tmp_path, monkeypat
         assert len(c.build_system("braced")["m"]) == 2
 
 
-# --- which starts no finite tension can hold: points, rods, anchors, speeds upward, whether ---
 LINE = [(1, 0), (2, 0)], [(0, -1), (1, 0), (1, -2)]
 LEGS = [(1, 2)], [(0, -1), (0, -2), (0, -3)], [(0, 0), (1, 0.3), (3, 0)]
 SAG = [(0, -1), (0, -2)], [(0, 0), (2, 0)], [0]
-STARTS = {
+STARTS = {  # points, rods, anchors, speeds upward, and whether finite tensions hold it
     "a taut cable": (*LINE, [(0, 0), (3, 0)], [0, 0], False),
     "a four-bar folded flat": (*LINE, [(0, 0), (1, 0)], [0, 0], True),
     "a four-bar that unfolds": (*LINE, [(0, 0), (1, 0)], [1, 1], True),
@@ -154,7 +153,6 @@ def test_a_straight_bar_with_a_joint_needs_a_particle_beside_its_line_and_then_r
     assert refusal(braced, c.GRAVITY) is None
 
 
-# --- what is said of a run that goes wrong ---
 def test_none_that_breaks_at_a_flat_pose_is_told_that_its_rods_had_left(tmp_path, capsys):
     """Four-bar windows fall through flat poses, where rods that are off by a micrometre break."""
     flags = ["--system=windows", "--integrator=rk4", "--dt=0.002", "--stabilization=none"]

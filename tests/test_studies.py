@@ -18,7 +18,6 @@ PEER = "a peer: pip install -e '.[peers]'"
 needs_scipy = pytest.mark.skipif(find_spec("scipy") is None, reason=PEER)
 
 
-# --- speed_vs_error ---
 def test_an_error_is_that_of_the_worst_particle_and_counts_if_the_next_step_has_it_too():
     off = np.array([[[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]]])
     assert speed.distance(off, np.zeros((1, 2, 3))) == 5.0
@@ -80,7 +79,6 @@ def test_the_race_prints_a_ratio_at_each_error(monkeypatch, capsys):
     assert [line[:5] for line in lines[-4:]] == ["1e-03", "1e-06", "1e-09", "1e-12"]
 
 
-# --- chaos ---
 @pytest.mark.parametrize(
     ("q0", "rate", "tolerance"),
     [

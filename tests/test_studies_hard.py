@@ -13,7 +13,6 @@ from curriculum.ch3_4_constraints.studies import real_thing as real
 DT = 0.005
 
 
-# --- hard_cases ---
 def test_sub_steps_bring_xpbd_to_the_motion_of_exact_rods_whatever_the_masses():
     double, m, errors = c.build_system("double"), np.array([[1.0], [3.0]]), []
     exact = c.run_method(double | {"m": m}, "project", "gauss", 0.01, 50).q[-1]
@@ -51,7 +50,6 @@ def test_a_start_is_lost_by_rods_by_energy_or_by_an_end(stretch, energy, more, h
     assert hard.is_held(system, run, system["v0"], system["m"], DT, 1.0) == held
 
 
-# --- the flat pose ---
 def test_gauss_takes_the_way_that_joint_angles_take_on_which_no_crank_changes_sides():
     """RK4 in one coordinate, the masses' path s in m: its acceleration is gravity's share."""
     first, extra, h = 1.1, 1e-3, 2.5e-4
@@ -81,7 +79,6 @@ def test_gauss_takes_the_way_that_joint_angles_take_on_which_no_crank_changes_si
     assert np.allclose(run.q, ways[::20], atol=1e-7)
 
 
-# --- engines ---
 def test_soft_is_mujocos_tendon_in_every_quantity_and_connect_has_jdotv(capsys):
     pytest.importorskip("mujoco", reason="a peer: pip install -e '.[peers]'")
     real.who_has_jdotv()

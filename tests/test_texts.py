@@ -72,18 +72,18 @@ def test_a_decimal_in_the_chapter_stands_in_one_of_its_blocks_or_formulas():
         assert decimal in as_printed, decimal
 
 
+def test_no_line_within_code_begins_like_an_item_of_a_list():
+    for path in EVERY:
+        text = FENCED.sub("", path.read_text(encoding="utf-8"))
+        for item in re.finditer(r"\n[-+*>#] ", text):
+            assert text[: item.start()].rpartition("\n\n")[2].count("`") % 2 == 0, item
+
+
 def test_texts_are_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 170
     prose = re.sub(r"<!--.*?-->", "", FENCED.sub("", CHAPTER.read_text(encoding="utf-8")))
     lines = [line for line in prose.splitlines() if not line.startswith(("    ", "|"))]
     assert len(" ".join(lines).split()) <= 3700
-
-
-# --- pictures ---
-def numbers(name, unit):
-    """The numbers before a unit in a picture."""
-    words = (PICTURES / f"{name}.svg").read_text(encoding="utf-8")
-    return [float(x) for x in re.findall(rf"([\d.]+) {unit}<", words)]
 
 
 def test_pictures_and_pages_are_what_the_code_makes_or_drawn_in_its_style(tmp_path, monkeypatch):
@@ -102,9 +102,8 @@ def test_each_picture_and_page_is_shown_or_linked_somewhere():
 
 def test_numbers_in_pictures_drawn_by_hand_are_right():
     """Pulls of a swing that began level; and stretches of 2 (1 - p) T^2 9.81, two bobs' load."""
-    *pulls, weight = numbers("question", "N")
-    assert weight == 9.81
-    by_hand = [3.0 * 9.81 * math.cos(math.radians(angle)) for angle in (90, 60, 30, 0)]
-    assert pulls == [round(x, 2) for x in by_hand]
-    by_hand = [2.0 * 0.05 * t**2 * 9.81 * 1e6 for t in (0.01, 0.02, 0.03)]
-    assert numbers("soft", "um") == [float(f"{x:.2g}") for x in by_hand]
+    pulls = [f"{3.0 * 9.81 * math.cos(math.radians(x)):.2f}" for x in (90, 60, 30, 0)]
+    stretches = [f"{2.0 * 0.05 * t**2 * 9.81 * 1e6:.2g}" for t in (0.01, 0.02, 0.03)]
+    for name, unit, by_hand in ("question", "N", [*pulls, "9.81"]), ("soft", "um", stretches):
+        words = re.findall(rf"([\d.]+) {unit}<", (PICTURES / f"{name}.svg").read_text("utf-8"))
+        assert [float(x) for x in words] == [float(x) for x in by_hand]

@@ -354,7 +354,6 @@ def test_members_leave_a_loop_each_in_its_turn(language):
     np.testing.assert_array_equal(vmap(halvings)(2.0**turns), expected)
 
 
-# --- where it runs, and what it leaves behind ---
 def test_it_needs_nothing_but_numpy_and_nothing_of_ours():
     loaded = python("-c", "import sys, curriculum.common.tracing; print(*sys.modules)").stdout
     others = {x for x in loaded.split() if "tracing" not in x}

@@ -33,12 +33,13 @@ def play(chapter, args, system):
 
     `chapter`: the module constraints, as its reader has edited it. Raises NoPage.
     """
-    name = Path(args.system).stem
-    chain = "A chain of bobs of 1 kg on rods of 1 m, let go nearly level."
+    name, rods = Path(args.system).stem, len(system["pairs"])
+    chain = "A bob of 1 kg on a rod of 1 m" if rods == 1 else f"{rods} bobs of 1 kg on rods of 1 m"
+    about, _, _ = system.get("about", f"{chain}, let go nearly level").partition(". ")
     scene = scene_script(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})
     parts = {
         "name": escape(name),
-        "about": escape(system.get("about", chain)),
+        "about": escape(about),
         "folder": escape(Path(os.path.relpath(HERE, args.out)).as_posix()),
         "style": palette_css() + page_file("style.css"),
         "script": f"const scene = {scene};\n" + page_file("parts.js") + page_file("play.js"),

@@ -198,7 +198,7 @@ figures.tangent = figure => {
     const grows = times(along, perSpeed * dot(v, along)); // what v has along the rod
     stage.circle([0, 0], 1, "quiet");
     stage.line([plus(d, aside), plus(d, aside, -1)], "pale", 1); // where gdot is 0
-    stage.system(bob);
+    stage.system(bob, "d", "ink");
     stage.line([tip, plus(d, grows)], "quiet", 1, [3, 4]);
     if (Math.abs(gdot) > 1e-9) stage.arrow(d, grows, gdot > 0 ? "long" : "short");
     stage.arrow(d, times(v, perSpeed), "v");
@@ -272,7 +272,7 @@ figures.drift = figure => {
     for (const [step, {end}] of ends) {
       if (step === dt.value()) continue;
       stage.rod([0, 0], end, 1, "pale", 3);
-      stage.words(`in steps of ${step} s`, end, "quiet", [-14, 0], "right");
+      stage.words(`${step} s`, end, "quiet", [-14, 0], "right");
     }
     for (const place of places) stage.line([[0, 0], place], "pale", 1);
     stage.line(places, "v");
@@ -381,14 +381,14 @@ figures.cliff = figure => {
   const values = Array.from({length: 96}, (_, k) => (k + 5) / 100);
   const z = makeSlider("dt w", values, 5, x => fixed(x, 2), x => {
     tried.set(x, last(errors()));
-    const told = `it dies sooner and sooner, and past ${fixed(limit, 3)} it explodes.`;
+    const told = `it dies sooner, then later again, and past ${fixed(limit, 3)} it explodes.`;
     if (x > limit) prediction.reveal(told);
     drawAll(chart, cliff);
   });
   z.input.disabled = true;
   const question = "A rod is 1 mm too long. Make the spring stiffer and stiffer: what happens?";
   const right = "at some point it explodes";
-  const answers = ["the error dies ever sooner", "at some point no sooner", right];
+  const answers = ["the error dies ever sooner", "a small error stays", right];
   const prediction = makePrediction(question, answers, right, () => z.input.disabled = false);
   fill(figure, "Make the spring stiffer.", prediction, panels(chart, cliff), controls(z));
 };

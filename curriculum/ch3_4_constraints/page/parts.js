@@ -105,8 +105,10 @@ class Clock {
     }).observe(figure);
   }
   set(going) {
-    Object.assign(this, {going, before: null, owed: 0});
+    const stops = this.going && !going;
+    Object.assign(this, {going, before: null, owed: 0, late: false});
     this.element.textContent = going ? "Pause" : "Play";
+    if (stops) this.draw(); // with all that is told less often while it goes
     this.ask();
   }
   ask() {
@@ -129,7 +131,8 @@ class Clock {
       this.step();
       this.owed -= this.dt();
     }
-    if (this.owed >= this.dt()) this.owed = 0;
+    this.late = this.owed >= this.dt();
+    if (this.late) this.owed = 0;
   }
 }
 
@@ -171,7 +174,7 @@ class Stage {
     this.aim();
     this.pen.clearRect(0, 0, this.width, this.height);
     this.paint(this);
-    for (const [hand, where] of this.hands) {
+    for (const {hand, where} of this.hands) {
       hand.style.translate = this.pixels(where()).map(x => `${x.toFixed(1)}px`).join(" ");
     }
   }
@@ -228,7 +231,7 @@ class Stage {
       this.rod(motion.point(j), motion.point(i), lengths[k], color, Math.max(1.2, bob / 2.5)));
   }
   // Lets a point, where(), be dragged or moved by the arrow keys: move([x, y]) until letGo(). It is
-  // a button that floats above the canvas: focus and touch are the browser's business.
+  // a button that floats above the canvas. Where buttons overlap, the nearest point is taken.
   hand(ariaLabel, where, move, letGo = () => {}) {
     let target, offset = [0, 0];
     const to = point => {
@@ -240,11 +243,17 @@ class Stage {
       target = null;
       letGo();
     };
+    const grab = event => {
+      event.preventDefault(); // which would focus the button on top
+      hand.focus({preventScroll: true});
+      hand.setPointerCapture(event.pointerId);
+      offset = plus(where(), this.metres(event), -1);
+      to(where());
+    };
     const hand = make("button", {type: "button", className: "hand", ariaLabel,
       onpointerdown: event => {
-        hand.setPointerCapture(event.pointerId);
-        offset = plus(where(), this.metres(event), -1);
-        to(where());
+        const far = ({where}) => size(plus(where(), this.metres(event), -1));
+        this.hands.reduce((one, other) => (far(other) <= far(one) ? other : one)).grab(event);
       },
       onpointermove: event => {
         if (target && hand.hasPointerCapture(event.pointerId)) to(plus(this.metres(event), offset));
@@ -258,7 +267,7 @@ class Stage {
         else return;
         event.preventDefault();
       }});
-    this.hands.push([hand, where]);
+    this.hands.push({hand, where, grab});
     this.element.append(hand);
     return hand;
   }

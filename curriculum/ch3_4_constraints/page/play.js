@@ -119,7 +119,7 @@ function rehearse(method, settings, seconds) {
     if (!copy.lost) box = copy.points.reduce(around, box);
   }
   run.time = now;
-  return {worst: copy.lost ? Infinity : copy.worst.rods, curves: copy.curves, box};
+  return {worst: copy.lost ? Infinity : copy.worst.rods, rods: copy.rods, curves: copy.curves, box};
 }
 
 function around([left, bottom, right, top], [x, y]) {
@@ -170,7 +170,7 @@ function posed(before, particle = null, point = null) {
 function ontoRods(state) { // to the last digits, by the chapter's own project, if that can be
   const motion = new Motion(scene, best, knobs);
   motion.begin(state);
-  attempt(() => motion.step(1e-6), () => {});
+  attempt(() => motion.step(1e-6), () => motion.begin(run.start)); // back where it was
   return motion.state.fill(0, state.length / 2);
 }
 
@@ -191,6 +191,7 @@ function makeTile(copy, k) {
     off.textContent = worst < 1e-12 ? "rods are right" : `${metric(worst)} too ${side}`;
     off.className = `off ${worst < 1e-6 ? "" : side}`;
     [lost.hidden, why.textContent] = [!copy.lost, copy.lost ?? ""];
+    off.hidden = copy.view.element.inert = Boolean(copy.lost); // nothing to read, nothing to pull
   };
   for (let i = 0; i <= last; i++) { // the last particle on top
     const label = `${copy.method}: pull particle ${i + 1} by the arrow keys, let go with Escape`;
@@ -255,7 +256,7 @@ function draw() {
   for (const copy of copies) copy.tell();
   const ends = curves().map(({words}) => words).filter(Boolean);
   plot.canvas.ariaLabel = `${byId("title").textContent}: ${ends}`;
-  byId("time").textContent = `${fixed(run.time, 2)} s`;
+  byId("time").textContent = `${fixed(run.time, 2)} s${clock.late ? ", in slow motion" : ""}`;
 }
 
 function showView(name) {
@@ -291,8 +292,8 @@ const SLIDERS = [
     words: factor => `\u00d7 ${three(factor)} = ${three(factor * scene.masses[last])} kg`,
   },
 ];
-const fits = ({needs = scene.methods[0], scene: only = name}) =>
-  scene.methods.includes(needs) && only === name;
+const fits = ({needs = scene.methods[0], scene: only = name, shows = () => true}) =>
+  scene.methods.includes(needs) && only === name && shows();
 const sliders = SLIDERS.filter(fits).map(({key, label, values, words, begins}) => {
   const slider = makeSlider(label, values, values.indexOf(knobs[key]), words, value => {
     knobs[key] = value;
@@ -324,6 +325,7 @@ const QUESTIONS = [
       + " none is longer (red). none never looks back, so each step adds to the last. The"
       + " others correct it, each in its way.",
     ahead: 0.6, // s
+    shows: () => Math.max(...rehearse("none", {dt: opening}, 0.6).rods) > 0.005 * run.size,
   },
   {
     ask: "What does half the step buy?", control: "dt", compares: true,
@@ -417,12 +419,6 @@ for (const key in VIEWS) {
     draw();
   };
 }
-for (const question of QUESTIONS.filter(fits)) {
-  const button = makeButton(question.ask, () => choose(question, button));
-  button.ariaPressed = false;
-  byId("questions").append(button);
-}
-
 // It begins with the longest step, up to 20 ms, that loses no method: there is much to be seen.
 const longest = Math.min(0.02, 0.5 * (scene.limit ?? Infinity) / baumgarte);
 const visible = 0.2 * scene.lengths.reduce((sum, length) => sum + length);
@@ -430,6 +426,11 @@ const opening = ticks("dt").findLast(step => step > dt && step <= longest
   && scene.methods.every(method => rehearse(method, {dt: step}, 3).worst < visible)) ?? dt;
 run.home = rehearse(best, {dt: opening}, 10).box;
 run.size = Math.max(run.home[2] - run.home[0], run.home[3] - run.home[1]);
+for (const question of QUESTIONS.filter(fits)) {
+  const button = makeButton(question.ask, () => choose(question, button));
+  button.ariaPressed = false;
+  byId("questions").append(button);
+}
 knobs.dt = opening;
 showView("rods");
 showKnobs();
