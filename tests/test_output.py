@@ -217,11 +217,11 @@ def test_files_are_written_all_or_none_and_a_signal_waits_for_the_last(tmp_path,
     with pytest.raises(TypeError):
         files.write_together(tmp_path, {"a": "new", "b": 0, "c": None})
     assert contents(tmp_path) == {"a": b"old", "c": b"old"}
-    replace = files.Path.replace
 
     def interrupted(*paths):
+        monkeypatch.undo()  # once is enough
         signal.raise_signal(signal.SIGINT)
-        replace(*paths)
+        files.Path.replace(*paths)
 
     monkeypatch.setattr(files.Path, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
