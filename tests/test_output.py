@@ -144,7 +144,7 @@ def test_plain_names_each_method_first_has_no_reference_and_the_same_figures(run
     printed, plain = run("--steps 60 --plain", *BARE)
     names = list(c.stabilizations(1.0))
     assert printed.splitlines()[1 : len(names) + 1] == names
-    assert "- no reference: --plain" in printed and "plain numpy" in printed
+    assert "- no reference: steps are not compiled" in printed and "plain numpy" in printed
     assert [cells(printed, name)[3] for name in names] == ["-"] * len(names)
     for name, found in plain["results"].items():
         assert found == compiled["results"][name] | {"error": None}

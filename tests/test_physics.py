@@ -237,9 +237,9 @@ def test_gauss_divides_a_step_that_does_not_converge_and_can_be_pickled():
         step_fn(still, still, 1.0, lambda q, v: np.nan * q, 1.0)
 
 
-def reference_of(system, dt=0.005, steps=4000, plain=False):
+def reference_of(system, dt=0.005, steps=4000, not_compiled=False):
     step = partial(c.one_step, system, "project", "gauss")
-    return find_reference(step, system, c.GRAVITY, dt, steps, plain)
+    return find_reference(step, system, c.GRAVITY, dt, steps, not_compiled)
 
 
 @pytest.mark.parametrize("name", REFERENCE["cases"])
@@ -275,7 +275,7 @@ def test_a_reference_that_is_not_known_has_a_reason_and_a_stiff_start_is_none(mo
         "not agree to a nanometre": reference_of(far),
         "shorter steps do not agree": reference_of(c.build_system("peaucellier")),
         f"more than {MAX_RODS} rods": reference_of(c.build_system("chain", links=MAX_RODS + 1)),
-        "--plain": reference_of(double, plain=True),
+        "steps are not compiled": reference_of(double, not_compiled=True),
         "a step takes 3 s": reference_of(double, dt=3.0),
     }
     assert reference_of(c.build_system("heavy_tip")).uncertainty < 1e-9

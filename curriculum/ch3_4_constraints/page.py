@@ -14,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from curriculum.ch3_4_constraints import palette
+from curriculum.ch3_4_constraints.systems import m_g_L
 from curriculum.common.tracing import Untraceable
 from curriculum.common.tracing.arrays import zero
 from curriculum.common.tracing.javascript import javascript_of
@@ -76,11 +77,13 @@ def scene_script(chapter, system, integrator, knobs, measures):
         raise NoPage("a page shows scenes in the plane z = 0 only")
     rows = chapter.stabilizations(**knobs)
     rows = {name: row for name, row in rows.items() if row.integrator in (None, integrator)}
-    # each has a traced step of its own; all other numbers of a row are given to that
-    regularizations = sorted({row.regularization for row in rows.values()})
+    # rows that differ by three numbers only share a traced step, which is given those
+    given = {"use_jdotv": 0, "damping": 0, "stiffness": 0, "post_step": None, "integrator": None}
+    kinds = {name: row._replace(**given) for name, row in rows.items()}
+    every = list(dict.fromkeys(kinds.values()))
     data = {
         "methods": list(rows),
-        "kinds": {name: regularizations.index(row.regularization) for name, row in rows.items()},
+        "kinds": {name: every.index(kind) for name, kind in kinds.items()},
         "knobs": {key: knobs[key] for key in ("dt", "baumgarte", "time_constant")},
         "limit": chapter.STABILITY_LIMIT.get(integrator),
         "start": np.ravel([system["q0"], system["v0"]]).tolist(),
@@ -94,7 +97,7 @@ def scene_script(chapter, system, integrator, knobs, measures):
     try:
         functions = {
             "settings": tracer.settings(rows),
-            "steps": list(map(tracer.step, regularizations)),
+            "steps": list(map(tracer.step, every)),
             "posts": {name: tracer.post_step(name) for name, row in rows.items() if row.post_step},
             "measures": {name: tracer.measure(each) for name, each in measures.items()},
         }
@@ -120,7 +123,7 @@ class Tracer:
 
         return javascript(settings, [], 3)
 
-    def step(self, regularization):
+    def step(self, kind):
         """Of a state, dt, these three numbers, a factor on the last mass, and a hand, which is at
         x, y in m and pulls each particle by a spring in N/m: the next."""
         own = self.chapter.external_force
@@ -131,7 +134,8 @@ class Tracer:
             def pulled(system, q, v):
                 return own(system, q, v) + springs * (hand - q - DAMPING * v)
 
-            method = self.chapter.Stabilization(use_jdotv, damping, stiffness, regularization)
+            three = {"use_jdotv": use_jdotv, "damping": damping, "stiffness": stiffness}
+            method = kind._replace(**three)
             system = self.with_mass(mass)
             with patch.object(self.chapter, "external_force", pulled):
                 force = self.chapter.make_force(system, method)
@@ -164,8 +168,7 @@ class Tracer:
 
     def energy(self, system, q, v):
         """In parts of m g L."""
-        weight = np.sum(system["m"]) * np.linalg.norm(self.chapter.GRAVITY)
-        return self.chapter.energy(system, q, v) / (weight * np.sum(system["lengths"]))
+        return self.chapter.energy(system, q, v) / m_g_L(system, self.chapter.GRAVITY)
 
     def errors(self, system, q, v):
         return self.chapter.rod_errors(system, q)

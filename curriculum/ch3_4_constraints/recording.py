@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from curriculum.ch3_4_constraints import palette
-from curriculum.ch3_4_constraints.systems import nodes, rod_parts
+from curriculum.ch3_4_constraints.systems import m_g_L, nodes, rod_parts
 from curriculum.ch3_4_constraints.table import length
 from curriculum.common.tracing import vmap
 
@@ -62,8 +62,8 @@ def record(args, system, runs, results, metrics, chapter):
 
 def fill(stream, title, args, system, runs, results, chapter):
     """Send runs to a stream of Rerun's, and how they are to be looked at."""
-    m_g_L = np.sum(system["m"]) * np.linalg.norm(chapter.GRAVITY) * np.sum(system["lengths"])  # J
     methods = chapter.stabilizations(args.dt, **args.knobs)
+    scale = m_g_L(system, chapter.GRAVITY)
     alive = [run for run in runs.values() if not run.stopped] or list(runs.values())
     states = [run.tip[:, None] if run.q is None else run.q for run in alive]
     seen = np.concatenate([nodes(q, system["anchors"]).reshape(-1, 3) for q in states])
@@ -84,7 +84,7 @@ def fill(stream, title, args, system, runs, results, chapter):
             parts.append((f"methods/{key}", None, clear, seconds[-1:] + run.dt))
         pull = partial(chapter.tensions, system, method=methods[name])
         style = rr.SeriesLines(colors=[color], names=[name])
-        for plot, curve in measured(run, shown, pull, m_g_L).items():
+        for plot, curve in measured(run, shown, pull, scale).items():
             parts.append((f"{plot}/{key}", style, rr.Scalars.columns(scalars=curve), seconds))
             if run in alive:
                 curves[plot].extend(curve)
@@ -127,11 +127,11 @@ def drawn(system, run, shown, color, ball):
         yield entity, style, strips.partition(np.sum(visible, axis=1))
 
 
-def measured(run, shown, pull, m_g_L):
+def measured(run, shown, pull, scale):
     """{plot: values} of a run; pull(q, v) is the tensions of one state."""
     curves = {
         "violation": np.log10(np.maximum(run.violations[shown], FLOOR)),
-        "energy": (run.energies[shown] - run.energies[0]) / m_g_L,
+        "energy": (run.energies[shown] - run.energies[0]) / scale,
     }
     if run.q is not None:
         curves["tension"] = vmap(pull)(run.q[shown], run.v[shown])[:, 0]

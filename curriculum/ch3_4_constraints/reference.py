@@ -39,7 +39,7 @@ class Reference(NamedTuple):
         return f"< {length(self.uncertainty)}" if coarse else length(error)
 
 
-def find_reference(step, system, gravity, dt, steps, plain=False):
+def find_reference(step, system, gravity, dt, steps, not_compiled=False):
     """The Reference after HORIZON or, if they end sooner, after so many steps of dt s.
 
     step(q, v, dt) -> (q, v) is of high order. Its steps are halved until two ends agree, or until
@@ -52,8 +52,8 @@ def find_reference(step, system, gravity, dt, steps, plain=False):
     horizon = min(HORIZON, 20.0 * time_scale)
     last = min(steps, max(1, round(horizon / dt)))
     unknown = Reference(last, time_scale)
-    if plain:
-        return unknown._replace(why="--plain compiles nothing, and it would take long")
+    if not_compiled:
+        return unknown._replace(why="steps are not compiled, and it would take long")
     if dt > horizon:
         return unknown._replace(why=f"it reaches {horizon:.2g} s, and a step takes {dt:g} s")
     if rods > MAX_RODS:

@@ -18,8 +18,9 @@ class Run:
     def __init__(
         self, tip, violations, energies, system, dt, q=None, v=None, stopped=None, step=None
     ):
-        self.tip = tip  # (steps + 1, 3) in m: the last particle's path
-        self.violations, self.energies = violations, energies  # (steps + 1,) in m and J
+        self.tip = np.asarray(tip)  # (steps + 1, 3) in m: the last particle's path
+        self.violations = np.asarray(violations)  # (steps + 1,) in m
+        self.energies = np.asarray(energies)  # (steps + 1,) in J
         self.dt = dt  # s
         self.q, self.v = q, v  # (steps + 1, N, 3) in m and m/s, or None: not known
         self.stopped = stopped  # why it ended early, in words, or None

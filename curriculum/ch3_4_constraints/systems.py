@@ -61,6 +61,11 @@ def has_loop(system):
     return any(loop for _, loop in components(system["pairs"]))
 
 
+def m_g_L(system, gravity):
+    """All masses times gravity times the length of all rods, in J; gravity counts as 1 at least."""
+    return np.sum(system["m"]) * max(1.0, np.linalg.norm(gravity)) * np.sum(system["lengths"])
+
+
 def tolerance(lengths, q):
     """The |g| (C,) in m^2 that counts as zero: 1e-12 L^2, and more far from the origin.
 
@@ -112,6 +117,7 @@ def checked(rows, fit, name, bare):
     system = {}
     for key, (dtype, shape, low, _, allowed) in COLUMNS.items():
         kind = Integral if dtype is int else Real
+        need(isinstance(rows[key], list | tuple | np.ndarray), key, rows[key], "a list or an array")
         for k, row in enumerate(rows[key]):
             row = np.array(row, object)  # as it stands there: true is no number
             right = all(isinstance(x, kind) and low < x < HUGE for x in row.flat)

@@ -18,8 +18,8 @@ FASTER = 8  # a stretch is so many times as long as the one before, and ends at 
 LARGE = 1e100  # beyond, the step as it stands shows how it diverges
 SAME, ROUNDING = 1e-9, 1e-15  # of what a step changes, and of a number: as sines may differ
 DIFFERS = (
-    "plain numpy from step {} on: compiled, it gives something else. "
-    "What a step reads, beside its arguments, must stay as it is"
+    "plain numpy from step {} on: compiled, it gives something else. What a step reads, beside its "
+    "arguments, must stay as it is, and an array of its own that it sums must be ordered(x)"
 )
 
 
@@ -86,11 +86,12 @@ class Step:
 
     def as_it_stands(self, state):
         with np.errstate(all="ignore"):
-            made = self.step(*(ordered(np.array(x, float))[()] for x in state))
+            made = self.step(*(ordered(np.array(x, float, order="C"))[()] for x in state))
             numbers = [x for x in several(made) if isinstance(x, np.ndarray | float)]
             if not all(np.isfinite(x).all() for x in numbers):
                 raise StepFailed("diverged")
-        return made
+        plain = [np.asarray(x)[()] for x in several(made)]
+        return tuple(plain) if isinstance(made, tuple | list) else plain[0]
 
     def same(self, state, made, right):
         """Whether the arrays that are made are the right ones."""
@@ -98,6 +99,7 @@ class Step:
         return list(map(np.shape, made)) == list(map(np.shape, right)) and all(
             np.max(abs(a - b)) <= same * np.max(abs(b - x)) + rounding * np.max(abs(b))
             for a, b, x in zip(made, right, state, strict=True)
+            if np.size(b)
         )
 
 
@@ -149,7 +151,7 @@ class CompiledSteps:
         """Rows as arrays of states, one more axis in front."""
         ends = np.cumsum([math.prod(shape) for shape in self.shapes])
         parts = np.split(rows, ends[:-1], axis=1)
-        return [x.reshape(-1, *shape) for x, shape in zip(parts, self.shapes, strict=True)]
+        return [x.reshape(len(rows), *shape) for x, shape in zip(parts, self.shapes, strict=True)]
 
 
 def nonzero(state):

@@ -96,7 +96,7 @@ class Symbols(Ordered):
     """An array of symbols and floats."""
 
     def __array_function__(self, function, types, given, how):
-        if function is np.zeros:  # np.zeros(shape, like=q)
+        if function is np.zeros and len(given) == 1 and not how:  # np.zeros(shape, like=q)
             return np.zeros(given[0], object).view(Symbols)
         try:
             made = OWN.get(function, function._implementation)(*given, **how)

@@ -60,6 +60,7 @@ class Llvm(Writer):
 
     def __init__(self):
         self.top, self.lines, self.count = [], [], count()
+        self.failed = self.variable("false", "i1")  # whether a loop had too few turns
         self.done = None  # where the number of turns is that have been recorded
 
     def new(self, text):
@@ -185,13 +186,19 @@ class Llvm(Writer):
         ends = now()
         if loop.going is not None:
             good = Value(self.load(done, flags), lanes)
+            every = f"call i1 @llvm.vector.reduce.and.v{lanes}i1({flags} {good.text})"
+            every = self.new(every) if lanes > 1 else good.text
+            failed = self.new(f"xor i1 {every}, true")
+            failed = self.new(f"or i1 {failed}, {self.load(self.failed, 'i1')}")
+            self.store(failed, self.failed, "i1")
             nan = Value(self.widened(self.constant(np.nan), lanes), lanes)
             ends = {name: [self.choice(good, *x, nan)] for name, x in ends.items()}
         env |= ends
 
     def record(self, loop, turn, turns, row, k):
         """Leave a row in %out if it is finite; else this was one turn too many, and the last."""
-        good, self.done = "true", turn
+        self.done = turn
+        good = self.new(f"xor i1 {self.load(self.failed, 'i1')}, true")
         for x, _ in row:
             nothing = self.new(f"fsub double {x}, {x}")  # NaN, unless it is finite
             good = self.new(f"and i1 {good}, {self.new(f'fcmp oeq double {nothing}, 0.0')}")

@@ -46,7 +46,8 @@ def vmap(function):
                 known[key] = known.get(key) or compiled_map(function, live, len(states[0]))
                 made = known[key](states)
         if made is None:
-            rows = side_by_side(function, list(zip(*map(ordered, states), strict=True)))
+            copies = [ordered(np.array(x)) for x in states]  # a function may edit what it is given
+            rows = side_by_side(function, list(zip(*copies, strict=True)))
             made = [ordered(np.stack(list(map(np.asarray, x)))) for x in zip(*rows, strict=True)]
         return tuple(made) if len(made) > 1 else made[0]
 

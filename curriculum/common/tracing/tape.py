@@ -79,7 +79,7 @@ class Tape:
         """Those and the operations that they come from, in order."""
         found, order = {*names}, []
         for name, node in reversed(self.nodes.items()):
-            if name in found:
+            if name in found or getattr(node[0], "failure", None):  # which may end the run
                 found.update(node[1:])
                 order.append(name)
         return order[::-1]

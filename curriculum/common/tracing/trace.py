@@ -14,6 +14,7 @@ from curriculum.common.tracing.tape import StepFailed, Tape, Untraceable, curren
 LANES = 16  # rows at most, or members, that go in step: two or four registers keep a processor busy
 TURNS = 2  # of a while_loop, as a guess
 TAKEN = "f", "steps", "record", "state", "inf", "nan", "any", "maximum", "minimum", *FLOATS
+TAKEN += "_", "range", "StepFailed"
 INSIDE = os.path.dirname(__file__), os.path.dirname(np.__file__)
 
 
@@ -143,7 +144,9 @@ class Loop:
             carry = names_of(names, shaped(live, arrays))
             self.tape.nodes |= dict.fromkeys(filter(None, carry), ("given",))
             now = shaped(carry, arrays)
-            self.going = traced(self.tape, condition, now)[1][0] if condition else None
+            self.going = None
+            if condition:
+                (self.going,) = traced(self.tape, condition, now)[1]
             made, after = traced(self.tape, body, now)
             if list(map(np.shape, several(made))) != list(map(np.shape, arrays)):
                 raise Untraceable("it returns other shapes than it is given")
@@ -198,7 +201,7 @@ def while_loop(condition, body, x, most, failure):
     """
     if current.tape is not None:
         return Loop(body, [x], most, condition, failure).results[0]
-    x = ordered(x)
+    x = ordered(np.array(x))
     for _ in range(most):
         if not condition(x):
             return x
