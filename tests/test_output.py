@@ -156,7 +156,7 @@ def test_show_step_prints_python_or_why_not_and_writes_nothing(tmp_path, capsys,
     (function,) = ast.parse(capsys.readouterr().out).body
     assert "9.81" in ast.unparse(function) and not [*tmp_path.iterdir()]
     monkeypatch.setattr(c, "external_force", lambda system, q, v: -q if q[0, 1] < 9.0 else q)
-    c.main(["--show-step"])
+    c.main(["--show-step", "--out", str(tmp_path / "x")])
     assert "it branches on a value" in capsys.readouterr().out
 
 
