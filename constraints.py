@@ -434,7 +434,7 @@ def main(argv=None):
         for name in progress.each(args.methods, always=args.plain):
             runs[name] = run_of(name, steps=args.steps)
     exact = partial(one_step, system, "project", "gauss")
-    not_compiled = any(run.how.startswith("plain numpy") for run in runs.values())
+    not_compiled = any(run.not_compiled for run in runs.values())
     reference = find_reference(exact, system, GRAVITY, args.dt, args.steps, not_compiled)
     methods = stabilizations(args.dt, **args.knobs)
     results = {name: summary(system, run, methods[name], reference) for name, run in runs.items()}

@@ -44,7 +44,7 @@ def write(args, system, runs, results, reference, chapter):
     text = metrics(args, system, results, reference)
     files = {METRICS: text, PAGE: None, RECORDING: None}
     left_out = {}
-    if args.page and any(run.how.startswith("plain numpy") for run in runs.values()):
+    if args.page and any(run.not_compiled for run in runs.values()):
         left_out[PAGE] = "steps are not compiled"
     elif args.page:
         from curriculum.ch3_4_constraints import page  # here: a run without one is quicker

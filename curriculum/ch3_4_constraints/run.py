@@ -25,6 +25,7 @@ class Run:
         self.q, self.v = q, v  # (steps + 1, N, 3) in m and m/s, or None: not known
         self.stopped = stopped  # why it ended early, in words, or None
         self.how = step.how if step else "a simulate without compiled steps"
+        self.not_compiled = self.how.startswith("plain numpy")
         self.source = step.source if step else ""  # of one step, as Python
         self.pace = 1e6 * step.seconds / max(1, len(tip) - 1) if step else math.nan  # us a step
         self.cut_where_diverged(FAR * np.sum(system["lengths"]))

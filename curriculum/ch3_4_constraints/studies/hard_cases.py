@@ -76,7 +76,7 @@ def is_held(system, run, v, m, dt, seconds):
     """Whether a method holds a start; it is not followed for long once it is lost."""
     q, left = system["q0"], round(seconds / dt)
     before = energies(m, q[None], v[None])
-    m_g_L = np.sum(m) * np.linalg.norm(c.GRAVITY) * np.sum(system["lengths"])
+    m_g_L = systems.m_g_L(system | {"m": m}, c.GRAVITY)
     allowed = ENERGY * max(m_g_L, 0.5 * np.sum(m * v * v))
     while left > 0:
         steps = min(left, STRETCH)
