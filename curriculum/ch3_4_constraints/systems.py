@@ -14,9 +14,7 @@ from curriculum.common.elimination import components
 
 ROUGH = 0.1  # by this share a length may be off: on purpose, but not by a slip
 FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
-HUGE = (
-    1e12  # larger numbers, positive ones below 1 / HUGE, and masses that far apart leave no digits
-)
+HUGE = 1e12  # larger numbers, those below 1 / HUGE, and masses so far apart leave no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
 POSITIVE = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
