@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import constraints
+from curriculum.ch3_4_constraints.results import output
 
 ROOT = Path(__file__).resolve().parents[1]
 BARE = "--no-rerun", "--no-page"
+FILES = {output.METRICS, output.PAGE, output.RECORDING}
 SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 844}, "dark")]
 
 
@@ -20,6 +22,10 @@ def python(*words, variables=None):
     """A Python that was run from the project's folder and has ended; its output is text."""
     command, env = [sys.executable, *map(str, words)], os.environ | (variables or {})
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env)
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture
@@ -36,18 +42,11 @@ def refused(capsys):
     return line
 
 
-@pytest.fixture(scope="session")
-def browser():
-    """The system's Chromium."""
+@pytest.fixture(scope="module")
+def visit():
+    """visit(path, **context): a file in Chromium. What it complains about or asks for, fails."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = shutil.which("chromium") or pytest.skip("chromium is not installed")
-    with sync_api.sync_playwright() as playwright:
-        yield playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-
-
-@pytest.fixture
-def visit(browser):
-    """visit(path, **context): the page of a file. What it complains about or asks for, fails."""
     trouble = []
 
     def opened(path, **context):
@@ -60,9 +59,9 @@ def visit(browser):
         trouble.remove(path.as_uri())
         return page
 
-    yield opened
-    for context in browser.contexts:
-        context.close()
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield opened
     assert [x for x in trouble if not x.startswith("data:")] == []
 
 

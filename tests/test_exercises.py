@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.xpbd import xpbd_step
+from curriculum.ch3_4_constraints.mechanics.xpbd import xpbd_step
 
 PACKAGE = "curriculum.ch3_4_constraints.exercises"
 NAMES = sorted(path.stem for path in Path(checks.__file__).parent.glob("ex*.py"))
@@ -15,8 +16,6 @@ CHECKS = {name: getattr(checks, name.partition("_")[2]) for name in NAMES}
 MISTAKES = [
     ("ex1_drift", "guess", lambda: {"rod": "oscillates", "factor": 16}),
     ("ex1_drift", "expected_g", lambda speeds, dt: 0.5 * dt**2 * np.sum(speeds[:-1] ** 2)),
-    ("ex1_drift", "guess", lambda: {"rod": "grows", "factor": "about 16"}),
-    ("ex1_drift", "expected_g", lambda speeds, dt: np.nan),
     ("ex1_drift", "expected_g", lambda speeds, dt: [0.5 * dt**2 * np.sum(speeds**2)] * 2),
     ("ex2_solve", "jdotv", lambda d, d_dot: d @ d_dot),
     ("ex2_solve", "target", lambda g, gdot, w: -w * gdot - w**2 * g),
@@ -53,10 +52,18 @@ def solved(monkeypatch):
     return fill
 
 
-@pytest.mark.parametrize("name", CHECKS)
-def test_the_solutions_are_right(name, solved, capsys):
-    assert checks.verdict(CHECKS[name], solved(name)) == 0
+def test_a_solution_is_right_under_a_drag_of_ones_own(solved, monkeypatch, capsys):
+    monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
+    assert checks.verdict(checks.solve, solved("ex2_solve")) == 0
     assert capsys.readouterr().out.endswith("\nsolved\n")
+
+
+def test_xpbd_keeps_the_length_of_a_free_rod_and_the_momentum_of_its_ends():
+    chain = checks.random_chain(np.random.default_rng(0), 2)
+    rod, m = chain | {"pairs": [(1, 0)], "lengths": chain["lengths"][1:]}, chain["m"]
+    q, v = xpbd_step(rod, rod["q0"], rod["v0"], 0.01)
+    assert np.allclose(c.rod_lengths(rod, q), rod["lengths"], rtol=1e-14)
+    assert np.allclose(np.sum(m * v, axis=0), np.sum(m * (rod["v0"] + 0.01 * c.GRAVITY), axis=0))
 
 
 @pytest.mark.parametrize(("name", "blank", "mistake"), MISTAKES)
@@ -68,4 +75,4 @@ def test_a_mistake_is_wrong_by_so_much_and_has_a_hint(
     assert checks.verdict(CHECKS[name], exercise) == 1
     *_, wrong, hint = capsys.readouterr().out.splitlines()
     assert wrong.startswith("wrong: ") and (": off by " in wrong or ": not " in wrong)
-    assert hint.startswith("hint: ") and len(hint) > 20
+    assert hint.startswith("hint: ")

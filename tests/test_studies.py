@@ -1,99 +1,181 @@
-"""Studies: what they measure is so, and a peer that is missing or fails is told of."""
+"""Studies: what is measured is so, and so is what is said and drawn of it."""
 
-import math
+import json
+import re
 from functools import partial
-from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import constraints as c
-from curriculum.ch3_4_constraints import texts
-from curriculum.ch3_4_constraints.studies import chaos
+from curriculum.ch3_4_constraints.pictures import make_pictures, work_precision
+from curriculum.ch3_4_constraints.studies import __main__ as studies
+from curriculum.ch3_4_constraints.studies import hard_cases as hard
+from curriculum.ch3_4_constraints.studies import race
+from curriculum.ch3_4_constraints.studies import real_thing as real
 from curriculum.ch3_4_constraints.studies import speed_vs_error as speed
 
-G = 9.81
-PEER = "a peer: pip install -e '.[peers]'"
-needs_scipy = pytest.mark.skipif(find_spec("scipy") is None, reason=PEER)
+DT, PEER = 0.005, "a peer: pip install -e '.[fast,peers]'"
+REFERENCE = json.loads((ROOT / "tests/reference.json").read_text(encoding="utf-8"))
+SCENES = {name: c.build_system(name) for name in speed.SCENES}
 
 
-def test_an_error_is_that_of_the_worst_particle_and_counts_if_the_next_step_has_it_too():
-    off = np.array([[[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]]])
-    assert speed.distance(off, np.zeros((1, 2, 3))) == 5.0
-    assert speed.distance(np.nan * off, off) == math.inf
-    errors = {10: 1e-4, 20: 1e-2, 40: 1e-4, 80: 1e-6}
-    assert speed.first_there(errors, 1e-3) == 40
-    assert speed.first_there(errors, 1e-6) is None
+@pytest.mark.parametrize("name", [name for name, peers in studies.STUDIES.items() if peers])
+def test_a_peer_that_is_missing_is_told_and_how_to_get_it(name, monkeypatch, capsys):
+    peer = studies.STUDIES[name][-1]
+    monkeypatch.setattr(studies, "find_spec", lambda x: x != peer or None)
+    with pytest.raises(SystemExit, match="2"):
+        studies.main([name])
+    told = f"error: {peer} is not installed: pip install -e '.[fast,peers]'\n"
+    assert capsys.readouterr().err.endswith(told)
 
 
-def test_all_who_race_end_where_joint_angles_do():
-    for name in "llvmlite", "mujoco", "heyoka", "scipy":
-        pytest.importorskip(name, reason=PEER)
-    q0 = np.stack([c.build_system("double", seed)["q0"] for seed in range(130)])
-    ends = speed.reference(q0)
-    known = ends[:1]  # of seed 0, as speed.SYSTEM
-    go = speed.ours(partial(speed.whole_gauss, 8, 1e-13))(80)
-    for _ in range(2):
-        assert speed.distance(go()[1], known) < 1e-12
-    assert speed.distance(speed.our_crowd(q0, 400)()[1], ends) < 1e-10
-    assert speed.distance(speed.mujoco_hinges(2000)()[1], known) < 1e-8
-    for count in 1, 20:
-        assert speed.distance(speed.heyoka(q0[:count], 1e-14)()[1], ends[:count]) < 1e-11
+# --- speed against error ---
+@pytest.mark.parametrize("steps", [1, speed.STRETCH, 2 * speed.STRETCH + 1])
+def test_a_run_ends_when_it_should_however_many_steps_it_takes(steps):
+    system = SCENES["double"] | {"v0": np.array([[1.0, -2.0, 0.0], [0.5, 3.0, 0.0]])}
+    seconds, q = speed.ours(system, 5.0, lambda q, v, dt: (q + dt * v, v))(steps)
+    assert np.allclose(q, system["q0"] + 5.0 * system["v0"], rtol=0.0, atol=1e-9) and seconds > 0.0
 
 
-@needs_scipy
-def test_a_peer_that_fails_says_so_in_its_row_and_one_that_is_missing_how_to_get_it(
-    monkeypatch, capsys
-):
-    def failing(steps):
-        raise RuntimeError("no such engine")
-
-    monkeypatch.setattr(speed, "find_spec", {"llvmlite", "scipy", "mujoco"}.__contains__)
-    monkeypatch.setattr(speed, "mujoco_hinges", failing)
-    monkeypatch.setattr(speed, "race", lambda *_: None)
-    monkeypatch.setattr(speed, "our_crowd", lambda *_: None)
-    speed.main(["--quick"])
-    missing, *rows = capsys.readouterr().out.splitlines()
-    assert missing == "heyoka is not installed and left out: pip install -e '.[peers]'"
-    assert rows[-1].startswith("MuJoCo") and rows[-1].endswith(" failed: no such engine")
+def setting(dt, error, seconds):
+    return speed.Setting(dt, error, 0.0, [seconds])
 
 
-@needs_scipy
-def test_the_race_prints_a_ratio_at_each_error(monkeypatch, capsys):
-    alone = speed.SYSTEM["q0"][None]
-    known = speed.reference(alone)
-
-    def racer(seconds):
-        return lambda: (seconds, known)
-
-    monkeypatch.setattr(speed, "find_spec", lambda _: True)
-    monkeypatch.setattr(speed, "heyoka", lambda q0, tol: racer(4e-6))
-    engines = {
-        "slow, {} steps": {1: racer(5e-6), 2: racer(5e-6)},
-        "quick, {} steps": {1: racer(1e-6), 2: racer(9e-6)},
+def test_a_sentence_names_who_is_quickest_and_who_as_quick_with_ms_of_all_steps_and_of_one():
+    """A setting counts if the next finer one is as good."""
+    found = {
+        "slow": [setting(0.01, 1e-7, 0.3), setting(0.005, 1e-8, 0.6)],
+        "quick": [setting(0.005, 1e-7, 0.0021), setting(0.0025, 1e-8, 0.0042)],
+        "near": [setting(0.005, 1e-7, 0.0022), setting(0.0025, 1e-8, 0.0044)],
+        "lucky": [setting(0.02, 1e-7, 1e-6), setting(0.01, 0.1, 2e-6)],
     }
-    speed.race("title", engines, alone, 3)
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[-4] == "1e-03 m  ours quick, 1 steps: 1.0 us  heyoka tol 1e-01: 4.0 us  ratio 0.25"
-    assert [line[:5] for line in lines[-4:]] == ["1e-03", "1e-06", "1e-09", "1e-12"]
+    assert speed.quickest(found, 1e-6) == "to 1 um: quick 2.1/5, near 2.2/5"
+    assert speed.quickest(found, 1e-9) == "to 1 nm: nobody"
 
 
-@pytest.mark.parametrize(
-    ("q0", "rate", "tolerance"),
-    [
-        ([(0.0, 1.0)], math.sqrt(G), 1e-3),  # balanced: e^(t sqrt(g / L))
-        ([(0.0, -1.0)], 0.0, 0.05),  # it hangs, and swings: no growth but that of a phase
-        # both balanced: w^2 of M w^2 x = K x, M = [[2, 1], [1, 1]], K = g diag(2, 1)
-        ([(0.0, 1.0), (0.0, 2.0)], math.sqrt(G * (2.0 + math.sqrt(2.0))), 1e-3),
-    ],
-)
-def test_neighbours_part_as_the_linear_theory_says(q0, rate, tolerance):
-    many = np.tile([(x, y, 0.0) for x, y in q0], (100, 1, 1))
-    found = chaos.rates(c.build_system("chain", links=len(q0)), many, 2, 0.005)[1]
-    assert np.allclose(found, rate, atol=tolerance)
+def test_references_are_where_joint_angles_have_the_particles():
+    """The ten four-bars of windows stay parallelograms: each crank is the same pendulum."""
+    for name in "double", "jansen_leg":
+        known, gap = speed.reference(SCENES[name], speed.SCENES[name])
+        k = REFERENCE["times"].index(speed.SCENES[name])
+        exact = np.array(REFERENCE["cases"][name]["positions"][k])
+        assert np.abs(known[:, :2] - exact).max() < 1e-12 and gap < 1e-12
+    crank = c.build_system("pendulum") | {"q0": np.eye(3)[[1]], "v0": np.eye(3)[[0]]}
+    moved = c.run_method(crank, "project", "gauss", 0.01, 100).q[-1]
+    known, _ = speed.reference(SCENES["windows"], 1.0)
+    assert speed.distance(known, SCENES["windows"]["anchors"] + moved) < 1e-11
 
 
-def test_the_text_has_what_chaos_prints():
-    text = (Path(chaos.__file__).parent / "README.md").read_text(encoding="utf-8")
-    assert texts.printed("python -m curriculum.ch3_4_constraints.studies chaos") in text
+PEERS = [  # a scene, a row of MuJoCo's, steps, and how near it is to ours, in m
+    ("double", "MuJoCo hinges", 2000, 1e-8),
+    ("double", "MuJoCo tendons, hard", 4000, 5e-3),
+    ("jansen_leg", "MuJoCo connect, hard", 800, 1e-5),
+    ("jansen_leg", "MuJoCo tendons, hard", 800, 1e-3),
+    ("windows", "MuJoCo connect", 400, 2e-3),
+]
+
+
+@pytest.mark.parametrize(("scene", "name", "steps", "off"), PEERS)
+def test_mujocos_hinges_connects_and_tendons_move_as_particles_on_rods(scene, name, steps, off):
+    pytest.importorskip("mujoco", reason=PEER)
+    system, seconds = SCENES[scene], speed.SCENES[scene]
+    exact, _ = speed.reference(system, seconds)
+    _, q = speed.peers(system, seconds)[name](steps)
+    assert speed.distance(q, exact) < off
+
+
+def test_a_diagram_has_a_line_a_pair_as_steep_as_its_order(monkeypatch, tmp_path):
+    monkeypatch.setattr(make_pictures, "FOLDER", tmp_path)
+    steps = [0.02 * 0.5**k for k in range(12)]
+    found = {
+        f"{rule} {method}": [setting(dt, 1e3 * dt**order, 1e-4 / dt) for dt in steps]
+        for rule, order in (("semi", 1), ("rk4", 4))
+        for method in ("none", "project")
+    }
+    work_precision.draw("double", 5.0, found)
+    text = (tmp_path / "work_precision_double.svg").read_text("utf-8")
+    guides, drawn = [], []
+    for data, colour in re.findall(r'd="M([-\d L]+)" style="stroke:var\(--(\w+)\)', text):
+        points = np.array([point.split() for point in data.split("L")], float)
+        wide, high = points[-1] - points[0]
+        if colour == "reference" and wide and high:
+            guides.append(high / wide)
+        elif colour != "reference" and len(points) > 2:
+            drawn.append(high / wide)
+    assert len(guides) == 3  # of orders 1, 4 and 16
+    assert np.allclose(drawn, [guides[0]] * 2 + [guides[1]] * 2, rtol=0.05)
+
+
+# --- race ---
+def test_who_races_ends_within_the_error_and_the_ratios_are_printed(capsys):
+    for peer in "llvmlite", "heyoka":
+        pytest.importorskip(peer, reason=PEER)
+    race.main(["--quick"])
+    rows = capsys.readouterr().out.splitlines()[1:]
+    for goal, row in zip(race.SETTINGS, rows, strict=True):
+        mine, theirs, ratio = map(
+            float, re.findall(r"([\d.]+) us.*?([\d.]+) us  ratio ([\d.]+)", row)[0]
+        )
+        assert row.startswith(f"{goal:.0e} m") and ratio == pytest.approx(mine / theirs, abs=0.01)
+    known, _ = speed.reference(race.SYSTEM, race.SECONDS)
+    for run in partial(race.gauss(8, 9), 90), race.heyoka(1e-14):
+        assert speed.distance(run()[1], known) < 1e-11
+
+
+# --- hard cases ---
+IS_HELD = [(0.009, 0.09, 1, True), (0.011, 0.0, 1, False), (0.0, 0.11, 1, False), (0, 0, 0, False)]
+
+
+@pytest.mark.parametrize(("stretch", "energy", "more", "held"), IS_HELD)
+def test_a_start_is_lost_by_rods_by_energy_or_by_an_end(stretch, energy, more, held):
+    system = c.build_system("pendulum")
+
+    def run(q, v, m, dt, steps):  # at its last state it has left its rod, and is fast
+        q, v = np.tile(q, (steps + more, 1, 1)), np.zeros((steps + more, 1, 3))
+        q[-1] *= 1.0 + stretch
+        v[-1, 0, 1] = np.sqrt(2.0 * energy * 9.81)
+        return q, v
+
+    assert hard.is_held(system, run, system["v0"], system["m"], DT, 1.0) == held
+
+
+# --- the real thing ---
+def test_soft_is_mujocos_tendon_where_rods_are_right_and_nearly_where_they_are_not():
+    pytest.importorskip("mujoco", reason=PEER)
+    assert max(real.gaps(real.random_chain(np.random.default_rng(1), 4)).values()) < 1e-12
+    off = real.gaps(real.random_chain(np.random.default_rng(1), 4, 0.01))
+    assert 1e-4 < off["lambda |d|", "efc_force"] < 0.02
+
+
+W = 2.0 * np.pi * min(60.0, 0.25 / DT)  # rad/s
+SOFT, SHARE = DT * W * (4.0 + DT * W), 0.1**2 / (4.0 * np.pi**2)
+SWEEPS = {  # bias rate in 1/s, mass scale and impulse scale, in the engines' own words
+    "Box2D v3.1.1": (W / (4.0 + DT * W), SOFT / (1.0 + SOFT), 1.0 / (1.0 + SOFT)),
+    "Jolt v5.5.0": (0.0, 1.0, 0.0),
+    "Drake v1.56.0": (0.5 / DT, 1.0 / (1.0 + SHARE), SHARE / (1.0 + SHARE)),
+}
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_an_engines_row_is_what_its_sweeps_end_at(name):
+    """There a sweep changes no impulse: -mass (speed + bias) - impulse scale x impulse = 0."""
+    system = real.random_chain(np.random.default_rng(2), 3, 0.03)
+    method = real.method_of(*real.engines(DT)[name])
+    q, v, m = system["q0"], system["v0"], system["m"]
+    force = c.make_force(system, change=method.change)
+    q_next, v_next = c.semi_implicit_step(q, v, m, force, DT)
+    jac, g, _, _ = c.constraint_terms(system, q, v)
+    size = c.rod_lengths(system, q)
+    axes = jac / size[:, None]
+    impulse = np.linalg.lstsq(axes.T, (m * (v_next - v - DT * c.GRAVITY)).ravel())[0]
+    bias, mass, scale = SWEEPS[name]
+    aim = axes @ v_next.ravel() + bias * g / size  # theirs is |d| - L, to first order the same
+    effective = np.sum(axes**2 / np.repeat(m, 3), axis=1)  # 1/kg
+    assert np.allclose(mass * aim / effective + scale * impulse, 0.0, atol=1e-9)
+    if method.post_step:
+        q_end, v_end = method.post_step(system, q, q_next, v_next, DT)
+        ratio = c.constraint_violation(system, q_end) / c.constraint_violation(system, q_next)
+        assert ratio == pytest.approx({"Box2D v3.1.1": 1.0, "Jolt v5.5.0": 0.64}[name], rel=0.03)
+        assert np.allclose(jac @ v_end.ravel(), 0.0) == (name == "Jolt v5.5.0")

@@ -9,43 +9,49 @@ import traceback
 import warnings
 from pathlib import Path
 
+from curriculum.common.tracing.tape import StepChanged
+
 LIBRARY = "curriculum/common/", "site-packages", "<"  # whose lines are not the reader's
 
 
-class Help(argparse.HelpFormatter):
-    """Shows the default of each flag that has one."""
-
+class WithDefaults(argparse.HelpFormatter):
     def _get_help_string(self, action):
         if action.nargs == 0 or action.default is None:
             return action.help
         return f"{action.help} (%(default)s)"
 
 
-class Parser(argparse.ArgumentParser):
-    """argparse, except that an error is one line, and that no flag may be abbreviated.
+class Show(argparse.Action):
+    """A flag that prints const() and exits."""
 
-    Its help begins with the first paragraph of `text`, a docstring, and ends with the epilog.
-    """
+    def __init__(self, *names, **settings):
+        super().__init__(*names, nargs=0, **settings)
+
+    def __call__(self, parser, *_):
+        print(self.const())
+        parser.exit()
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse, except that an error is one line; its help begins with that of `text`."""
 
     def __init__(self, text, epilog=None):
         started = Path(sys.argv[0])
         package = started.name == "__main__.py"
         super().__init__(
             prog=started.parent.name if package else started.name,
-            description=text.partition("\n\n")[0],
+            description=(text or "").partition("\n\n")[0],  # python -OO keeps no docstrings
             usage="%(prog)s [flags]",
             epilog=epilog,
-            formatter_class=Help,
+            formatter_class=WithDefaults,
             allow_abbrev=False,
         )
 
     def error(self, message):
-        """Print the line to stderr and exit with status 2."""
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
     @contextlib.contextmanager
     def errors(self):
-        """A block in which an error of the system or of a file is such a line, too."""
         try:
             yield
         except (OSError, argparse.ArgumentTypeError) as why:
@@ -74,29 +80,36 @@ positive = number(1e-12)
 
 
 def whole(low, high=10**12):
-    """An argparse type: a whole number from `low` to `high`."""
     return number(low, high + 1, int)
+
+
+def folder(text):
+    if not text or not text.isprintable():
+        allowed = "a name in characters that can be printed"
+        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
+    return Path(text)
 
 
 def run_script(main):
     """Exit with main's status. Ctrl-C is one line; a traceback ends in a line of the reader's."""
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.reconfigure(errors="backslashreplace")  # a console may lack a letter of a name
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it in silence
     sys.excepthook = show
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: the table says what diverged
     try:
         sys.exit(main())
-    except OSError as why:  # such as a full disk
+    except (OSError, StepChanged) as why:  # such as a full disk; a force that has changed
         print(f"error: {why}", file=sys.stderr)
         sys.exit(2)
 
 
 def show(kind, error, trace):
-    """Print an error as run_script has it, instead of sys.excepthook."""
     if kind is KeyboardInterrupt:
         print("\ninterrupted: no file is half written", file=sys.stderr)
         return
     shown = traceback.TracebackException(kind, error, trace)
     own = [x for x in shown.stack if not any(part in x.filename for part in LIBRARY)]
     shown.stack[:] = own or shown.stack
-    print("".join(shown.format(chain=False)), end="", file=sys.stderr)
+    print("".join(shown.format()), end="", file=sys.stderr)

@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory, TemporaryFile
 def write_together(folder, contents):
     """Write files {name: text or bytes} aside, then rename them into `folder`.
 
-    A name whose content is None is not there afterwards. If one cannot be written, or Ctrl-C comes,
-    all is as it was; or all are there, if it comes while they are renamed. Raises OSError.
+    A name whose content is None is not there afterwards. If one cannot be written, or Ctrl-C comes
+    before they are renamed, all is as it was. Raises OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".unfinished-", dir=folder) as aside:
@@ -27,7 +27,8 @@ def write_together(folder, contents):
                     Path(aside, name).replace(folder / name)
 
         # Ctrl-C interrupts the main thread only, and leaving this block waits for the other one.
-        with ThreadPoolExecutor() as pool:
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(int).result()  # a pool that is interrupted as it starts a thread forgets it
             pool.submit(rename_all).result()
 
 

@@ -10,7 +10,7 @@ from curriculum.common.tracing import vmap, while_loop
 
 DIGITS = 50  # in which nodes and weights are computed, so that the doubles are the same everywhere
 ROUNDS = 60  # of the iteration of the stages, at most
-PARTS = 256 + 8  # of a step, at most: 256, after 8 halvings that have failed
+PARTS = 256 + 8  # of a step, at most, and failed attempts
 
 
 def legendre(x, degree):
@@ -25,8 +25,7 @@ def legendre(x, degree):
 def collocation(stages):
     """Gauss's rule on a step of 1: nodes c (s,), weights b (s,), matrix a (s, s) and its square.
 
-    a_ij is the integral from 0 to c_i of the polynomial that is 1 at c_j and 0 at other nodes, in
-    Legendre's basis (E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, II.1.3).
+    Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, II.1.3.
     """
     n = range(stages)
     with localcontext(prec=DIGITS):
@@ -44,20 +43,18 @@ def collocation(stages):
 
 
 def total(x):
-    """The sum over the first axis of x: its second half is added to its first, again and again."""
-    while len(x) > 1:  # in the same order everywhere, and side by side
+    """The sum over the first axis of x, halves of which are added side by side."""
+    while len(x) > 1:
         half = len(x) // 2
         x = np.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
     return x[0]
 
 
 def combined(weights, a):
-    """The sum of the arrays a (s, N, 3) by weights (s,): (N, 3)."""
     return total(weights[:, None, None] * a)
 
 
 def sum_of_squares(x):
-    """The sum of the squares of an array."""
     return total(np.square(x).ravel())
 
 
@@ -68,65 +65,57 @@ def attempt(stages, tol, q, v, m, force, dt):
     the place and speed that those of the round before give it (Hairer, Lubich, Wanner, VIII.6).
     """
     c, b, once, twice = collocation(stages)
-    shape, dt4 = (stages, *q.shape), dt * dt * dt * dt
+    dt4 = dt * dt * dt * dt
 
-    def next_round(state):  # accelerations, (the move of this round)^2, that of the last, the count
-        a = state[:-3].reshape(shape)
-
+    def next_round(a, move, before, count):  # (move of this round)^2, that of the last, in m^2
         def stage(c, once, twice, before):
             x = q + dt * c * v + dt * dt * combined(twice, a)
             after = force(x, v + dt * combined(once, a)) / m
             return after, sum_of_squares(after - before)
 
         after, moved = vmap(stage)(c, once, twice, a)
-        return np.concatenate([after.ravel(), [dt4 * total(moved), state[-3], state[-1] + 1.0]])
+        return after, dt4 * total(moved), move, count + 1.0
 
-    def has_converged(state):
-        move, before = state[-3:-1]
+    def has_converged(move, before):
         limit = np.where(before <= move, rounding, enough)  # what no longer falls is rounding
         return np.where(move <= limit, 1.0, 0.0)
 
-    def is_going(state):
-        move, count = state[-3], state[-1]
-        going = np.where(count < ROUNDS, 1.0 - has_converged(state), 0.0)
+    def is_going(a, move, before, count):
+        going = np.where(count < ROUNDS, 1.0 - has_converged(move, before), 0.0)
         return np.where(move < np.inf, going, 0.0)  # it may be NaN
 
-    first = next_round(np.zeros(stages * q.size + 3))  # as if the particles coasted
-    size = sum_of_squares(q) + dt * dt * sum_of_squares(v) + first[-3]
+    # as if the particles coasted before
+    a, move, _, _ = next_round(np.zeros((stages, *q.shape)), 0.0, 0.0, 0.0)
+    size = sum_of_squares(q) + dt * dt * sum_of_squares(v) + move
     enough = tol * tol * size + 1e-300
     rounding = np.maximum(enough, 1e-18 * size)
-    first = np.concatenate([first[:-2], [np.inf, 1.0]])
-    last = while_loop(is_going, next_round, first, ROUNDS, "")
-    a = last[:-3].reshape(shape)
+    first = a, move, np.inf, 1.0
+    a, move, before, _ = while_loop(is_going, next_round, *first, most=ROUNDS, failure="")
     q = q + dt * v + dt * dt * combined(b * (1.0 - c), a)
-    return q, v + dt * combined(b, a), has_converged(last)
+    return q, v + dt * combined(b, a), has_converged(move, before)
 
 
 def step_in_parts(stages, tol, q, v, m, force, dt):
-    """The step in one part or, as often as its stages do not converge, in shorter ones."""
+    """The step in one part or, where its stages do not converge, in shorter ones."""
 
-    def next_part(state):  # q, v, what is left of the step, and how long the next part is
-        (q, v), (left, part) = state[:-2].reshape(2, *shape), state[-2:]
+    def next_part(q, v, left, part):  # what is left of the step, and how long the next part is
         q_next, v_next, converged = attempt(stages, tol, q, v, m, force, part * dt)
         q, v = np.where(converged, q_next, q), np.where(converged, v_next, v)
         left = np.where(converged, left - part, left)
         part = np.where(converged, part, 0.5 * part)
-        return np.concatenate([q.ravel(), v.ravel(), [left, part]])
+        return q, v, left, part
 
-    def is_left(state):
-        return state[-2] > 0.0
+    def is_left(q, v, left, part):
+        return left > 0.0
 
-    shape = q.shape
-    whole = np.concatenate([np.ravel(q), np.ravel(v), [1.0, 1.0]])
-    end = while_loop(is_left, next_part, whole, PARTS, "the Gauss stages do not converge")
-    return tuple(end[:-2].reshape(2, *shape))
+    failure = "the Gauss stages do not converge"
+    return while_loop(is_left, next_part, q, v, 1.0, 1.0, most=PARTS, failure=failure)[:2]
 
 
 def make_gauss(stages, tol=1e-16):
     """A step(q, v, m, force, dt) of Gauss-Legendre collocation: symplectic, of order 2 * `stages`.
 
-    Its stages are iterated until a round moves the end of the step by a share of at most `tol`, or
-    as little as rounding allows. Where they do not converge, the step is taken in parts, each half
-    as long as what failed. Raises StepFailed if even 1/256 of the step is too long.
+    Its stages are iterated until a round moves the end by a share of `tol`, or as rounding allows.
+    Where they do not converge, the step is taken in halves, down to 1/256 of it; then it is NaN.
     """
     return partial(step_in_parts, stages, tol)

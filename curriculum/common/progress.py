@@ -7,11 +7,9 @@ SOON = 0.5  # s: what is done sooner needs no word
 
 
 def each(names, always=False):
-    """Each of the names in turn; on a terminal in a line that the next one replaces.
-
-    `always`: each in a line of its own, which stays.
-    """
-    begun, seen = time.monotonic(), sys.stderr.isatty() and not always
+    """Each of the names; on a terminal in a line that the next replaces, or `always` in its own."""
+    begun = time.monotonic()
+    seen = sys.stderr and sys.stderr.isatty() and not always  # 2>&- leaves no stderr
     for name in names:
         if always:
             print(name, flush=True)

@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 
 import constraints as c
+from curriculum.ch3_4_constraints.exercises.solutions import ex4_cliff
+from curriculum.ch3_4_constraints.mechanics.xpbd import xpbd_step
 from curriculum.ch3_4_constraints.studies.real_thing import random_chain
-from curriculum.ch3_4_constraints.xpbd import xpbd_step
 from curriculum.common.cli import run_script
 
 
 def blank(what):
     """Stands where an answer belongs: replace the whole call."""
-    place = sys._getframe(1)
-    raise NotImplementedError(
-        f"{Path(place.f_code.co_filename).name}, line {place.f_lineno}: {what}"
-    )
+    code, line = sys._getframe(1).f_code, sys._getframe(1).f_lineno
+    raise NotImplementedError(f"{Path(code.co_filename).name}, line {line}: {what}")
 
 
 # A check takes the module of an exercise and yields, for one answer after the other, what it is,
@@ -38,14 +37,14 @@ def drift(exercise):
 
 def solve(exercise):
     chain = random_chain(np.random.default_rng(0), 5)
-    v = chain["v0"]
-    f = c.external_force(chain, chain["q0"])
-    for what, w, hint in (
-        ("jdotv", 0.0, "gddot = d . (a_i - a_j) + what? Apply the product rule to d . d_dot"),
-        ("target", 20.0, "g = e^(-w t), twice: what are gdot and gddot, and what is their sum?"),
-    ):
-        mine = exercise.rod_force(chain, chain["q0"], v, f, w)
-        right = c.constraint_force(chain, chain["q0"], v, w)
+    q, v = chain["q0"], chain["v0"]
+    f = c.external_force(chain, q, v)
+    hints = {
+        ("jdotv", 0.0): "gddot = d . (a_i - a_j) + what? Apply the product rule to d . d_dot",
+        ("target", 20.0): "g = e^(-w t), twice: what are gdot and gddot, and what is their sum?",
+    }
+    for (what, w), hint in hints.items():
+        mine, right = exercise.rod_force(chain, q, v, f, w), c.constraint_force(chain, q, v, w)
         yield f"{what}: the force on a random chain, w = {w:g}", mine, right, 1e-10, hint
     exercise.main()
 
@@ -62,10 +61,9 @@ def chaos(exercise):
 def cliff(exercise):
     guess = exercise.guess()
     for name in c.STABILITY_LIMIT:
-        step = partial(c.INTEGRATORS[name], m=1.0, force=lambda g, gdot: -0.9 * gdot - 0.81 * g)
-        right = np.array([step(1.0, 0.0, dt=1.0), step(0.0, 1.0, dt=1.0)]).T
+        mine, right = exercise.step_matrix(name, 0.9), ex4_cliff.step_matrix(name, 0.9)
         hint = "its first column is a step from g = 1, gdot = 0; its second from g = 0, gdot = 1"
-        yield f"step_matrix, of {name}", exercise.step_matrix(name, 0.9), right, 1e-12, hint
+        yield f"step_matrix, of {name}", mine, right, 1e-12, hint
     for name, z in exercise.main().items():
         right = "sooner" if z < c.STABILITY_LIMIT[name] else "later"
         yield name, guess[name], right, 0, "compare its z with that of full damping"
@@ -81,18 +79,12 @@ def xpbd(exercise):
 
 
 def off_by(answer, right):
-    """How far an answer is off, as a share of the largest number of what is right.
-
-    NaN if it is another word, or no array of that shape.
-    """
+    """How far off an answer is, as a share of the largest right number; NaN: not of its kind."""
     if isinstance(right, str):
         return 0.0 if answer == right else np.nan
-    try:
-        answer = np.asarray(answer, float)
-    except (TypeError, ValueError):
+    if np.shape(answer) != np.shape(right):
         return np.nan
-    same = np.shape(answer) == np.shape(right)
-    return np.max(np.abs(answer - right)) / np.max(np.abs(right)) if same else np.nan
+    return np.max(np.abs(answer - right)) / np.max(np.abs(right))
 
 
 def verdict(check, exercise):

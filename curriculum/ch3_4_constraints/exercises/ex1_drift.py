@@ -1,20 +1,17 @@
 """Exercise 1: predict, then run. What becomes of a rod whose error nothing corrects? (20 minutes)
 
-    python -m curriculum.ch3_4_constraints.exercises.ex1_drift
-
 All runs are of the method `none`: gddot = 0, and no more.
 """
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.exercises.checks import blank
 
 
 def guess():
     """Before the first run: a wrong guess costs nothing."""
     return {
-        "rod": blank("guess: over 20 s, the rod's error 'grows' or 'oscillates'?"),
-        "factor": blank("guess: half the step divides the error of rk4 by how much?"),
+        "rod": checks.blank("guess: over 20 s, the rod's error 'grows' or 'oscillates'?"),
+        "factor": checks.blank("guess: half the step divides the error of rk4 by how much?"),
     }
 
 
@@ -23,7 +20,7 @@ def expected_g(speeds, dt):
 
     The rod is 1 m long, the bob starts at rest, and semi_implicit moves it by dt v.
     """
-    return blank("g from the speeds: how far outside the circle does each step end?")
+    return checks.blank("g from the speeds: how far outside the circle does each step end?")
 
 
 def main():

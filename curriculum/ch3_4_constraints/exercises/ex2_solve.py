@@ -1,7 +1,5 @@
 """Exercise 2: complete the solve. Two blanks, and the force of the rods is yours. (30 minutes)
 
-    python -m curriculum.ch3_4_constraints.exercises.ex2_solve
-
 On paper: differentiate g = (d . d - L^2) / 2 twice, and mark the terms without an acceleration.
 """
 
@@ -9,34 +7,27 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.exercises.checks import blank
 
 
 def jdotv(d, d_dot):
     """Jdot v of a rod in m^2/s^2, one number, from d (3,) in m and d_dot (3,) in m/s."""
-    return blank("Jdot v: what in gddot has no acceleration")
+    return checks.blank("Jdot v: what in gddot has no acceleration")
 
 
 def target(g, gdot, w):
-    """What gddot is to be, in m^2/s^2, so that g dies like e^(-w t) without swinging."""
-    return blank("Baumgarte's gddot; at w = 0 it is zero")
+    """What gddot is to be, in m^2/s^2, so that g dies like e^(-w t) and does not oscillate."""
+    return checks.blank("Baumgarte's gddot; at w = 0 it is zero")
 
 
 def rod_force(system, q, v, f, w):
     """The rods' force (N, 3) in N beside all other forces f (N, 3); w in rad/s."""
-    rods = len(system["pairs"])
-    jac = np.zeros((rods, *q.shape))
-    g, gdot, jdot_v = np.zeros((3, rods))
+    jac, g, gdot, _ = c.constraint_terms(system, q, v)
+    jdot_v = np.zeros(len(system["pairs"]), like=q)
     for k, (i, j) in enumerate(system["pairs"]):
         d, d_dot = q[i], v[i]  # from the pivot, which stands still at the origin
         if j >= 0:
             d, d_dot = q[i] - q[j], v[i] - v[j]
-            jac[k, j] = -d
-        jac[k, i] = d
-        g[k] = 0.5 * (d @ d - system["lengths"][k] ** 2)
-        gdot[k] = d @ d_dot
         jdot_v[k] = jdotv(d, d_dot)
-    jac = jac.reshape(rods, q.size)
     m = np.repeat(system["m"], 3)
     A = (jac / m) @ jac.T
     b = target(g, gdot, w) - (jac @ (f.ravel() / m) + jdot_v)

@@ -1,15 +1,12 @@
 """Exercise 3: deterministic is one word, predictable another. (20 minutes)
 
-    python -m curriculum.ch3_4_constraints.exercises.ex3_chaos
-
-The double pendulum under rk4 and baumgarte, from starts that are equal, or a hair apart.
+The double pendulum under rk4 and baumgarte, from starts that are equal, or nearly so.
 """
 
 import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.exercises.checks import blank
 
 DT, STEPS = 0.005, 8000  # s; 40 s in all
 
@@ -17,8 +14,8 @@ DT, STEPS = 0.005, 8000  # s; 40 s in all
 def guess():
     """Seconds until a launch angle so many rad off has become a metre."""
     return {
-        1e-12: blank("guess: 1e-3 rad off takes 13.6 s, and 1e-12 rad off?"),
-        1e-24: blank("guess: and 1e-24 rad off, which no double can hold?"),
+        1e-12: checks.blank("guess: 1e-3 rad off takes 13.6 s, and 1e-12 rad off?"),
+        1e-24: checks.blank("guess: and 1e-24 rad off, which no double can hold?"),
     }
 
 

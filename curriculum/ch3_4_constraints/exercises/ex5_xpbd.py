@@ -1,7 +1,5 @@
 """Exercise 5: write the method that games use. It has no force and no system to solve. (30 minutes)
 
-    python -m curriculum.ch3_4_constraints.exercises.ex5_xpbd
-
 XPBD takes a step in short sub-steps. In each, particles fly as if there were no rods; then each rod
 in turn pulls its ends to its length; then a velocity is a particle's move divided by the time.
 """
@@ -10,7 +8,6 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.exercises.checks import blank
 
 
 def substep(system, q, v, h):
@@ -19,7 +16,7 @@ def substep(system, q, v, h):
     A rod (i, j) is too long by |d| - L. Both ends move along d until it is not, each by its share
     w / (w_i + w_j) of that, w = 1/m. With j < 0 it ends at the pivot, the origin, whose w is 0.
     """
-    return blank("fly, correct the rods in their order, and see how far each particle has moved")
+    return checks.blank("fly, correct the rods in order, and see how far each particle has moved")
 
 
 def main():

@@ -2,19 +2,27 @@
 
 import sys
 from importlib import import_module
-from pathlib import Path
+from importlib.util import find_spec
 
 from curriculum.common.cli import Parser, run_script
 
-NAMES = sorted(path.stem for path in Path(__file__).parent.glob("[!_]*.py"))
+STUDIES = {  # and what each needs beside numpy
+    "hard_cases": [],
+    "race": ["llvmlite", "heyoka"],
+    "real_thing": ["mujoco"],
+    "speed_vs_error": ["llvmlite", "mujoco"],
+}
 
 
 def main(argv=None):
     """Hand what follows the name to the study that has it."""
     words = sys.argv[1:] if argv is None else argv
     parser = Parser(__doc__)
-    parser.add_argument("name", choices=NAMES, help="a question each; its own flags follow")
+    parser.add_argument("name", choices=STUDIES, help="a question each; its own flags follow")
     name = parser.parse_args(words[:1]).name
+    for peer in STUDIES[name]:
+        if not find_spec(peer):
+            parser.error(f"{peer} is not installed: pip install -e '.[fast,peers]'")
     sys.argv[0] = f"studies {name}"  # as its help and its errors name it
     return import_module(f"{__package__}.{name}").main(words[1:])
 

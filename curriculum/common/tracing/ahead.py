@@ -1,157 +1,194 @@
 """compiled: a step that runs ahead of the loop around it."""
 
-import math
 import time
-from contextlib import suppress
-from itertools import count
+from itertools import count, repeat
 
 import numpy as np
 
 from curriculum.common.tracing import llvm, python
-from curriculum.common.tracing.arrays import ordered
-from curriculum.common.tracing.symbols import FUNCTIONS
-from curriculum.common.tracing.tape import StepFailed, Untraceable, current
-from curriculum.common.tracing.trace import several, trace_loop, work
+from curriculum.common.tracing.arrays import viewed
+from curriculum.common.tracing.symbols import LIBRARY
+from curriculum.common.tracing.tape import StepChanged, Untraceable, current
+from curriculum.common.tracing.trace import reason, several, split, trace_loop, work
 
+BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
+Array = np.ndarray
 FIRST, EVERY = 16, 2_000  # the steps that are compared: the first ones, then every so many-th
 FASTER = 8  # a stretch is so many times as long as the one before, and ends at a comparison
-LARGE = 1e100  # beyond, the step as it stands shows how it diverges
+LARGE = 1e100  # beyond, the step by its own lines shows how it diverges
 SAME, ROUNDING = 1e-9, 1e-15  # of what a step changes, and of a number: as sines may differ
-DIFFERS = (
-    "plain numpy from step {} on: compiled, it gives something else. What a step reads, beside its "
-    "arguments, must stay as it is, and an array of its own that it sums must be ordered(x)"
+CHANGED = (
+    "step {} gives something else than when it was compiled. What it reads beside its arguments "
+    "must stay as it is, and an array of its own that it sums must be ordered(x); "
+    "or run it plainly (--plain, or `with plain():`)"
 )
 
 
 class Step:
-    """step(*arrays) -> arrays as a function of its arguments alone, compiled where that can be.
+    """The function step(*state, *others) -> state, compiled where that can be.
 
-    It runs ahead of its caller: while each state that comes in is the one that went out, the next
-    has been computed. Some steps are compared with the step as it stands, and where one differs,
-    that is taken from there on. `how` steps are taken, in how many `seconds`, and the `source` of
-    what is compiled are attributes. Raises StepFailed.
+    By name: `how` steps are taken and whether that `is_compiled`, in how many `seconds` in all;
+    the `source` of what is compiled; the `failure`, why a step had no finite result: it is NaN, and
+    so is all after it; `edited`, whether a state came in that had not gone out; and `changed`,
+    whether the others did.
     """
 
     def __init__(self, step, steps):
         self.step, self.steps = step, steps
-        self.how, self.seconds, self.source = "plain numpy", 0.0, ""
-        self.run, self.compiles = None, True
+        self.how, self.source, self.failure = "plain numpy", "", None
+        self.seconds, self.edited, self.changed = 0.0, False, False
+        self.width, self.single = None, None  # how many arrays a state is; if it is one, by itself
+        self.others, self.known = (), ()  # copies of those to compile with; their contents
+        self.run, self.compiles, self.builds = None, True, 0
         self.number, self.stretch = -1, 0  # of the last step; how many were computed at once
-        self.ahead, self.expected = iter(()), None  # steps computed; the last state's bytes
+        self.ahead, self.expected = iter(()), ()  # steps computed; contents of arguments to come
 
-    def __call__(self, *state):
-        goes_on = as_bytes(state) == self.expected and not current.plain
-        row = next(self.ahead, None) if goes_on else None
-        self.number, self.expected, made = row or self.begin(state)
-        return made
+    @property
+    def is_compiled(self):
+        return self.compiles and self.run is not None
 
-    def begin(self, state):
-        """Begin a stretch, and give its first step: its number, bytes and state."""
-        number, last = self.number + 1, self.steps - 1
-        compared = number < FIRST or number % EVERY == 0 or number == last
+    def __call__(self, *arguments):
+        came = tuple([x.tobytes() if isinstance(x, Array) else x for x in arguments])  # `contents`
+        if came == self.expected and not current.plain:
+            for number, expected, state in self.ahead:  # the next, if there is one
+                self.number, self.expected = number, expected
+                return state
+        return self.begin(arguments)
+
+    def begin(self, arguments):
+        """Begin a stretch, and give its first step."""
+        number, last, result = self.number + 1, self.steps - 1, None
+        if self.width is None:
+            result = self.by_its_own_lines(arguments)
+        state, came = arguments[: self.width], contents(arguments)
+        if not are_finite(state):
+            self.failure = self.failure or "a state that came in is not finite"
+            return self.hand_out(number, nan_like(state))
+        goes_on = came[: self.width] == self.expected[: self.width]
+        changed = came[self.width :] != self.known
+        self.edited |= number > 0 and not goes_on
+        self.changed |= number > 0 and changed
+        if changed or self.run is None or not self.run.fits(state):
+            self.known, self.run = came[self.width :], None
+            self.others = list(map(copied, arguments[self.width :]))
+        compared = self.run is None or number < FIRST or number % EVERY == 0 or number == last
         ends = EVERY * (number // EVERY + 1), last, self.steps  # a comparison, or all that is asked
         end = number + 1 if number < FIRST else min(x for x in ends if x > number)
-        grown = FASTER * self.stretch if as_bytes(state) == self.expected else 1
-        self.stretch = min(grown, end - number)
+        self.stretch = min(FASTER * self.stretch if goes_on and self.run else 1, end - number)
         self.ahead = self.run_ahead(state, number)
-        row = next(self.ahead, None)
-        if row and not compared:
-            return row
+        self.number, self.expected, ahead = next(self.ahead, (number, (), None))
+        if ahead is not None and not compared:
+            return ahead
         clock = time.perf_counter()
-        right = self.as_it_stands(state)
-        if row is None:  # only the step as it stands can tell
+        if result is None:
+            result = self.by_its_own_lines(arguments)
+        if ahead is None:  # only its own lines can tell
             self.seconds += time.perf_counter() - clock
-        elif self.same(state, several(row[-1]), several(right)):
-            return row
-        else:
-            self.how, self.compiles = DIFFERS.format(number), False
-        return number, None, right
+        elif self.same(state, several(ahead), result):
+            return ahead
+        elif number >= FIRST:
+            raise StepChanged(CHANGED.format(number))
+        else:  # so far, each step was compared before it was handed out
+            self.how, self.compiles = f"plain numpy: {CHANGED.format(number)}", False
+            self.ahead = iter(())
+        return self.hand_out(number, result)
+
+    def hand_out(self, number, state):
+        self.number, self.expected = number, contents(state) + self.known
+        return state[0] if self.single else state
 
     def run_ahead(self, state, number):
-        """Compute a stretch of steps: of each its number, bytes and state; none if it cannot be."""
+        """Compute a stretch: of each step its number, what comes next, state; none if it cannot."""
         if current.plain or not self.compiles:
             return iter(())
         try:
-            if self.run is None or not self.run.fits(state):
-                self.run = CompiledSteps(self.step, state, self.steps)
+            if self.run is None:
+                self.builds += 1
+                if self.builds > BUILDS:
+                    raise Untraceable("its arguments keep changing")
+                self.run = CompiledSteps(self.step, state, self.steps, others=self.others)
                 self.how, self.source = self.run.how, self.run.source
         except Untraceable as why:
             self.how, self.compiles = f"plain numpy: {why}", False
             return iter(())
-        rows, seconds = self.run.rows(state, self.stretch)
-        self.seconds += seconds
-        columns = self.run.columns(rows[1:])
-        made = columns[0] if self.run.single else zip(*columns, strict=True)
-        return zip(count(number), map(np.ndarray.tobytes, rows[1:]), made)
+        columns = [x[1:] for x in self.run(state, self.stretch)]
+        self.seconds += self.run.seconds
+        states = columns[0] if self.single else zip(*columns, strict=True)
+        seen = [x if x.ndim == 1 else map(Array.tobytes, x) for x in columns]
+        return zip(count(number), zip(*seen, *map(repeat, self.known), strict=False), states)
 
-    def as_it_stands(self, state):
+    def by_its_own_lines(self, arguments):
+        """The arrays of the next state, as numpy computes them; NaN if they are not finite."""
+        current.failure = None
         with np.errstate(all="ignore"):
-            made = self.step(*(ordered(np.array(x, float, order="C"))[()] for x in state))
-            numbers = [x for x in several(made) if isinstance(x, np.ndarray | float)]
-            if not all(np.isfinite(x).all() for x in numbers):
-                raise StepFailed("diverged")
-        plain = [np.asarray(x)[()] for x in several(made)]
-        return tuple(plain) if isinstance(made, tuple | list) else plain[0]
+            result = self.step(*map(copied, arguments))
+        if self.width is None:
+            self.width, self.single = len(several(result)), not isinstance(result, tuple | list)
+        result = tuple(np.asarray(x, float)[()] for x in several(result))
+        if are_finite(result):
+            return result
+        self.failure = self.failure or current.failure or self.why(arguments, result)
+        return nan_like(result)
 
-    def same(self, state, made, right):
-        """Whether the arrays that are made are the right ones."""
-        same, rounding = (0.0, 0.0) if self.run.exact else (SAME, ROUNDING)
-        return list(map(np.shape, made)) == list(map(np.shape, right)) and all(
-            np.max(abs(a - b)) <= same * np.max(abs(b - x)) + rounding * np.max(abs(b))
-            for a, b, x in zip(made, right, state, strict=True)
-            if np.size(b)
-        )
+    def why(self, arguments, result):
+        """Why its result is not finite, and where numpy first met what is not."""
+        try:
+            with np.errstate(divide="raise", invalid="raise", over="raise", under="ignore"):
+                self.step(*map(copied, arguments))
+        except FloatingPointError as error:
+            return "diverged" if "overflow" in str(error) else f"not a number: {reason(error)}"
+        return "not a number" if np.isnan(numbers(result)).any() else "diverged"
+
+    def same(self, state, ahead, result):
+        """Whether the arrays that were computed ahead are right."""
+        for a, b, x in zip(ahead, result, state, strict=True):
+            allowed = 0.0
+            if not self.run.exact and np.size(b):
+                allowed = SAME * np.max(abs(b - x)) + ROUNDING * np.max(abs(b))
+            if not np.all(abs(a - b) <= allowed):
+                return False
+        return True
 
 
 def compiled(step, steps):
-    """A function like step(*arrays) -> arrays, to be called about so many times: a Step."""
+    """The function step(*state, *others) -> state, made fast for about so many steps: a Step.
+
+    As many of its first arguments as it returns are the state. The others are compared at each
+    call, and where one changes, the step is compiled for it. What it reads besides must stay as it
+    is: steps are compared with its own lines, the first 16 before they are handed out, then every
+    2,000th and the last. Raises StepChanged where one of these differs.
+    """
     return Step(step, steps)
 
 
 class CompiledSteps:
-    """run(state, steps, *knobs) -> columns, of step(*state, *knobs) -> state.
+    """run(state, steps, *knobs) -> columns, of step(*state, *others, *knobs) -> state.
 
     The columns hold every state, from the first on, to where a step fails or numbers get LARGE. It
-    is machine code if so many `steps`, in all, repay that, and it is only for states that it
-    `fits`. Raises Untraceable.
+    is machine code if so many `steps` repay that, for states that it `fits`. Raises Untraceable.
     """
 
-    def __init__(self, step, state, steps, knobs=0):
+    def __init__(self, step, state, steps, knobs=0, others=()):
         live = nonzero(state)
         self.shapes, self.mask = list(map(np.shape, state)), numbers(live) != 0.0
-        program, loop = trace_loop(step, live, knobs)
-        self.single, self.source = loop.single, python.source_of(program)
-        self.exact = not any(f"{x}(" in self.source for x in FUNCTIONS if x != "sqrt")
-        self.how, self.prepared = "compiled to Python", None
+        program, loop = trace_loop(step, live, knobs, others)
+        self.exact = program.tape.signs.isdisjoint(LIBRARY)
+        self.source = python.source_of(program)
+        self.how, self.write = "machine code", None
         if llvm.repays(work(program.tape, steps), self.source.count("\n")):
-            with suppress(llvm.Unavailable):
-                self.how, self.prepared = "machine code", llvm.single(program)
-        if self.prepared is None:
-            self.prepared = python.single(self.source, loop.places)
+            self.write = llvm.written(program)
+        if self.write is None:
+            self.how, self.write = "compiled to Python", python.written(self.source, loop.places)
 
     def __call__(self, state, steps, *knobs):
-        return self.columns(self.rows(state, steps, *knobs)[0])
+        rows = np.full((steps + 1, self.mask.size), 0.0)  # touched now, not while it is timed
+        rows[0] = numbers(state)
+        done, self.seconds = self.write(np.append(rows[0, self.mask], knobs), rows[1:])
+        small = np.all(np.abs(rows[: done + 1]) < LARGE, axis=1)
+        return split(rows[: done + 1 if small.all() else np.argmin(small)], self.shapes)
 
     def fits(self, state):
         return list(map(np.shape, state)) == self.shapes and not numbers(state)[~self.mask].any()
-
-    def rows(self, state, steps, *knobs):
-        """The numbers of every state (steps + 1, size), and the seconds that they took."""
-        rows = np.empty((steps + 1, self.mask.size))
-        rows.fill(0.0)  # touched now, not while it is timed
-        rows[0] = numbers(state)
-        call = self.prepared(np.append(rows[0, self.mask], knobs), rows[1:])
-        clock = time.perf_counter()
-        done = 1 + call()
-        seconds = time.perf_counter() - clock
-        small = np.all(np.abs(rows[:done]) < LARGE, axis=1)
-        return rows[: done if small.all() else np.argmin(small)], seconds
-
-    def columns(self, rows):
-        """Rows as arrays of states, one more axis in front."""
-        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
-        parts = np.split(rows, ends[:-1], axis=1)
-        return [x.reshape(len(rows), *shape) for x, shape in zip(parts, self.shapes, strict=True)]
 
 
 def nonzero(state):
@@ -167,8 +204,19 @@ def numbers(state):
     return np.concatenate([np.ravel(x) for x in state]).astype(float)
 
 
-def as_bytes(state):
-    try:
-        return b"".join(map(np.ndarray.tobytes, state))
-    except TypeError:  # numbers beside arrays
-        return numbers(state).tobytes()
+def are_finite(arrays):
+    return all(np.isfinite(x).all() for x in arrays)
+
+
+def nan_like(arrays):
+    return tuple(np.full(np.shape(x), np.nan)[()] for x in arrays)
+
+
+def contents(arguments):
+    """What arguments are compared by: the bytes of an array; what else there is, as it is."""
+    return tuple([x.tobytes() if isinstance(x, Array) else x for x in arguments])
+
+
+def copied(x):
+    """A copy of an array, which a step may edit, and whose sums are ordered if it is of floats."""
+    return viewed(x.copy()) if isinstance(x, Array) else x

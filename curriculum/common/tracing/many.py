@@ -1,89 +1,58 @@
-"""vmap and fori_loop: a function of one, for many."""
-
-import contextlib
-from functools import partial
+"""vmap: a function of one, for many."""
 
 import numpy as np
 
-from curriculum.common.tracing import llvm
 from curriculum.common.tracing.arrays import ordered
 from curriculum.common.tracing.python import COLUMNS, Columns, function_of, source_of
 from curriculum.common.tracing.tape import Untraceable, current
-from curriculum.common.tracing.trace import LANES, Loop, Program, several, side_by_side, work
+from curriculum.common.tracing.trace import Program, one_or_several, side_by_side, split
 
 BLOCK = 4096  # states that are mapped at once: their columns stay in the cache
 FEW = 100  # states: for fewer a function is just called
-QUICKER = 50  # a number of a column than one by one
-
-
-def fori_loop(steps, body, *carry):
-    """carry = body(*carry), so many times: an array or several. The body may be vmapped."""
-    if current.tape is not None:
-        carry = Loop(body, carry, steps).results
-    elif hasattr(body, "of_one"):  # each goes its way
-        return vmap(partial(fori_loop, steps, body.of_one))(*carry)
-    else:
-        for _ in range(steps):
-            carry = several(body(*carry))
-    return tuple(carry) if len(carry) > 1 else carry[0]
 
 
 def vmap(function):
-    """function(*state) -> array, or a tuple of several, for many: all have one axis more, in front.
+    """The function of many: of arrays with one axis more, in front, and so are those it returns."""
+    known = {}  # what is compiled, by which entries are not zero
 
-    Many are compiled. In a function that is traced itself, they are lanes side by side.
-    """
+    def mapped(*arrays):
+        if current.plain or current.tape is not None or len(arrays[0]) < FEW:
+            return one_by_one(function, arrays)
+        arrays = [np.asarray(x, float) for x in arrays]
+        live = [np.any(x, axis=0) for x in arrays]
+        key = tuple((x.shape, x.tobytes()) for x in live)
+        try:
+            if key not in known:
+                known[key] = compiled_map(function, live)
+        except Untraceable:
+            return one_by_one(function, arrays)
+        with np.errstate(all="ignore"):
+            return one_or_several(known[key](arrays))
 
-    known = {}  # what is compiled, by which entries of the states are not zero
-
-    def mapped(*states):
-        made = None
-        if not current.plain and current.tape is None and len(states[0]) >= FEW:
-            states = [np.asarray(x, float) for x in states]
-            live = [np.any(x, axis=0) for x in states]
-            key = tuple((x.shape, x.tobytes()) for x in live)
-            with contextlib.suppress(Untraceable), np.errstate(all="ignore"):
-                known[key] = known.get(key) or compiled_map(function, live, len(states[0]))
-                made = known[key](states)
-        if made is None:
-            copies = [ordered(np.array(x)) for x in states]  # a function may edit what it is given
-            rows = side_by_side(function, list(zip(*copies, strict=True)))
-            made = [ordered(np.stack(list(map(np.asarray, x)))) for x in zip(*rows, strict=True)]
-        return tuple(made) if len(made) > 1 else made[0]
-
-    mapped.of_one = function
     return mapped
 
 
-def compiled_map(function, live, many):
-    """run(states) -> the arrays of vmap: in machine code, if so `many` repay that, or by numpy."""
+def one_by_one(function, arrays):
+    copies = [ordered(np.array(x)) for x in arrays]  # the function may edit what it gets
+    rows = side_by_side(function, list(zip(*copies, strict=True)))
+    columns = [list(map(np.asarray, x)) for x in zip(*rows, strict=True)]
+    return one_or_several([ordered(np.stack(column)) for column in columns])
+
+
+def compiled_map(function, live):
+    """run(arrays) -> the arrays of vmap, block by block."""
     program = Program(function, *live)
-    ends = np.cumsum(list(map(np.size, program.made)))[:-1]
-    source, crowd = source_of(program, Columns), None
-    if llvm.repays(many * work(program.tape, 1) / QUICKER, source.count("\n")):
-        with contextlib.suppress(llvm.Unavailable):
-            crowd = llvm.crowd(Program(function, *live, rows=LANES))
-    crowd = crowd or in_columns(function_of(source, COLUMNS), len(program.results))
+    of_columns = function_of(source_of(program, Columns), COLUMNS)
 
-    def run(states):
-        count = len(states[0])
-        columns = np.concatenate([x.reshape(count, -1) for x in states], axis=1).T
+    def run(arrays):
+        count = len(arrays[0])
+        columns = np.concatenate([x.reshape(count, -1) for x in arrays], axis=1).T
         columns = columns[program.places].copy()
-        parts = np.split(crowd(columns), ends, axis=1)
-        return [x.reshape(count, *np.shape(y)) for x, y in zip(parts, program.made, strict=True)]
-
-    return run
-
-
-def in_columns(function, results):
-    """run(columns (inputs, K)) -> (K, results) of a function of columns, block by block."""
-
-    def run(columns):
-        made = np.empty((columns.shape[1], results))
-        for first in range(0, len(made), BLOCK):
+        rows = np.empty((count, len(program.results)))
+        for first in range(0, count, BLOCK):
             part = slice(first, first + BLOCK)
-            for k, column in enumerate(function(*columns[:, part])):
-                made[part, k] = column
-        return made
+            for k, column in enumerate(of_columns(*columns[:, part])):
+                rows[part, k] = column
+        return split(rows, list(map(np.shape, program.outputs)))
 
     return run

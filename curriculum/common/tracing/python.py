@@ -1,27 +1,37 @@
 """A program as Python: a function of floats, or of columns of numpy; a line an operation."""
 
+import json
 import math
-from contextlib import contextmanager, suppress
+import time
+from contextlib import suppress
 
 import numpy as np
 
 from curriculum.common.tracing.symbols import FLOATS
-from curriculum.common.tracing.tape import StepFailed
 from curriculum.common.tracing.writer import Writer, numbered
 
-CALLS = {"max": "maximum", "min": "minimum"}  # as numpy calls them
-NUMBERS = {CALLS.get(name, name): function for name, function in FLOATS.items()}
-NUMBERS |= {"inf": math.inf, "nan": math.nan, "StepFailed": StepFailed}
+NUMBERS = FLOATS | {"inf": math.inf, "nan": math.nan}
 COLUMNS = NUMBERS | {name: getattr(np, name) for name in NUMBERS if hasattr(np, name)}
-COLUMNS |= {"any": np.any, "atan2": np.arctan2, "pow": np.power}
-
-
-def tuple_of(texts):
-    return f"({', '.join(texts)}{',' * (len(texts) == 1)})"
+COLUMNS |= {"max": np.maximum, "min": np.minimum, "any": np.any}
+COLUMNS |= {"atan2": np.arctan2, "pow": np.power}
 
 
 class Python(Writer):
-    """Lines of Python. The methods before `line` are its grammar; another language has others."""
+    """Lines of Python, whose grammar is its `forms`; another language has others."""
+
+    forms = {
+        "define": "{name} = {value}",
+        "call": "{sign}({operands})",
+        "<": "1.0 * ({0} < {1})",
+        "<=": "1.0 * ({0} <= {1})",
+        "begin": "{names} = {values}",
+        "turns": "for _ in range({most}):",
+        "stop": "if not {going}: break",
+        "record": "record({row})",
+        "assign": "{names} = {values}",
+        "end": "",
+        "fail": "else:\n    {names} = {values}",
+    }
 
     def __init__(self):
         self.lines, self.margin = [], ""
@@ -29,93 +39,73 @@ class Python(Writer):
     def constant(self, x):
         return repr(x)
 
-    def define(self, name, made):
-        self.line(f"{name} = {made}")
+    def write(self, form, **words):
+        for line in self.forms[form].format(**words).splitlines():
+            self.lines.append(self.margin + line)
 
-    def call(self, sign, given):
-        if sign in ("<", "<="):
-            return f"1.0 * ({given[0]} {sign} {given[1]})"
-        return f"{CALLS.get(sign, sign)}({', '.join(given)})"
+    def operation(self, sign, operands, name):
+        if sign in "+-*/":  # the commonest by far
+            value = f"{operands[0]} {sign} {operands[1]}"
+        else:
+            form = self.forms.get(sign, self.forms["call"])
+            value = form.format(*operands, sign=sign, operands=", ".join(operands))
+        self.lines.append(self.margin + self.forms["define"].format(name=name, value=value))
+        return name
 
-    def block(self, head):
-        return self.indented(f"{head}:")
-
-    def assign(self, names, values):
-        self.line(f"{', '.join(names)} = {', '.join(values)}")
-
-    begin = assign
-
-    def turns(self, loop, names):
-        return self.block(f"for _ in range({'steps' if loop.most is None else loop.most})")
-
-    def stop(self, going):
-        self.line(f"if not {going}: break")
-
-    def follow(self, going, names, values):
-        self.assign(names, values)
-
-    def fail(self, loop, going, names):
-        with self.block("else"):
-            self.line(f"raise StepFailed({loop.failure!r})")
+    def following(self, going, names, values):
+        return ", ".join(values)
 
     def record(self, loop, values):
-        self.line(f"record({tuple_of(values)})")
-
-    def line(self, text):
-        self.lines.append(self.margin + text)
-
-    @contextmanager
-    def indented(self, head):
-        self.line(head)
-        self.margin += "    "
-        yield
-        self.margin = self.margin[4:]
-
-    def operation(self, sign, given, name):
-        self.define(name, f" {sign} ".join(given) if sign in "+-*/" else self.call(sign, given))
-        return name
+        self.write("record", row=tuple_of(values))
 
     def loop(self, loop, env, k):
         own = {x: numbered(x, loop.rows)[k] for x in loop.carry}
         names, going = [*own.values()], None
-        self.begin(names, [self.values(env, begin)[0] for begin, _ in loop.carry.values()])
+        words = {"names": ", ".join(names), "first": names[0], "failure": json.dumps(loop.failure)}
+        words["most"] = "steps" if loop.most is None else loop.most
+        begins = [self.values(env, begin)[0] for begin, _ in loop.carry.values()]
         env |= {x: [name] for x, name in own.items()}
-        with self.turns(loop, names):
-            if loop.going is not None:
-                (going,) = self.walk(loop.tape, [loop.going], env)
-                self.stop(going)
-            values = self.walk(loop.tape, loop.following, env)
-            if loop.record:
-                self.record(loop, values)
-            self.follow(going, names, values)
+        self.write("begin", values=", ".join(begins), **words)
+        self.write("turns", **words)
+        self.margin += "    "
         if loop.going is not None:
-            self.fail(loop, going, names)
+            (going,) = self.walk(loop.tape, [loop.going], env)
+            self.write("stop", going=going)
+        values = self.walk(loop.tape, loop.following, env)
+        if loop.most is None:
+            self.record(loop, values)
+        self.write("assign", values=self.following(going, names, values), **words)
+        self.margin = self.margin[4:]
+        self.write("end")
+        if loop.going is not None:
+            nothing = ["nan"] * len(names)
+            self.write("fail", values=self.following(going, names, nothing), **words)
         return own
 
 
 class Columns(Python):
     """The same where a number is a column of numpy, some of whose entries leave a loop earlier."""
 
-    def stop(self, going):
-        self.line(f"if not any({going}): break")
+    forms = Python.forms | {"stop": "if not any({going}): break"}
 
-    def follow(self, going, names, values):
+    def following(self, going, names, values):
         if going:
-            values = [f"where({going}, {x}, {old})" for x, old in zip(values, names, strict=True)]
-        self.assign(names, values)
+            pairs = zip(values, names, strict=True)
+            values = [f"where({going}, {x}, {before})" for x, before in pairs]
+        return ", ".join(values)
 
-    def fail(self, loop, going, names):
-        with self.block("else"):
-            self.follow(going, names, ["nan"] * len(names))
+
+def tuple_of(texts):
+    return f"({', '.join(texts)}{',' * (len(texts) == 1)})"
 
 
 def source_of(program, language=Python):
     """f(*inputs, steps, record), a program in Python, which returns its results."""
     python = language()
-    with python.block(f"def f({', '.join([*program.inputs, 'steps=1', 'record=None'])})"):
-        env = {x: [x] for x in program.inputs}
-        python.line(f"return {tuple_of(python.walk(program.tape, program.results, env))}")
-    return "\n".join(python.lines) + "\n"
+    python.lines.append(f"def f({', '.join([*program.inputs, 'steps=1', 'record=None'])}):")
+    python.margin = "    "
+    values = python.walk(program.tape, program.results, {x: [x] for x in program.inputs})
+    return "\n".join([*python.lines, f"    return {tuple_of(values)}\n"])
 
 
 def function_of(source, space):
@@ -124,19 +114,19 @@ def function_of(source, space):
     return space.pop("f")  # which has this space: left in it, both would live on
 
 
-def single(source, places):
-    """prepared(given, rows) -> a call of it, which returns how many of the rows are written."""
+def written(source, places):
+    """write(numbers, rows) -> how many of the rows it has written, at these places of each, in how
+    many s."""
     function = function_of(source, NUMBERS)
 
-    def prepared(given, rows):
-        def call():
-            made = []
-            with suppress(ArithmeticError, ValueError):  # the step as it stands will show why
-                function(*given.tolist(), len(rows), made.append)
-            if made:
-                rows[: len(made), places] = made
-            return len(made)
+    def write(numbers, rows):
+        taken = []
+        clock = time.perf_counter()
+        with suppress(ArithmeticError, ValueError):  # the step as it stands will show why
+            function(*numbers.tolist(), len(rows), taken.append)
+        seconds = time.perf_counter() - clock
+        if taken:
+            rows[: len(taken), places] = taken
+        return len(taken), seconds
 
-        return call
-
-    return prepared
+    return write

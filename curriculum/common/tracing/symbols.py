@@ -1,18 +1,20 @@
 """Symbols: numbers that are not known yet. Every operator notes what it is asked for on a tape.
 
-What is multiplied by zero vanishes, and repeated operations are done once. What is left has the
-operands and the order that the function gave it: the same bits, but for the sign of a zero.
+What is multiplied by zero vanishes, x - x is zero, and repeated operations are done once. What is
+left has the operands and the order of the function's own lines, and so the same bits.
 """
 
 import math
 
 import numpy as np
 
-from curriculum.common.tracing.tape import Untraceable, current
+from curriculum.common.tracing.arrays import ADDING, KINDS, Ordered, implementation, viewed
+from curriculum.common.tracing.tape import Untraceable, note
 
-# As C, Python's math and JavaScript's Math call them. The last digit of all but sqrt is the C
+# As C, Python's math and JavaScript's Math call them. The last digit of those in LIBRARY is the C
 # library's: numpy or a browser may round it another way.
 FUNCTIONS = "sqrt", "sin", "cos", "tan", "exp", "log", "tanh", "atan2", "pow"
+LIBRARY = {*FUNCTIONS} - {"sqrt"}
 FLOATS = {name: getattr(math, name) for name in FUNCTIONS}  # what an operation makes of floats
 FLOATS |= {"abs": abs, "<": lambda a, b: a < b, "<=": lambda a, b: a <= b}
 FLOATS["max"] = lambda a, b: a if a >= b or a != a else b  # NaN, if one of them is
@@ -37,80 +39,105 @@ def operand(x):
     name, minus = size_and_sign(x)
     if type(name) is float:
         return -name if minus else name
-    return current.tape.note("-", 0.0, name) if minus else name
+    return note("-", 0.0, name) if minus else name
 
 
-def operation(sign, *given):
-    """What an operation makes of numbers, whose signs are written out first."""
-    given = list(map(operand, given))
-    if all(type(x) is float for x in given):
-        return FLOATS[sign](*given)
-    if sign == "where" and given[1] == given[2]:
-        return signed(given[1], False)
+def operation(sign, *numbers):
+    """The result of an operation on numbers, whose signs are written out first."""
+    operands = list(map(operand, numbers))
+    if all(type(x) is float for x in operands):
+        return FLOATS[sign](*operands)
+    if sign == "where" and operands[1] == operands[2]:
+        return signed(operands[1], False)
     kind = Truth if sign in ("<", "<=") else Symbol
-    return kind(current.tape.note(sign, *given))
+    return kind(note(sign, *operands))
 
 
 def signed(size, minus):
-    """The number of a size, a float or a name."""
-    return Symbol(size, minus) if type(size) is str else -size if minus else size
+    if type(size) is str:
+        return Symbol(size, minus)
+    return -size if minus else size
 
 
 def add(a, b):
     (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
-    if x == 0.0 or y == 0.0:
-        return b if x == 0.0 else a
+    if x == 0.0:
+        return b
+    if y == 0.0:
+        return a
     if minus == other:
-        return signed(current.tape.note("+", x, y), minus)
+        return signed(note("+", x, y), minus)
     if x == y:
         return 0.0
-    return Symbol(current.tape.note("-", *((y, x) if minus else (x, y))))
+    return Symbol(note("-", y, x) if minus else note("-", x, y))
 
 
 def multiply(a, b):
     (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
-    if x == 0.0 or y == 1.0:
+    if x == 0.0 or y == 0.0:
+        size = 0.0
+    elif x == 1.0:
+        size = y
+    elif y == 1.0:
         size = x
     else:
-        size = y if y == 0.0 or x == 1.0 else current.tape.note("*", x, y)
+        size = note("*", x, y)
     return signed(size, minus != other)
 
 
 def divide(a, b):
     (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
-    size = x if x == 0.0 or y == 1.0 else current.tape.note("/", x, y)
+    size = x if x == 0.0 or y == 1.0 else note("/", x, y)
     return signed(size, minus != other)
 
 
-def operators(rule):
-    """An operator of Symbols and its reflection; arrays are left to numpy."""
+def cannot(function):
+    module = getattr(function, "__module__", None) or "numpy"
+    return Untraceable(f"{module.replace('numpy', 'np')}.{function.__name__} cannot be compiled")
 
-    def operator(a, b):
+
+class Traced:
+    """Symbols, single or in an array: what numpy's functions do to them."""
+
+    __slots__ = ()
+
+    def __array_function__(self, function, types, args, how):
+        try:
+            return viewed(OWN.get(function, implementation(function))(*args, **how))
+        except Exception as why:
+            raise cannot(function) from why
+
+    def __array_ufunc__(self, ufunc, method, *args, out=None, **how):
+        if ufunc not in ENTRIES:
+            raise cannot(ufunc)
+        result = getattr(ENTRIES[ufunc], method)(*map(np.asarray, args), **how)
+        if out is not None:
+            np.asarray(out[0])[...] = result
+            return out[0]
+        return viewed(result)
+
+
+def operators(rule):
+    def operator(a, b):  # arrays are left to numpy
         return NotImplemented if isinstance(b, np.ndarray) and b.ndim else rule(a, b)
 
     return operator, lambda a, b: rule(b, a)
 
 
 def refusal(why):
-    """A method that cannot be."""
-
-    def refuse(*_):
+    def refuse(*_, **__):
         raise Untraceable(why)
 
     return refuse
 
 
-class Symbol:
+class Symbol(Traced):
     """A number on a tape, by the name of its operation, or minus that."""
 
     __slots__ = "name", "minus"
-    __hash__ = None
 
     def __init__(self, name, minus=False):
         self.name, self.minus = name, minus
-
-    def __repr__(self):
-        return "-" * self.minus + self.name
 
     def __neg__(self):
         return Symbol(self.name, not self.minus)
@@ -127,18 +154,58 @@ class Symbol:
     __le__, __ge__ = operators(lambda a, b: operation("<=", a, b))
     __bool__ = refusal("it branches on a value; np.where, np.maximum and np.minimum do not")
     __eq__ = __ne__ = refusal("it asks whether numbers are equal; < and <= can be compiled")
-    __float__ = __int__ = refusal("it wants a plain number; np.zeros(shape, like=q) takes symbols")
+    __float__ = __int__ = refusal(
+        "it wants a plain number; an array that takes others begins as np.zeros(shape, like=q) or "
+        "with + 0.0 * q, as f = m * g + 0.0 * q"
+    )
 
 
-class Truth:
-    """What a comparison of symbols gives: on the tape 1 or 0."""
+class Truth(Traced):
+    """What a comparison of symbols gives, on the tape 1 or 0: for np.where and loops only."""
 
     __slots__ = ("name",)
-    __hash__ = None
-    __bool__ = Symbol.__bool__
-    __float__ = refusal("a comparison is good inside np.where and as a loop's condition only")
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __float__
-    __and__ = __rand__ = __or__ = __ror__ = __invert__ = __neg__ = __eq__ = __float__
+    __bool__, __eq__ = Symbol.__bool__, Symbol.__eq__
 
     def __init__(self, name):
         self.name = name
+
+
+class Symbols(Traced, Ordered):
+    """An array of symbols and floats."""
+
+
+KINDS[np.object_] = Symbols
+
+
+def elementwise(sign, many):
+    return np.frompyfunc(lambda *numbers: operation(sign, *numbers), many, 1, identity=None)
+
+
+def where(condition, *choices):
+    condition, *choices = map(np.asarray, (condition, *choices))
+    return viewed((WHERE if condition.dtype == object else np.where)(condition, *choices))
+
+
+def power(x, y):
+    """np.power, which does not ask pow for the commonest exponents."""
+    usual = {2.0: np.square, 0.5: ENTRIES[np.sqrt], -1.0: lambda x: 1.0 / x}
+    exponent = y[()] if y.ndim == 0 else None
+    if type(exponent) is not Symbol and exponent in usual:
+        return usual[exponent](x)
+    return POW(x, y)
+
+
+WHERE = elementwise("where", 3)
+POW = elementwise("pow", 2)
+OPERATORS = np.add, np.subtract, np.multiply, np.divide, np.square
+OPERATORS += np.negative, np.positive, np.absolute
+ENTRIES = {ufunc: ufunc for ufunc in OPERATORS}  # a Symbol has them
+ENTRIES |= {getattr(np, name): elementwise(name, 1) for name in FUNCTIONS[:7]}
+ENTRIES |= {np.maximum: elementwise("max", 2), np.minimum: elementwise("min", 2)}
+ENTRIES |= {np.arctan2: elementwise("atan2", 2), np.power: power}
+ENTRIES |= {np.less: elementwise("<", 2), np.less_equal: elementwise("<=", 2)}
+ENTRIES[np.greater] = lambda a, b: ENTRIES[np.less](b, a)
+ENTRIES[np.greater_equal] = lambda a, b: ENTRIES[np.less_equal](b, a)
+OWN = ADDING | {np.where: where}
+OWN |= {np.zeros: lambda shape, dtype=object: np.zeros(shape, dtype)}  # np.zeros(shape, like=q)
+OWN |= {np.nan_to_num: refusal("np.nan_to_num cannot be compiled")}  # numpy's overlooks symbols

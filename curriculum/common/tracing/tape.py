@@ -3,21 +3,23 @@
 from contextlib import contextmanager
 from itertools import count
 from threading import local
+from typing import NamedTuple
 
 
 class Untraceable(Exception):
     """The function asks of a symbol what cannot be written down; the message says what."""
 
 
-class StepFailed(ArithmeticError):
-    """A step has no result; the message says why."""
+class StepChanged(RuntimeError):
+    """A step does not depend on its arguments alone; the message says what to do."""
 
 
 class Current(local):
-    """In this thread: the tape that is being written, and whether nothing is to be compiled."""
+    """Of this thread: the tape that is written, if nothing is to be compiled, what has failed."""
 
     tape = None
     plain = False
+    failure = None  # of the first loop that did not end, since a step began
 
 
 current = Current()
@@ -33,21 +35,24 @@ def plain(really=True):
         current.plain = before
 
 
-class Tape:
-    """Operations in order: nodes {name: (sign, *operands)}; an operand is a name or a float.
+class Op(NamedTuple):
+    """An operation on operands, each a name or a float; "input" and "carried" are not computed."""
 
-    The sign "given" is of what comes from elsewhere, and a Loop is its own. ("stack", *operands) is
-    one name for a number in each of several `rows`, and ("lane", name, k) the one in row k.
-    """
+    sign: str
+    operands: tuple = ()
+
+
+class Tape:
+    """Operations in order: nodes {name: Op or Loop}, in so many `rows` side by side."""
 
     def __init__(self, outer=None, used=()):
         self.nodes, self.known, self.outer = {}, {}, outer  # outer: around this one, a loop's body
-        self.numbers, self.used, self.rows = count(), {*used}, 1
+        self.numbers, self.used, self.signs, self.rows = count(), {*used}, set(), 1
         if outer:
-            self.numbers, self.used, self.rows = outer.numbers, outer.used, outer.rows
+            self.numbers, self.used, self.signs = outer.numbers, outer.used, outer.signs
+            self.rows = outer.rows
 
     def trace(self, function, *args):
-        """function(*args), whose operations come onto this tape."""
         before, current.tape = current.tape, self
         try:
             return function(*args)
@@ -58,13 +63,14 @@ class Tape:
         """The name of an operation: reused if the operation is there already."""
         if self.outer and not any(x in self.nodes for x in operands):
             return self.outer.note(sign, *operands)  # the same in every turn: done once
-        key = (sign, *operands)
-        name = self.known.get(key)
+        name = self.known.get((sign, operands))
         if name is None and sign in "+*":
-            name = self.known.get((sign, *operands[::-1]))
+            name = self.known.get((sign, operands[::-1]))
         if name is None:
-            name = self.known[key] = f"t{next(self.numbers)}"
-            self.nodes[name] = key
+            name = f"t{next(self.numbers)}"
+            self.nodes[name] = Op(sign, operands)
+            self.known[sign, operands] = name
+            self.signs.add(sign)
         return name
 
     def fresh(self, name):
@@ -79,7 +85,17 @@ class Tape:
         """Those and the operations that they come from, in order."""
         found, order = {*names}, []
         for name, node in reversed(self.nodes.items()):
-            if name in found or getattr(node[0], "failure", None):  # which may end the run
-                found.update(node[1:])
+            if name in found:
+                found.update(node.operands)
                 order.append(name)
         return order[::-1]
+
+
+def note(sign, *operands):
+    """The name of an operation on the tape that is being written."""
+    if current.tape is None:  # a symbol outlived its tape
+        raise StepChanged(
+            "a step keeps something from call to call, so it cannot be compiled: "
+            "run it plainly (--plain, or `with plain():`)"
+        )
+    return current.tape.note(sign, *operands)

@@ -1,56 +1,64 @@
 """Functions on symbols: a Program, traced once; rows side by side in it; and its loops."""
 
 import inspect
+import math
 import os
 import traceback
 from itertools import islice
 
 import numpy as np
 
-from curriculum.common.tracing.arrays import ordered, viewed, zero
+from curriculum.common.tracing.arrays import viewed, zero
 from curriculum.common.tracing.symbols import FLOATS, Symbol, operand
-from curriculum.common.tracing.tape import StepFailed, Tape, Untraceable, current
+from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, note
 
-LANES = 16  # rows at most, or members, that go in step: two or four registers keep a processor busy
+LANES = 16  # rows at most that go in step
 TURNS = 2  # of a while_loop, as a guess
-TAKEN = "f", "steps", "record", "state", "inf", "nan", "any", "maximum", "minimum", *FLOATS
-TAKEN += "_", "range", "StepFailed"
+TAKEN = "f", "steps", "record", "state", "inf", "nan", "any", "_", "range", *FLOATS
 INSIDE = os.path.dirname(__file__), os.path.dirname(np.__file__)
 
 
 def flat(arrays):
-    """All numbers of arrays, in one list."""
     return [x for array in arrays for x in np.asarray(array, object).flat]
 
 
 def shaped(numbers, like):
     """All numbers as arrays of the shapes of others; their names as Symbols."""
-    numbers, made = iter(numbers), []
+    numbers, arrays = iter(numbers), []
     for shape in map(np.shape, like):
         array = np.empty(shape, object)
         array.flat = [Symbol(x) if type(x) is str else x for x in islice(numbers, array.size)]
-        made.append(viewed(array))
-    return made
+        arrays.append(viewed(array))
+    return arrays
 
 
-def several(made):
-    """What a function returns, an array or several, as a tuple."""
-    return tuple(made) if isinstance(made, tuple | list) else (made,)
+def split(rows, shapes):
+    """Rows of numbers as arrays of these shapes, with one axis more in front."""
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+    parts = np.split(rows, ends[:-1], axis=1)
+    return [x.reshape(len(rows), *shape) for x, shape in zip(parts, shapes, strict=True)]
+
+
+def several(result):
+    return tuple(result) if isinstance(result, tuple | list) else (result,)
+
+
+def one_or_several(arrays):
+    return tuple(arrays) if len(arrays) > 1 else arrays[0]
 
 
 def traced(tape, function, arrays):
-    """What a function makes of arrays, on a tape: an array or several; and the names in them."""
-    made = tape.trace(function, *arrays)
-    return made, tape.trace(lambda: list(map(operand, flat(several(made)))))
+    """Trace function(*arrays) on a tape -> its arrays, and the names in them."""
+    result = several(tape.trace(function, *arrays))
+    return result, tape.trace(lambda: list(map(operand, flat(result))))
 
 
 def parameters(function, many):
     """The names of so many arguments, as the function calls them."""
     try:
-        every = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        every = []
-    found = [x.name for x in every if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
+        found = inspect.signature(function).parameters
+    except (TypeError, ValueError):  # it is not Python's
+        found = ()
     found = [x + "_" * x[-1].isdigit() for x in found]  # x_1 is an entry of x, and t1 an operation
     return (found + ["x"] * many)[:many]
 
@@ -77,133 +85,134 @@ class Program:
     """function(*arrays, *knobs) -> array or arrays, traced where entries `live` are not zero.
 
     `live`: a mask an array. `inputs`: the names of the live numbers, which stand at `places` among
-    all, and of the knobs. `results`: names and floats, of arrays shaped as `made`. `rows`: each
-    number is that of so many side by side. Raises Untraceable, whatever it is that goes wrong.
+    all, and of the knobs. `outputs`: the arrays, made of the `results`. Raises Untraceable.
     """
 
-    def __init__(self, function, *live, knobs=0, rows=1, names=None):
+    def __init__(self, function, *live, knobs=0, names=None):
         self.tape = Tape(used=TAKEN)
-        self.tape.rows = rows
-        names = names or parameters(function, len(live) + knobs)
-        names = list(map(self.tape.fresh, names))
-        given = names_of(names, live)
-        self.places = [k for k, x in enumerate(given) if x != 0.0]
-        self.inputs = [given[k] for k in self.places] + names[len(live) :]
-        self.tape.nodes |= dict.fromkeys(self.inputs, ("given",))
-        arrays = shaped(given, live) + list(map(Symbol, names[len(live) :]))
+        names = list(map(self.tape.fresh, names or parameters(function, len(live) + knobs)))
+        numbers = names_of(names, live)
+        self.places = [k for k, x in enumerate(numbers) if x != 0.0]
+        self.inputs = [numbers[k] for k in self.places] + names[len(live) :]
+        self.tape.nodes |= dict.fromkeys(self.inputs, Op("input"))
+        arrays = shaped(numbers, live) + list(map(Symbol, names[len(live) :]))
         try:
-            made, self.results = traced(self.tape, function, arrays)
+            self.outputs, self.results = traced(self.tape, function, arrays)
         except Exception as why:
             raise Untraceable(reason(why)) from why
-        self.made = several(made)
 
 
 def side_by_side(function, rows):
     """[function(*row)] of rows of arrays: when traced, once, with the rows as lanes."""
     tape, many = current.tape, len(rows)
-    if tape is None or tape.rows > 1 or many == 1:
+    if tape is None or tape.rows > 1 or not 1 < many <= LANES:
         return [several(function(*row)) for row in rows]
-    if many > LANES:
-        half = many // 2
-        return side_by_side(function, rows[:half]) + side_by_side(function, rows[half:])
     tape.rows = many
     try:
         columns = zip(*map(flat, rows), strict=True)
-        made = several(function(*shaped(map(stacked, columns), rows[0])))
+        results = several(function(*shaped(map(stacked, columns), rows[0])))
     finally:
         tape.rows = 1
-    return [shaped([lane(x, k) for x in flat(made)], made) for k in range(many)]
+    return [shaped([lane(x, k) for x in flat(results)], results) for k in range(many)]
 
 
-def stacked(column):
-    """One number for those of several rows."""
+def stacked(column):  # one name for a number in each of several rows
     names = list(map(operand, column))
-    return column[0] if len({*names}) == 1 else current.tape.note("stack", *names)
+    return column[0] if len({*names}) == 1 else note("stack", *names)
 
 
-def lane(x, k):
-    """The number in row k."""
-    return Symbol(current.tape.note("lane", x.name, k), x.minus) if type(x) is Symbol else x
+def lane(x, k):  # the number in row k
+    return Symbol(note("lane", x.name, k), x.minus) if type(x) is Symbol else x
 
 
 class Loop:
-    """On a tape: arrays become body(*arrays) `most` times, or while condition(*arrays) is not 0.
+    """The operation that repeats body(*arrays) `most` times, or while `going`: else it has failed.
 
-    carry {name: (as it begins, what follows)} has what is not always zero, which is at `places`
-    among all numbers. `most` is None for as many turns as are asked for; if it is to `record`, each
-    turn hands on its row. `rows`: how many are side by side where the loop stands.
+    carry {name: (as it begins, what follows)} has what is not always zero, at `places` among all
+    `size` numbers of the arrays, the `outputs`. If `most` is None, it takes as many turns as are
+    asked for, and records the row of each. It stands where so many `rows` are side by side.
     """
 
-    def __init__(self, body, arrays, most, condition=None, failure=None, record=False, names=None):
+    sign = "loop"
+
+    def __init__(self, body, arrays, most, condition=None, failure=None, names=None):
         outer, start = current.tape, flat(arrays)
-        self.most, self.failure, self.record, self.rows = most, failure, record, outer.rows
         names = list(map(outer.fresh, names or parameters(body, len(arrays))))
         live, grown = None, [not zero(x) for x in start]
         while live != grown:  # what begins as zero need not stay zero
-            live, self.tape = grown, Tape(outer)
-            carry = names_of(names, shaped(live, arrays))
-            self.tape.nodes |= dict.fromkeys(filter(None, carry), ("given",))
-            now = shaped(carry, arrays)
-            self.going = None
+            live, tape, going = grown, Tape(outer), None
+            numbers = names_of(names, shaped(live, arrays))
+            tape.nodes |= dict.fromkeys(filter(None, numbers), Op("carried"))
+            now = shaped(numbers, arrays)
             if condition:
-                (self.going,) = traced(self.tape, condition, now)[1]
-            made, after = traced(self.tape, body, now)
-            if list(map(np.shape, several(made))) != list(map(np.shape, arrays)):
-                raise Untraceable("it returns other shapes than it is given")
+                _, (going,) = traced(tape, condition, now)
+            result, after = traced(tape, body, now)
+            if list(map(np.shape, result)) != list(map(np.shape, arrays)):
+                raise Untraceable("it returns other shapes than it takes")
             grown = [a or x != 0.0 for a, x in zip(live, after, strict=True)]
+        tape.outer = None  # which will have this loop on it: a circle would live on
+        self.tape, self.rows, self.outputs = tape, tape.rows, shaped(numbers, arrays)
+        self.most, self.going, self.failure = most, going, failure
         self.size, self.places = len(live), [k for k, alive in enumerate(live) if alive]
-        self.carry = {carry[k]: (operand(start[k]), after[k]) for k in self.places}
+        self.carry = {numbers[k]: (operand(start[k]), after[k]) for k in self.places}
         self.following = [after[k] for k in self.places]
-        self.single = not isinstance(made, tuple | list)
-        self.tape.outer = None  # which has this loop on it: a circle would live on
-        part = f"loop{next(outer.numbers)}"
-        outer.nodes[part] = self, *(begin for begin, _ in self.carry.values()), *self.free_names()
-        outer.nodes |= dict.fromkeys(self.carry, ("given", part))
-        self.results = shaped(carry, arrays)
-
-    def free_names(self):
-        """The names from around it that it uses."""
-        found, nodes = [self.going, *self.following], self.tape.nodes
-        used = found + [x for name in self.tape.needed(found) for x in nodes[name][1:]]
-        return [x for x in used if type(x) is str and x not in nodes]
+        found = [going, *self.following]
+        used = found + [x for name in tape.needed(found) for x in tape.nodes[name].operands]
+        free = [x for x in used if type(x) is str and x not in tape.nodes]  # names from around it
+        self.operands = (*(begin for begin, _ in self.carry.values()), *free)
+        name = f"loop{next(outer.numbers)}"
+        outer.nodes[name] = self
+        outer.nodes |= dict.fromkeys(self.carry, Op("carried", (name,)))
 
 
-def trace_loop(step, live, knobs=0):
-    """The Program of many steps, step(*state, *knobs) -> state, and its Loop."""
-    made, names = [], parameters(step, len(live) + knobs)
-    own, others = names[: len(live)], names[len(live) :]
+def trace_loop(step, live, knobs=0, others=()):
+    """The Program of many steps, step(*state, *others, *knobs) -> state, and its Loop."""
+    many, loops = len(live), []
+    names = parameters(step, many + len(others) + knobs)
+    own, known = names[:many], names[many + len(others) :]
 
-    def many(*given):
-        state, known = given[: len(live)], given[len(live) :]
-        made.append(Loop(lambda *now: step(*now, *known), state, None, record=True, names=own))
-        return tuple(made[0].results)
+    def steps(*numbers):
+        def body(*state):
+            return step(*state, *others, *numbers[many:])
 
-    names = [f"{name}_start" for name in own] + others
-    return Program(many, *live, knobs=knobs, names=names), made[0]
+        loops.append(Loop(body, numbers[:many], None, names=own))
+        return tuple(loops[0].outputs)
+
+    names = [f"{name}_start" for name in own] + known
+    return Program(steps, *live, knobs=knobs, names=names), loops[0]
 
 
 def work(tape, steps):
-    """About how many operations a tape takes: a loop that ends by itself counts TURNS turns."""
-    total = 0
-    for sign, *_ in tape.nodes.values():
-        if isinstance(sign, Loop):
-            turns = TURNS if sign.going is not None else sign.most or steps
-            total += turns * work(sign.tape, steps)
-        else:
-            total += 1
+    """About how many operations a tape takes."""
+    total = len(tape.nodes)
+    for node in tape.nodes.values():
+        if isinstance(node, Loop):
+            turns = TURNS if node.going is not None else node.most or steps
+            total += turns * work(node.tape, steps)
     return total
 
 
-def while_loop(condition, body, x, most, failure):
-    """Python's `while condition(x): x = body(x)` of an array x, as JAX has it, so that it compiles.
+def fori_loop(steps, body, *carry):
+    """carry = body(*carry), so many times: an array or several."""
+    if current.tape is not None:
+        return one_or_several(Loop(body, carry, steps).outputs)
+    for _ in range(steps):
+        carry = several(body(*carry))
+    return one_or_several(carry)
 
-    Raises StepFailed(failure) after `most` turns.
+
+def while_loop(condition, body, *carry, most, failure):
+    """Python's `while condition(*carry): carry = body(*carry)`, in a form that can be compiled.
+
+    `carry` and what the body returns are an array, or several; so is the result. It is NaN if the
+    condition still holds after `most` turns, and a compiled step says `failure` then.
     """
     if current.tape is not None:
-        return Loop(body, [x], most, condition, failure).results[0]
-    x = ordered(np.array(x))
-    for _ in range(most):
-        if not condition(x):
-            return x
-        x = ordered(body(x))
-    raise StepFailed(failure)
+        return one_or_several(Loop(body, carry, most + 1, condition, failure).outputs)
+    for _ in range(most + 1):
+        carry = [viewed(np.array(x, float)) for x in carry]
+        if not condition(*carry):
+            return one_or_several(carry)
+        carry = several(body(*carry))
+    current.failure = current.failure or failure
+    return one_or_several([viewed(np.full(np.shape(x), np.nan)) for x in carry])

@@ -9,8 +9,5 @@ def guess():
 
 def step_matrix(integrator, z):
     g, gdot = np.eye(2)  # both starts at once
-
-    def spring(g, gdot):
-        return -z * gdot - z**2 * g
-
-    return np.array(c.INTEGRATORS[integrator](g, gdot, 1.0, spring, 1.0))
+    step = c.INTEGRATORS[integrator]
+    return np.array(step(g, gdot, 1.0, lambda g, gdot: -z * gdot - z**2 * g, 1.0))

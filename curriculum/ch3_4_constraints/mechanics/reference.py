@@ -1,0 +1,122 @@
+"""Where the particles are before chaos decides, by ever shorter steps, and how sure that is."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from curriculum.ch3_4_constraints.mechanics.systems import differences
+from curriculum.common.gauss import make_gauss
+from curriculum.common.tracing import CompiledSteps, Untraceable
+
+HORIZON = 2.0  # s; of short rods, which swing faster, at most 20 sqrt(L/g): chaos is as fast
+FIRST, TURN = 0.15, 0.5  # the longest first steps: of sqrt(L/g), and in rad of turning
+COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # beside half the first
+NEAR = 1e-8  # of the shortest rod: a move by which a frequency is measured
+MOST = 20_000  # steps of one rod at once: more take too long
+STEPS = 800  # for each rod, as a guess: many repay machine code
+ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
+KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
+MAX_RODS = 40  # for more the reference takes longer than the run
+
+
+class Reference(NamedTuple):
+    """Where the particles are after so many steps of the run."""
+
+    step: int
+    at: str  # when that is, in words
+    q: np.ndarray | None = None  # (N, 3) in m, if it is known
+    uncertainty: float = math.inf  # m, of the particle that is known worst
+    why: str = ""  # it is not known, in words
+
+    def error(self, q):
+        """How far the worst particle of a run q (steps + 1, N, 3) is off, in m; None if unknown."""
+        if self.q is None or q is None or len(q) <= self.step:
+            return None
+        return distance(q[self.step], self.q)
+
+
+def distance(q, other):
+    """The largest of a particle, in m, between two places of all (N, 3); inf if one is NaN."""
+    return float(np.nan_to_num(np.max(np.linalg.norm(q - other, axis=1)), nan=np.inf))
+
+
+def find_reference(exact, force, system, runs):
+    """The Reference for runs of a system: after HORIZON or, if they end sooner, at their end.
+
+    exact(step_fn) is a step of high order, held on its rods. The steps get shorter until two ends
+    agree, or until rounding keeps them apart. Gauss's rule halves a step whose stages do not
+    converge, so no count is twice the last one: both might be made of the same parts, and agree.
+    """
+    q, v, rods = system["q0"], system["v0"], len(system["pairs"])
+    dt, steps = next(run.dt for run in runs), max(1, max(len(run.q) for run in runs) - 1)
+    shortest = float(np.min(system["lengths"]))
+    swing, turn = time_scales(system, force)
+    last = min(steps, max(1, round(min(HORIZON, 20.0 * swing) / dt)))
+    unknown = Reference(last, f"at {last * dt:.3g} s")
+    if any(run.step.edited or run.step.changed for run in runs):
+        return unknown._replace(why="the loop edits what its steps take")
+    if not all(run.step.is_compiled for run in runs):
+        return unknown._replace(why="steps are not compiled, and it would take long")
+    if rods > MAX_RODS:
+        return unknown._replace(why=f"it would take long for more than {MAX_RODS} rods")
+    if math.isnan(swing):
+        return unknown._replace(why="the force at the start is not a number")
+    least = math.ceil(last * dt / min(FIRST * swing, TURN * turn) / 2.0)
+    counts = [least * k for k in COUNTS if least * k <= MOST // rods]
+    if len(counts) < 2:
+        return unknown._replace(why=f"it would take more than {MOST // rods} steps")
+
+    step_fn = exact(make_gauss(8))
+
+    def step(q, v, dt):
+        return step_fn(q, v, system["m"], force, dt)
+
+    try:
+        run = CompiledSteps(step, [q, v], max(STEPS * rods, 8 * least), knobs=1)
+    except Untraceable as why:
+        return unknown._replace(why=f"its steps cannot be compiled: {why}")
+
+    def end(count, q):
+        ends, _ = run([q, v], count, last * dt / count)
+        return ends[-1] if len(ends) > count else np.full_like(q, np.nan)
+
+    best, gaps, agree = end(counts[0], q), [], False
+    for count in counts[1:]:
+        before, best = best, end(count, q)
+        gaps.append(distance(best, before))
+        agree = gaps[-1] < ENOUGH * min(1.0, shortest)
+        if agree or len(gaps) > 4 and not gaps[-1] < gaps[-5]:
+            break  # or rounding keeps them apart: these steps are four times as short
+    known, uncertainty = min(KNOWN, 1e-6 * shortest), gaps[-1] if agree else max(gaps[-3:])
+    if uncertainty < known:  # what changes with the last digit of the start cannot be known
+        signs = (-1.0) ** np.arange(q.size).reshape(q.shape)
+        digit = 2.0**-52 * (np.abs(q) + np.max(system["lengths"])) * np.any([q, v], axis=(0, 1))
+        change = distance(end(count, q + signs * digit), best)
+        uncertainty += 2.0 * math.sqrt(count) * change  # each step rounds, as steps at random do
+    if not uncertainty < known:
+        return unknown._replace(why="shorter steps do not agree to a nanometre")
+    return Reference(last, unknown.at, best, uncertainty)
+
+
+def time_scales(system, force):
+    """In s, sqrt(L/g) and that in which a rod or an acceleration turns by a radian, at the start.
+
+    g is what accelerates a rod's ends apart across it, or that of the Earth. As a particle moves
+    its acceleration changes by the square of a frequency, which may be much higher.
+    """
+    fixed, pairs, lengths = np.zeros_like(system["anchors"]), system["pairs"], system["lengths"]
+    q, v, m = system["q0"], system["v0"], system["m"]
+    along = differences(q, system["anchors"], pairs) / lengths[:, None]
+    a = force(q, v) / m
+    apart = differences(a, fixed, pairs)
+    across = apart - np.sum(apart * along, axis=1)[:, None] * along
+    g = np.maximum(9.81, np.linalg.norm(across, axis=1))
+    rates = [np.max(np.linalg.norm(differences(v, fixed, pairs), axis=1) / lengths)]
+    near = NEAR * np.min(lengths)
+    for way in (a, v):
+        size = np.max(np.abs(way))
+        if size > 0.0:
+            other = force(q + near * way / size, v) / m
+            rates.append(np.sqrt(np.max(np.abs(other - a)) / near))
+    return float(np.min(np.sqrt(lengths / g))), 1.0 / max(1e-9, *map(float, rates))

@@ -1,0 +1,108 @@
+"""Reads scenes from files; a mistake in one is answered by a sentence.
+
+    {"about": "what it shows",
+     "anchors": [[0, 0, 0]],                                                            m
+     "particles": [{"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 1}],          m, m/s, kg
+     "rods": [{"pair": [0, -1], "length": 1}]}                                          m
+
+By default there are no anchors, velocities are 0, masses 1, and lengths as the positions say.
+A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -2 the second.
+"""
+
+import json
+import os
+from difflib import get_close_matches
+from pathlib import Path
+
+from curriculum.ch3_4_constraints.mechanics import systems
+from curriculum.ch3_4_constraints.mechanics.statics import refusal
+
+LARGEST = 1e7  # bytes of a file
+MOST = 1000  # particles, rods or anchors in it
+FIT = 1e-6  # the share by which a length in it may differ from the distance of its rod's ends
+SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("scenes/*.json"))}
+
+
+def listed(chains):
+    """The systems that have a name, a line each. `chains` {name: rods} have no file."""
+    told = {name: f"let go level, rods: {count}" for name, count in chains.items()}
+    told["chain"] = "let go level, rods: as --links says"
+    told |= {name: read_document(path)["about"] for name, path in SHIPPED.items()}
+    return "\n".join(f"{name:<16} {about}" for name, about in told.items())
+
+
+def load_scene(name, gravity, chains):
+    """The system in the file `name`, or in the shipped scene of that name.
+
+    Under gravity (3,), in m/s^2, no rod must have to break. `chains` are names without a file.
+    Raises SceneError.
+    """
+    name = os.fspath(name)
+    path = Path(name if os.path.isfile(name) else SHIPPED.get(name, name))
+    try:
+        if not name.isprintable():  # metrics.json, page and terminal show it
+            raise systems.SceneError("must be a name in characters that can be printed")
+        system = parse_scene(read_document(path))
+        why = refusal(system, gravity)
+    except systems.SceneError as error:
+        why = str(error)
+    except (FileNotFoundError, NotADirectoryError):
+        known = [*chains, "chain", *SHIPPED]
+        near = get_close_matches(name, known, 1)
+        end = f"did you mean {near[0]!r}?" if near else f"scenes are {', '.join(known)}"
+        why = f"no scene and no file; {end}"
+    except OSError as error:
+        why = f"cannot be read: {error.strerror}"
+    if why:
+        raise systems.SceneError(f"argument --system: {systems.shorten(repr(name))}: {why}")
+    return system
+
+
+def read_document(path):
+    """What a scene's file holds, as JSON; raises SceneError, or OSError if it cannot be read."""
+    if path.stat().st_size > LARGEST or not path.is_file():
+        raise systems.SceneError(f"must be a plain file of at most {LARGEST / 1e6:g} MB")
+    try:
+        return json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:  # not Unicode, or no end of brackets
+        raise systems.SceneError(f"not JSON: {systems.shorten(str(error))}") from None
+
+
+def only(x, field, keys):
+    """Raise SceneError unless x is an object that has no keys but `keys`."""
+    systems.need(isinstance(x, dict), field, x, f"an object with no keys but {', '.join(keys)}")
+    for key in x:
+        systems.need(key in keys, f"a key of {field}", key, f"one of {', '.join(keys)}")
+
+
+def entries(data, field, *keys):
+    """The list data[field], of objects with no keys but `keys`; without any it may be empty."""
+    rows, least = data.get(field, None if keys else []), int(bool(keys))
+    fits = isinstance(rows, list) and least <= len(rows) <= MOST
+    systems.need(fits, field, rows, f"a list of {least} to {MOST} entries")
+    for k, row in enumerate(rows if keys else ()):
+        only(row, f"{field}[{k}]", keys)
+    return rows
+
+
+def parse_scene(data):
+    """The system that a scene's JSON describes, checked; raises SceneError."""
+    only(data, "the file", ("about", "anchors", "particles", "rods"))
+    particles = entries(data, "particles", "position", "velocity", "mass")
+    rods = entries(data, "rods", "pair", "length")
+    rows = {
+        "q0": [particle.get("position") for particle in particles],
+        "v0": [particle.get("velocity", [0, 0, 0]) for particle in particles],
+        "m": [[particle.get("mass", 1)] for particle in particles],
+        "anchors": entries(data, "anchors"),
+        "pairs": [rod.get("pair") for rod in rods],
+        "lengths": [rod.get("length", 1) for rod in rods],
+        "about": data.get("about", ""),
+    }
+    about = rows["about"]
+    shown = isinstance(about, str) and "".join(about.split()).isprintable()
+    systems.need(shown, "about", about, "text in characters that can be printed")
+    bare = [k for k, rod in enumerate(rods) if "length" not in rod]
+    return systems.check_system(
+        rows, None, None, FIT, lambda key, k: systems.COLUMNS[key][3].format(k), bare
+    )

@@ -1,0 +1,1 @@
+"""The two pages that a reader touches, and what keeps texts equal to what runs."""

@@ -1,0 +1,103 @@
+"""What a run leaves behind: metrics.json, a page and a recording, all or nothing."""
+
+import json
+import math
+import os
+import shlex
+import sys
+from argparse import ArgumentTypeError
+from pathlib import Path
+
+from curriculum.ch3_4_constraints.results.table import say
+from curriculum.common.files import check_writable, write_together
+
+METRICS, PAGE, RECORDING = "metrics.json", "play.html", "constraints.rrd"
+ALWAYS = {"system", "integrator", "dt", "steps", "seed", "baumgarte", "results"}  # keys of METRICS
+MOST = 4e9  # bytes of states
+STATE = 96  # bytes of a particle: its q and v, and once more where they are computed
+
+
+def check(args, system):
+    """Raise an error in a sentence if a run has too many states, or if its files could not be
+    written, or would overwrite files that no run has written."""
+    fit = int(MOST / (STATE * len(system["m"]) * len(args.methods)))
+    if args.steps > fit:
+        why = f"{args.steps} steps take more than {MOST / 1e9:g} GB; {fit} fit"
+        raise ArgumentTypeError(f"argument --steps: {why}")
+    for path in (args.out / name for name in (METRICS, PAGE, RECORDING)):
+        check_writable(path)
+        if path.exists() and not is_ours(args.out):
+            raise ArgumentTypeError(f"argument --out: {path} is not of a run; name another folder")
+
+
+def is_ours(folder):
+    """Whether a run has written to this folder: its metrics.json is a run's."""
+    try:
+        return json.loads((folder / METRICS).read_bytes()).keys() >= ALWAYS
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return False
+
+
+def write(args, system, runs, results, reference, chapter):
+    """Write the files that are asked for, remove those of an earlier run, and say so."""
+    text = metrics(args, system, results, reference)
+    files = {METRICS: text, PAGE: None, RECORDING: None}
+    edited = any(run.step.edited or run.step.changed for run in runs.values())
+    left_out = {}
+    if args.page and not all(run.step.is_compiled for run in runs.values()):
+        left_out[PAGE] = "steps are not compiled"
+    elif args.page:
+        from curriculum.ch3_4_constraints.pages import page  # here: a run without one is quicker
+
+        try:
+            files[PAGE] = page.play(chapter, args, system, edited)
+        except page.NoPage as why:
+            left_out[PAGE] = why
+    if args.rerun:
+        try:
+            from curriculum.ch3_4_constraints.results import recording  # here: it loads for long
+
+            files[RECORDING] = recording.record(args, system, runs, results, text, chapter)
+        except (ImportError, OSError, RuntimeError) as why:  # the run need not be lost with it
+            left_out[RECORDING] = f"{why}; pip install rerun-sdk may help"
+    write_together(args.out, files)
+    say(f"wrote {args.out}: {', '.join(name for name in files if files[name])}")
+    if files[PAGE] and edited:
+        say(f"{PAGE} shows the scene without what the loop edits")
+    for name, why in left_out.items():
+        say(f"{name} is left out: {why}")
+    if files[RECORDING]:
+        print(look(args.out / RECORDING))
+
+
+def metrics(args, system, results, reference):
+    """The text of metrics.json. It has no times, and nothing about the machine: equal arguments
+    give equal bytes. So does the page; recordings are equal but for a header."""
+    used = {name: getattr(args, name) for name in ("integrator", "dt", "steps", "seed")}
+    used["system"] = Path(args.system).name
+    used |= args.knobs
+    used["rods"] = len(system["pairs"])
+    used["error_at"] = reference.step * args.dt
+    used["reference_uncertainty"] = reference.uncertainty if reference.q is not None else None
+    used["results"] = {
+        name: {key: rounded(x, 6 if key == "tip_final" else 12) for key, x in row.items()}
+        for name, row in results.items()
+    }
+    return json.dumps(used, indent=2, sort_keys=True, allow_nan=False) + "\n"
+
+
+def rounded(x, digits):
+    """A number, or each of a list, with so many decimals, None if it is not finite; else x."""
+    if isinstance(x, list):
+        return [rounded(y, digits) for y in x]
+    if isinstance(x, float):
+        return round(float(x), digits) if math.isfinite(x) else None
+    return x
+
+
+def look(recording):
+    """A line with the command that shows a recording: in a browser where there is no display."""
+    words = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1"]  # no other machine is to see it
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}:
+        words += ["--web-viewer", "--new", "--web-viewer-port", "0"]  # another may be open
+    return f"look: {shlex.join([*words, str(recording)])}"

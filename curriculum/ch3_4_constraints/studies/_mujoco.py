@@ -1,0 +1,90 @@
+"""Systems of rods as models of MuJoCo: particles with tendons, or bodies with hinges.
+
+Sites s0, s1, ... are the particles, and s-1, s-2, ... the anchors, as pairs have them.
+"""
+
+import numpy as np
+
+import constraints as c
+from curriculum.ch3_4_constraints.mechanics.systems import differences
+
+HARD = 'solref="{} 1" solimp="0.9999 0.9999 0.001 0.5 2"'  # for a constraint; {} is two steps in s
+point = "{} {} {}".format  # (3,) as a file has it
+
+
+def started(system, model_of, constraint, dt, options=""):
+    """MuJoCo's model and data of a system at its start, for steps of dt s.
+
+    `model_of` is tendons or linkage, which return the model's parts, its coordinates and their
+    rates. `constraint` has the settings of its constraints.
+    """
+    import mujoco
+
+    parts, qpos, qvel = model_of(system, constraint)
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+        <option gravity="0 {c.GRAVITY[1]} 0" timestep="{dt}" {options}/>{parts}</mujoco>""")
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    return model, data
+
+
+def tendons(system, constraint):
+    """Particles that slide along each axis from where they start, and rods as tendons."""
+    slides = "".join(f'<joint type="slide" axis="{x}"/>' for x in ("1 0 0", "0 1 0", "0 0 1"))
+    bodies = ropes = equalities = ""
+    for k, anchor in enumerate(system["anchors"]):
+        bodies += f'<site name="s{-1 - k}" pos="{point(*anchor)}"/>'
+    for k, (q, m) in enumerate(zip(system["q0"], system["m"][:, 0], strict=True)):
+        bob = f'<inertial pos="0 0 0" mass="{m}" diaginertia="1 1 1"/><site name="s{k}"/>'
+        bodies += f'<body pos="{point(*q)}">{slides}{bob}</body>'
+    missing = system["lengths"] - c.rod_lengths(system, system["q0"])  # MuJoCo adds it to those
+    for k, (i, j) in enumerate(system["pairs"]):
+        ropes += f'<spatial name="t{k}"><site site="s{j}"/><site site="s{i}"/></spatial>'
+        equalities += f'<tendon tendon1="t{k}" polycoef="{missing[k]} 0 0 0 0" {constraint}/>'
+    parts = f"""<worldbody>{bodies}</worldbody>
+        <tendon>{ropes}</tendon><equality>{equalities}</equality>"""
+    return parts, 0.0, system["v0"].ravel()
+
+
+def linkage(system, constraint):
+    """A body for each rod of a plane system, hinged where its partner is; loops by `connect`.
+
+    A particle's mass is shared by the ends of the rods that meet in it, so that the whole moves as
+    the particles would.
+    """
+    pairs, lengths = system["pairs"], system["lengths"]
+    share = [m / sum(i in pair for pair in pairs) for i, m in enumerate(system["m"][:, 0])]
+    x, y, _ = differences(system["q0"], system["anchors"], pairs).T
+    x_dot, y_dot, _ = differences(system["v0"], 0.0 * system["anchors"], pairs).T
+    turns = np.array([np.arctan2(y, x), (x * y_dot - y * x_dot) / (x * x + y * y)]).T
+    first = {i: k for k, (i, _) in reversed([*enumerate(pairs)])}  # what bears a particle
+    state, equalities = [], []
+
+    def body(k, place, near, turn):
+        """Rod k along its own x axis, and the rods that hang on its end.
+
+        It begins at a place of the rod before it, which has that turn, with a mass `near`.
+        """
+        i, _ = pairs[k]
+        whole = near + share[i]
+        spread = max(near * share[i] / whole * lengths[k] ** 2, 1e-14)  # kg m^2
+        state.append(turns[k] - turn)
+        site, rest = f"s{i}", ""
+        if k != first[i]:
+            site = f"end{k}"
+            equalities.append(f'<connect site1="{site}" site2="s{i}" {constraint}/>')
+        else:
+            for other, (_, j) in enumerate(pairs):
+                if j == i:
+                    rest += body(other, f"{lengths[k]} 0 0", share[i], turns[k])
+        return f"""<body pos="{place}"><joint type="hinge" axis="0 0 1"/>
+            <inertial pos="{share[i] / whole * lengths[k]} 0 0" mass="{whole}"
+                diaginertia="1e-14 {spread} {spread}"/>
+            <site name="{site}" pos="{lengths[k]} 0 0"/>{rest}</body>"""
+
+    bodies = ""
+    for k, (_, j) in enumerate(pairs):
+        if j < 0:
+            bodies += body(k, point(*system["anchors"][-1 - j]), 0.0, np.zeros(2))
+    parts = f"<worldbody>{bodies}</worldbody><equality>{''.join(equalities)}</equality>"
+    return parts, *np.transpose(state)

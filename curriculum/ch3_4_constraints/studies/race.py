@@ -1,0 +1,112 @@
+"""How fast can it be?  Gauss's rule on rods beside heyoka's Taylor series in joint angles.
+
+The double pendulum for 5 s, to four errors. Both are compiled before, and take turns. Each has the
+setting that was the quickest of many within the error.
+"""
+
+import time
+from functools import partial
+from statistics import median
+
+import numpy as np
+
+import constraints as c
+from curriculum.ch3_4_constraints.studies.speed_vs_error import SCENES, distance, ours, reference
+from curriculum.common import cli
+from curriculum.common.gauss import collocation
+from curriculum.common.tracing import fori_loop, vmap
+
+SETTINGS = {  # m: stages, rounds and steps of Gauss's rule, and heyoka's tolerance
+    1e-3: (4, 5, 36, 1e-3),
+    1e-6: (6, 6, 46, 3e-6),
+    1e-9: (6, 6, 88, 1e-9),
+    1e-12: (6, 6, 138, 1e-11),
+}
+SYSTEM, SECONDS = c.build_system("double"), SCENES["double"]
+FREE = c.make_force(SYSTEM)
+G = -c.GRAVITY[1]  # m/s^2
+
+
+def racing_step(stages, rounds, q, v, a, dt):
+    """A step of Gauss's rule: q, v (N, 3), and a (stages N, 3), the accelerations of its stages.
+
+    They are iterated so many rounds, beginning with the polynomial of the step before (E. Hairer,
+    C. Lubich, G. Wanner, Geometric Numerical Integration, VIII.6).
+    """
+    nodes, b, once, twice = collocation(stages)
+    beyond = np.linalg.solve(np.vander(nodes).T, np.vander(1.0 + nodes).T).T  # to 1 + nodes
+
+    def summed(weights, a):
+        return (weights @ a.reshape(stages, -1)).reshape(q.shape)
+
+    def next_round(a, speeds, moves):
+        def stage(node, speed, move):
+            return FREE(q + node * dt * v + summed(move, a), v + summed(speed, a)) / SYSTEM["m"]
+
+        return vmap(stage)(nodes, dt * speeds, dt * dt * moves)
+
+    a = next_round(a, once @ beyond, twice @ beyond)
+    a = fori_loop(rounds - 1, lambda a: next_round(a, once, twice), a)
+    q = q + dt * v + summed(dt * dt * b * (1.0 - nodes), a)
+    return q, v + summed(dt * b, a), a.reshape(-1, 3)
+
+
+def gauss(stages, rounds):
+    """run(steps) -> seconds, q at the end; it begins as if the pendulum had coasted before."""
+    coasting = np.zeros((stages * len(SYSTEM["m"]), 3))
+    return ours(SYSTEM, SECONDS, partial(racing_step, stages, rounds), coasting)
+
+
+def heyoka(tol):
+    """run() -> seconds, q at the end, of heyoka, which chooses its steps.
+
+    It has Lagrange's equations in the rods' angles, in rad from +x. Rods are 1 m, bobs 1 kg.
+    """
+    import heyoka as hy
+
+    th1, th2, w1, w2 = hy.make_vars("th1", "th2", "w1", "w2")
+    sin, cos = hy.sin(th1 - th2), hy.cos(th1 - th2)
+    first = -sin * w2 * w2 - 2.0 * G * hy.cos(th1)
+    second = sin * w1 * w1 - G * hy.cos(th2)
+    share = 2.0 - cos * cos
+    a1, a2 = (first - cos * second) / share, (2.0 * second - cos * first) / share
+    equations = [(th1, w1), (th2, w2), (w1, a1), (w2, a2)]
+    flow = hy.taylor_adaptive(equations, np.zeros(4), tol=tol, fast_math=True)
+    x, y, _ = SYSTEM["q0"][0]  # both rods begin in line
+
+    def run():
+        flow.state[:] = np.arctan2(y, x), np.arctan2(y, x), 0.0, 0.0
+        clock = time.perf_counter()
+        flow.propagate_for(SECONDS)
+        took = time.perf_counter() - clock
+        angles = flow.state[:2]
+        rods = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+        return took, np.cumsum(rods, axis=0)
+
+    return run
+
+
+def main(argv=None):
+    """Race, and print who took how long."""
+    parser = cli.Parser(__doc__)
+    parser.add_argument("--quick", action="store_true", help="coarse: few turns")
+    args = parser.parse_args(argv)
+    turns = 25
+    if args.quick:
+        turns = 3
+        print("coarse: few turns")
+    known, _ = reference(SYSTEM, SECONDS)
+    for goal, (stages, rounds, steps, tol) in SETTINGS.items():
+        racers = partial(gauss(stages, rounds), steps), heyoka(tol)
+        for run in racers:
+            _, q = run()
+            if distance(q, known) > goal:
+                parser.error(f"a setting is no longer within {goal:g} m: change SETTINGS")
+        times = [], []
+        for _ in range(turns):
+            for run, mine in zip(racers, times, strict=True):
+                mine.append(1e6 * median(run()[0] for _ in range(20)))  # as caches allow
+        ours_us, theirs_us = map(median, times)
+        first = f"ours gauss({stages}), {rounds} rounds, {steps} steps: {ours_us:.1f} us"
+        second = f"heyoka tol {tol:.0e}: {theirs_us:.1f} us"
+        print(f"{goal:.0e} m  {first}  {second}  ratio {ours_us / theirs_us:.2f}")
