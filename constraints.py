@@ -11,14 +11,13 @@ force(q, v) for chapter 3.3's integrators, and measures how rods drift, what sto
 # --- region: setup ---
 import argparse
 import sys
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 # The lesson uses systems and Run (helpers), solve_loops (rods that close a loop), make_gauss (one
-# more integrator) and tracing (speed). The others handle scenes, flags, files and the table.
+# more integrator), find_reference (the true motion), tracing (speed); others: flags, files, table.
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems
 from curriculum.ch3_4_constraints.mechanics.loops import solve_loops
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference
@@ -51,19 +50,19 @@ def build_system(name, rng=0, links=10):
     A chain has rods of 1 m and bobs of 1 kg and starts at rest, nearly level. `rng`, a Generator or
     a seed, sets its tilt, and nothing else here is random. Raises SceneError.
     """
-    if name not in CHAINS and name != "chain":
+    if name not in CHAINS and name != "chain":  # a scene, from a file: skip it at first
         return scene_files.load_scene(name, GRAVITY, CHAINS)
     n = CHAINS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
-    along = systems.direction(-tilt)  # (cos, sin, 0): the unit vector along the chain
+    along = systems.direction(-tilt)  # (cos(-tilt), sin(-tilt), 0): along the chain
     system = {
-        "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,
+        "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,  # bob k is k + 1 m out
         "v0": np.zeros((n, 3)),
         "m": np.ones((n, 1)),
         "pairs": [(k, k - 1) for k in range(n)],  # rod 0 hangs on anchor -1
         "lengths": np.ones(n),
     }
-    return systems.check_system(system, PIVOT)
+    return systems.check_system(system, PIVOT)  # a checked copy
 
 
 def external_force(system, q, v=None):
@@ -72,9 +71,10 @@ def external_force(system, q, v=None):
 
 
 def rod_lengths(system, q):
-    """How long each rod is now, (C,) in m."""
-    d = systems.differences(q, system.get("anchors", [PIVOT]), system["pairs"])  # (C, 3)
-    return np.sqrt(np.sum(d * d, axis=1))
+    """How long each rod is, (..., C) in m, at q (..., N, 3): of one state or of many."""
+    anchors = system.get("anchors", [PIVOT])
+    rods = [q[..., i, :] - (anchors[-1 - j] if j < 0 else q[..., j, :]) for i, j in system["pairs"]]
+    return np.stack([np.sqrt(np.sum(d * d, axis=-1)) for d in rods], axis=-1)
 
 
 # --- endregion ---
@@ -84,11 +84,11 @@ def rod_lengths(system, q):
 # is its constraint, . being the dot product. Differentiate twice in time. With d_dot = v_i - v_j
 #     gdot  = d . d_dot                        = J v
 #     gddot = d . (a_i - a_j) + d_dot . d_dot  = J a + Jdot v
-# v and a now stack all particles: 3N numbers each. J has one row per rod: d in the three columns of
-# particle i, -d in those of its partner j (an anchor has none), 0 elsewhere. Jdot: d_dot for d.
+# v and a now stack all particles: 3N numbers each. J = dg/dq, the Jacobian, has a row per rod: d in
+# the columns of particle i, -d in those of j (an anchor has none), else 0. Jdot has d_dot for d.
 # A rod can only push or pull along d: lambda d on i, -lambda d on j. That is its row of J, as a
-# column, times lambda; the sum over all rods is J^T lambda. So there is one unknown number per rod,
-# lambda, in N/m, below 0 if it pulls. With masses M (a diagonal) and other forces f, Newton says
+# column, times lambda; all rods together: J^T lambda. One unknown per rod, lambda, its Lagrange
+# multiplier, in N/m, below 0 if it pulls. With masses M (a diagonal), other forces f, Newton says
 #     M a = f + J^T lambda
 # If g and gdot start at 0 and gddot stays 0, a rod keeps its length. Put a into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
@@ -98,7 +98,7 @@ def constraint_terms(system, q, v):
     rods = len(system["pairs"])
     anchors = system.get("anchors", [PIVOT])
     jac = np.zeros((rods, *q.shape), like=q)  # jac[k, i]: in row k, the columns of particle i
-    g, gdot, jdotv = np.zeros((3, rods), like=q)  # like=q: for speed; ignore it
+    g, gdot, jdotv = np.zeros((3, rods), like=q)  # (C,) each; like=q: for speed, ignore it
     for k, (i, j) in enumerate(system["pairs"]):
         if j < 0:  # an anchor, which stands still
             d = q[i] - anchors[-1 - j]
@@ -118,10 +118,10 @@ def constraint_terms(system, q, v):
 # nothing removes it. So ask that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, and t e^(-wt) fits, too. The spring
-# is critically damped, g = (c + k t) e^(-wt): an error dies, and does not oscillate.
+# is critically damped, g = (c + k t) e^(-wt): an error dies, but each step makes a new one.
 def constraint_equation(system, q, v, w=0.0, change=None):
-    """J, A and b of the rods' equation A lambda = b. Later methods edit it through `change`."""
-    m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x
+    """J, A and b of the rods' equation A lambda = b. `change` lets later methods edit A and b."""
+    m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
     f = external_force(system, q, v).ravel()
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
@@ -133,10 +133,10 @@ def constraint_equation(system, q, v, w=0.0, change=None):
 
 
 def solve(system, A, b, v=None, jac=None):
-    """lambda (C,) with A lambda = b."""
+    """lambda (C,) with A lambda = b. Only a loop needs v and jac: skip both at first."""
     if systems.has_loop(system):  # a loop may have a rod too many, and then A is singular
         return solve_loops(system, A, b, v, jac)
-    return np.linalg.solve(A, b)  # without one A is regular, unless a d is 0
+    return np.linalg.solve(A, b)  # without one J M^-1 J^T is regular, unless a d is 0
 
 
 def constraint_force(system, q, v, w=0.0, change=None):
@@ -147,7 +147,10 @@ def constraint_force(system, q, v, w=0.0, change=None):
 
 
 def make_force(system, w=0.0, change=None):
-    """All forces as one force(q, v), (N, 3) in N: integrators stay as they are."""
+    """All forces as one function force(q, v), (N, 3) in N: what an integrator calls.
+
+    Each call solves for lambda anew, and no integrator can tell: chapter 3.3's stay as they are.
+    """
 
     def force(q, v):
         return external_force(system, q, v) + constraint_force(system, q, v, w, change)
@@ -171,7 +174,7 @@ def euler_step(q, v, m, force, dt):
 
 
 def semi_implicit_step(q, v, m, force, dt):
-    """Semi-implicit Euler: order 1, one solve a step. Symplectic for force(q); ours needs v."""
+    """Semi-implicit Euler: order 1, one solve. Energy is bounded with project, not with none."""
     a = force(q, v) / m
     v_next = v + dt * a
     q_next = q + dt * v_next  # the new velocity, not the old one
@@ -205,31 +208,31 @@ INTEGRATORS = {
 # --- region: simulate ---
 def energy(system, q, v):
     """Kinetic + potential, in J. A rod's power is lambda d . d_dot = lambda gdot: 0 if gdot is."""
-    kinetic = 0.5 * np.sum(system["m"] * v * v)
-    potential = -np.sum(system["m"] * q * GRAVITY)
+    kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over N and 3; time stays
+    potential = -np.sum(system["m"] * q * GRAVITY, axis=(-2, -1))
     return kinetic + potential
 
 
 def constraint_violation(system, q):
     """The largest rod error in m, whatever its sign: the number to watch."""
-    return np.max(np.abs(rod_lengths(system, q) - system["lengths"]))
+    return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
 
 
 def simulate(step_fn, system, force, dt, steps):
-    """Take `steps` steps of dt s, and measure each state: how far rods are off, and the energy.
+    """Take `steps` steps of dt s from q0, v0, and measure every state: row k is of time k dt.
 
-    Returns a Run, with all q and v; unpack it as tip, violations, energies: the last particle's
-    path, (steps + 1, 3) in m, and for each state the rod error in m and the energy in J.
+    tip, violations, energies = simulate(...) works (m, m, J); as a Run it keeps q and v, too.
     """
-    step = compiled(step_fn, steps)  # read it as step_fn: only faster; nan where it fails
-    q, v = np.full((2, steps + 1, *system["q0"].shape), np.nan)
+    q = np.full((steps + 1, *system["q0"].shape), np.nan)  # (steps + 1, N, 3); nan: not reached
+    v = q.copy()
     q[0], v[0] = system["q0"], system["v0"]
+    step = compiled(step_fn, steps)  # step_fn (so with --plain), but faster; nan if it fails
     for i in range(steps):
         q[i + 1], v[i + 1] = step(q[i], v[i], system["m"], force, dt)
-    # read vmap(f)(q, v) as np.array([f(*x) for x in zip(q, v)]): only faster
-    violations = vmap(lambda q: constraint_violation(system, q))(q)
-    energies = vmap(lambda q, v: energy(system, q, v))(q, v)
-    return Run(system, dt, q, v, violations, energies, step)
+    tip = q[:, -1]  # the last particle's path
+    violations = constraint_violation(system, q)  # of all states at once: the first axis is time
+    energies = energy(system, q, v)
+    return Run(tip, violations, energies, system, dt, q, v, step)  # run.q, run.v: all states
 
 
 # --- endregion ---
@@ -238,9 +241,9 @@ class Stabilization(NamedTuple):
     """How a method holds the rods. Add yours to the dict below: table and page will show it."""
 
     w: float = 0.0  # Baumgarte's, in rad/s
-    change: Callable | None = None  # (A, b, g, gdot, jdotv) -> (A, b)
-    post_step: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v)
-    integrator: str | None = None  # the only one it works with
+    change: callable = None  # (A, b, g, gdot, jdotv) -> (A, b)
+    post_step: callable = None  # (system, q_start, q, v, dt) -> (q, v)
+    integrator: str = None  # the only one it works with
 
 
 def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
@@ -257,9 +260,9 @@ def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     def soft(A, b, g, gdot, jdotv):
         """Ask for a spring, but let the rod give, as the simulator MuJoCo lets tendons (its ropes).
 
-        For one rod A + R = A / p, so lambda is p times what b asks for. To hold a bob at rest, b
-        must be 1/p times as large, and only a stretch does that: (1 - p) t^2 9.81 m/s^2, by default
-        0.2 mm. As Jdot v is left out, swinging adds t^2 |d_dot|^2 / L: several mm.
+        For one rod A + R = A / p, so lambda is p times what b asks for. At rest that takes a
+        stretch of (1 - p) t^2 9.81 m/s^2, by default 0.2 mm. As Jdot v is left out, swinging adds
+        t^2 |d_dot|^2 / L: 8 mm for a rod that has fallen from level, as dt goes to 0.
         """
         p = impedance
         t = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
@@ -275,9 +278,7 @@ def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     }
 
 
-# If z = dt w is below these, Baumgarte's error dies: its factor per step, 1 - z (Euler) or 1 - z +
-# z^2/2 - z^3/6 + z^4/24 (RK4), is within -1..1. Semi-implicit Euler has two, with sum 2 - 2z - z^2
-# and product 1 - 2z; one is -1 if 0 = 1 + sum + product = 4 - 4z - z^2.
+# The dt w up to which Baumgarte's error dies while rods hardly turn; the chapter derives it.
 STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "rk4": 2.785294}
 
 
@@ -290,8 +291,8 @@ STABILITY_LIMIT = {"euler": 2.0, "semi_implicit": 2.0 * (np.sqrt(2.0) - 1.0), "r
 def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
-    SHAKE (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327) and RATTLE (H. Andersen, ibid. 52
-    (1983) 24). Fails if Newton has not converged in 20 rounds.
+    SHAKE moves q so (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327), and RATTLE v, too (H.
+    Andersen, ibid. 52 (1983) 24), but after a step without the rods' force.
     """
     m = np.repeat(system["m"], 3)
     jac_start, _, _, _ = constraint_terms(system, q_start, v)
@@ -326,7 +327,9 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# No new mechanics from here on. Read run_method (one run) and summary (its row); main prints.
+# No new mechanics; skip parse_args. For one method, without flags, and its worst rod error in m:
+#     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
+#     run.violations.max()  # summary has more such numbers, main prints them; table, output: words
 SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 THIS_FILE = sys.modules[__name__]  # for page and recording, which run it as you edited it
 
@@ -343,10 +346,10 @@ def parse_args(argv=None):
     add("--stabilization", choices=["all", *stabilizations(1.0)], default="all", help="all, or one")
     add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too large a w explodes")
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
-    add("--impedance", type=cli.number(1e-9, 1), default=0.95, help="of soft: 1 would be rigid")
+    add("--impedance", type=cli.number(1e-9, 1), default=0.95, help="of soft: no sag at rest if 1")
     add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift shows late")
-    add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
+    add("--smoke", dest="steps", action="store_const", const=SMOKE_STEPS, help="few, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--show-step", action="store_true", help="print the code that one step becomes")
     add("--device", choices=["cpu"], default="cpu", help="there is no other")
@@ -354,10 +357,8 @@ def parse_args(argv=None):
     add("--page", action=argparse.BooleanOptionalAction, default=True, help="write play.html")
     add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where to write")
     args = parser.parse_args(argv)
-    args.steps = SMOKE_STEPS if args.smoke else args.steps
     args.knobs = {key: getattr(args, key) for key in ("baumgarte", "time_constant", "impedance")}
-    methods = stabilizations(args.dt, **args.knobs)
-    fits = [name for name in methods if methods[name].integrator in (None, args.integrator)]
+    fits = [k for k, x in stabilizations(1.0).items() if x.integrator in (None, args.integrator)]
     if args.stabilization not in ("all", *fits):
         parser.error(f"argument --stabilization: {args.stabilization} is not for {args.integrator}")
     args.methods = fits if args.stabilization == "all" else [args.stabilization]
@@ -368,8 +369,8 @@ def parse_args(argv=None):
 
 
 def run_method(system, name, integrator, dt, steps, **knobs):
-    """The Run of a method by name; `knobs` are those of stabilizations."""
-    system = systems.check_system(system, PIVOT, external_force)  # a copy: edits stay in this run
+    """The Run of a method by name, on a copy of the system; `knobs` are those of stabilizations."""
+    system = systems.check_system(system, PIVOT, external_force, constraint_violation, energy)
     method = stabilizations(dt, **knobs)[name]
     step_fn = systems.checked_step(INTEGRATORS[integrator], integrator)
     force = make_force(system, method.w, method.change)
@@ -382,23 +383,22 @@ def summary(system, run, method, reference):
     def loads(q, v):  # the largest force of a rod in N, and the error of A lambda = b in m/s^2
         jac, A, b = constraint_equation(system, q, v, method.w, method.change)
         lam = solve(system, A, b, v, jac)
-        rods = len(system["pairs"])  # rods come first; skip rows that you add to J
+        rods = len(system["pairs"])  # they come first; skip rows that you add to J
         force = np.abs(lam[:rods]) * rod_lengths(system, q)
-        residual = np.abs(b - A @ lam)[:rods] / system["lengths"]
-        return np.max(force), np.max(residual)
+        return np.max(force), np.max(np.abs(b - A @ lam)[:rods] / system["lengths"])
 
-    forces, residuals = vmap(loads)(run.q, run.v)
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: energy begins near 0, so it sets no scale
+    forces, residuals = vmap(loads)(run.q, run.v)  # zip(*map(loads, run.q, run.v)), only faster
+    m_g_L = systems.m_g_L(system, GRAVITY)  # J: all m g times all L, as energy begins near 0
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         "energy_step_max": np.max(np.abs(np.diff(run.energies)), initial=0.0) / m_g_L,
-        "constraint_residual": np.max(residuals),  # m/s^2
+        "constraint_residual": np.max(residuals),  # m/s^2: rounding, unless A is singular
         "tension_max": np.max(forces),  # N
         "tip_final": run.tip[-1].tolist(),  # m
-        "error": reference.error(run.q),  # m, at the time of the reference
-        "stopped": run.stopped,  # when and why, if it did
+        "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
+        "stopped": run.stopped,  # when and why, if it ended early
     }
 
 
@@ -416,7 +416,8 @@ def main(argv=None):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
     methods = stabilizations(args.dt, **args.knobs)
-    # the reference: the same motion, far more accurate, held on its rods by project
+    # Rods may be right on a wrong path. So compare it with gauss in ever shorter steps, each put
+    # back onto the rods by project (`hold`), at the time in the heading: before chaos decides.
     hold = partial(stabilized, system=system, method=methods["project"])
     reference = find_reference(hold, make_force(system), system, runs.values())
     results = {name: summary(system, run, methods[name], reference) for name, run in runs.items()}
@@ -424,17 +425,16 @@ def main(argv=None):
     print("\n               rods off by      energy off   largest   from refer-    a step")
     print(f"method         worst    at end    of m g L  force, N{reference.at:>14}        us")
     for name, row in results.items():
-        if runs[name].lost:  # no numbers to show: say when and why
+        if runs[name].lost:  # it failed or diverged: say when and why
             table.say(f"{name:12}{row['stopped']}")
             continue
         worst = table.length(row["max_violation"])
         end = table.length(row["final_violation"])
         energy = table.per_cent(row["energy_rel_max"])
         error = table.error(row["error"], reference)
-        pull = f"{row['tension_max']:.3g}"
-        pace = f"{runs[name].pace:.3g}"
-        star = "*" if table.doubts(row, runs[name]) else ""
-        print(f"{name + star:12}{worst:>8}{end:>10}{energy:>12}{pull:>10}{error:>14}{pace:>10}")
+        star = "*" if table.doubts(row, runs[name]) else ""  # notes, below, say what to doubt
+        print(f"{name + star:12}{worst:>8}{end:>10}{energy:>12}{row['tension_max']:10.3g}", end="")
+        print(f"{error:>14}{runs[name].pace:10.3g}")
     table.notes(args, runs, results, reference, STABILITY_LIMIT)
     done = {name for name, run in runs.items() if not run.stopped}
     if args.system in CHAINS and args.steps >= SMOKE_STEPS and {"none", "baumgarte"} <= done:

@@ -336,9 +336,15 @@ def test_functions_of_ones_own_that_return_something_else_are_named(bobs, monkey
         monkeypatch.setitem(c.INTEGRATORS, "mine", wrong)
         with pytest.raises(c.systems.SceneError, match=r"^the shape of what mine returns is \["):
             c.run_method(system, "none", "mine", 0.005, 10)
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: c.GRAVITY)
-    with pytest.raises(c.systems.SceneError, match=r"external_force returns is \[3\]"):
-        c.run_method(system, "none", "rk4", 0.005, 10)
+    theirs = {
+        "external_force": lambda system, q, v: c.GRAVITY,
+        "energy": lambda system, q, v: np.sum(system["m"] * v * v),
+        "constraint_violation": lambda system, q: np.max(q),
+    }
+    for name, wrong in theirs.items():
+        with monkeypatch.context() as patch, pytest.raises(c.systems.SceneError, match=name):
+            patch.setattr(c, name, wrong)
+            c.run_method(system, "none", "rk4", 0.005, 10)
 
 
 @pytest.mark.parametrize("dt", [5e-3, 5e-5])

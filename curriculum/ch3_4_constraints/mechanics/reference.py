@@ -54,7 +54,7 @@ def find_reference(exact, force, system, runs):
     swing, turn = time_scales(system, force)
     last = min(steps, max(1, round(min(HORIZON, 20.0 * swing) / dt)))
     unknown = Reference(last, f"at {last * dt:.3g} s")
-    if any(run.step.edited or run.step.changed for run in runs):
+    if any(run.step.edited for run in runs):
         return unknown._replace(why="the loop edits what its steps take")
     if not all(run.step.is_compiled for run in runs):
         return unknown._replace(why="steps are not compiled, and it would take long")

@@ -15,14 +15,14 @@ class Run:
     last state before a step failed or diverged, or with the last that its loop has reached.
     """
 
-    def __init__(self, system, dt, q, v, violations, energies, step):
+    def __init__(self, tip, violations, energies, system, dt, q, v, step):
         far = FAR * np.sum(system["lengths"])
         good = np.isfinite(energies) & (violations < far)
         count = len(q) if good.all() else max(1, int(np.argmin(good)))
         self.dt, self.step = dt, step  # s; what compiled returned
         self.m, self.shortest = system["m"], np.min(system["lengths"])  # kg, m
         self.q, self.v = q[:count], v[:count]  # (count, N, 3) in m and m/s
-        self.tip = self.q[:, -1]  # (count, 3) in m: the last particle's path
+        self.tip = tip[:count]  # (count, 3) in m: the last particle's path
         self.violations, self.energies = violations[:count], energies[:count]  # (count,) in m, J
         self.pace = 1e6 * step.seconds / (len(q) - 1)  # us a step
         self.lost = self.stopped = None  # why there is no row for it; why it ended early

@@ -104,5 +104,5 @@ def parse_scene(data):
     systems.need(shown, "about", about, "text in characters that can be printed")
     bare = [k for k, rod in enumerate(rods) if "length" not in rod]
     return systems.check_system(
-        rows, None, None, FIT, lambda key, k: systems.COLUMNS[key][3].format(k), bare
+        rows, None, fit=FIT, name=lambda key, k: systems.COLUMNS[key][3].format(k), bare=bare
     )

@@ -97,12 +97,12 @@ def rod_parts(system, q):
     return [np.stack(x, axis=-2) for x in ((tail, right), (right, head), (head, farther))]
 
 
-def check_system(rows, pivot, external_force=None, fit=ROUGH, name="{}[{}]".format, bare=()):
+def check_system(rows, pivot, *functions, fit=ROUGH, name="{}[{}]".format, bare=()):
     """A system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
 
     `rows` is a dict of lists or arrays; `pivot` (3,) the anchor of one without. Lengths may be off
     by a share `fit`; those of the rods `bare` are measured. name(key, k) is what row k is called.
-    external_force(system, q, v), if given, must be of q's shape. Raises SceneError.
+    `functions`, if given, are those of check_functions. Raises SceneError.
     """
     system = {"anchors": [pivot], **rows}
     need({*COLUMNS} <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
@@ -151,10 +151,24 @@ def check_system(rows, pivot, external_force=None, fit=ROUGH, name="{}[{}]".form
     apart = "{:.9g} m, to {:g} %; that is how far apart its ends are"
     refuse("lengths", off, lambda k: apart.format(found[k], 100 * fit))
     system["pairs"] = list(zip(i.tolist(), j.tolist(), strict=True))
-    if external_force:
-        found = np.shape(external_force(system, q0, v0))
-        need(found == q0.shape, "the shape of what external_force returns", found, q0.shape)
+    if functions:
+        check_functions(system, *functions)
     return system
+
+
+def check_functions(system, external_force, constraint_violation, energy):
+    """Raise SceneError where one has a wrong shape, or does not measure each of several states."""
+    found = np.shape(external_force(system, system["q0"], system["v0"]))
+    need(found == system["q0"].shape, "the shape of external_force", found, system["q0"].shape)
+    scale = np.arange(1.0, 4.0)[:, None, None]
+    q, v = scale * (system["q0"] + 1.0), scale * (system["v0"] + 1.0)
+    measures = ("constraint_violation", constraint_violation, q), ("energy", energy, q, v)
+    for name, measure, *states in measures:
+        found = measure(system, *states)
+        each = [float(measure(system, *state)) for state in zip(*states, strict=True)]
+        right = np.shape(found) == (3,) and np.allclose(found, each, 1e-9, 0.0)
+        allowed = f"{each}: write q[..., i, :] for q[i], and sum over axis=(-2, -1)"
+        need(right, f"{name} of three states at once", found, allowed)
 
 
 def checked_step(step_fn, name):

@@ -42,7 +42,7 @@ def write(args, system, runs, results, reference, chapter):
     """Write the files that are asked for, remove those of an earlier run, and say so."""
     text = metrics(args, system, results, reference)
     files = {METRICS: text, PAGE: None, RECORDING: None}
-    edited = any(run.step.edited or run.step.changed for run in runs.values())
+    edited = any(run.step.edited for run in runs.values())
     left_out = {}
     if args.page and not all(run.step.is_compiled for run in runs.values()):
         left_out[PAGE] = "steps are not compiled"

@@ -1,7 +1,7 @@
 """compiled: a step that runs ahead of the loop around it."""
 
 import time
-from itertools import count, repeat
+from itertools import count, takewhile
 
 import numpy as np
 
@@ -12,10 +12,9 @@ from curriculum.common.tracing.tape import StepChanged, Untraceable, current
 from curriculum.common.tracing.trace import reason, several, split, trace_loop, work
 
 BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
-Array = np.ndarray
 FIRST, EVERY = 16, 2_000  # the steps that are compared: the first ones, then every so many-th
 FASTER = 8  # a stretch is so many times as long as the one before, and ends at a comparison
-LARGE = 1e100  # beyond, the step by its own lines shows how it diverges
+LARGE = 1e100  # a number beyond has diverged
 SAME, ROUNDING = 1e-9, 1e-15  # of what a step changes, and of a number: as sines may differ
 CHANGED = (
     "step {} gives something else than when it was compiled. What it reads beside its arguments "
@@ -29,27 +28,33 @@ class Step:
 
     By name: `how` steps are taken and whether that `is_compiled`, in how many `seconds` in all;
     the `source` of what is compiled; the `failure`, why a step had no finite result: it is NaN, and
-    so is all after it; `edited`, whether a state came in that had not gone out; and `changed`,
-    whether the others did.
+    so is all after it; and `edited`, whether a state came in that had not gone out, or new others.
     """
 
     def __init__(self, step, steps):
         self.step, self.steps = step, steps
         self.how, self.source, self.failure = "plain numpy", "", None
-        self.seconds, self.edited, self.changed = 0.0, False, False
+        self.seconds, self.edited = 0.0, False
         self.width, self.single = None, None  # how many arrays a state is; if it is one, by itself
         self.others, self.known = (), ()  # copies of those to compile with; their contents
+        self.many, self.tail = 0, np.zeros(0)  # first arguments, compared at once; others of them
+        self.look, self.rest = None, ()  # how to compare those after them, and with what
         self.run, self.compiles, self.builds = None, True, 0
         self.number, self.stretch = -1, 0  # of the last step; how many were computed at once
-        self.ahead, self.expected = iter(()), ()  # steps computed; contents of arguments to come
+        self.ahead, self.expected = iter(()), None  # steps computed; the bytes to come in
 
     @property
     def is_compiled(self):
         return self.compiles and self.run is not None
 
     def __call__(self, *arguments):
-        came = tuple([x.tobytes() if isinstance(x, Array) else x for x in arguments])  # `contents`
-        if came == self.expected and not current.plain:
+        many = self.many
+        try:
+            goes_on = b"".join(arguments[:many]) == self.expected and not current.plain
+        except TypeError:  # a float, or an array whose entries do not lie side by side
+            goes_on = False
+        rest = arguments[many:]
+        if goes_on and self.rest == (self.look(rest) if self.look else rest):
             for number, expected, state in self.ahead:  # the next, if there is one
                 self.number, self.expected = number, expected
                 return state
@@ -60,23 +65,21 @@ class Step:
         number, last, result = self.number + 1, self.steps - 1, None
         if self.width is None:
             result = self.by_its_own_lines(arguments)
-        state, came = arguments[: self.width], contents(arguments)
-        if not are_finite(state):
-            self.failure = self.failure or "a state that came in is not finite"
+        state, others = arguments[: self.width], arguments[self.width :]
+        if not in_range(state):
+            self.failure = self.failure or "a state that came in has diverged"
             return self.hand_out(number, nan_like(state))
-        goes_on = came[: self.width] == self.expected[: self.width]
-        changed = came[self.width :] != self.known
-        self.edited |= number > 0 and not goes_on
-        self.changed |= number > 0 and changed
+        goes_on = numbers([*state, self.tail]).tobytes() == self.expected
+        changed = contents(others) != self.known
+        self.edited |= number > 0 and (changed or not goes_on)
         if changed or self.run is None or not self.run.fits(state):
-            self.known, self.run = came[self.width :], None
-            self.others = list(map(copied, arguments[self.width :]))
+            self.know(others)
         compared = self.run is None or number < FIRST or number % EVERY == 0 or number == last
         ends = EVERY * (number // EVERY + 1), last, self.steps  # a comparison, or all that is asked
         end = number + 1 if number < FIRST else min(x for x in ends if x > number)
         self.stretch = min(FASTER * self.stretch if goes_on and self.run else 1, end - number)
         self.ahead = self.run_ahead(state, number)
-        self.number, self.expected, ahead = next(self.ahead, (number, (), None))
+        self.number, self.expected, ahead = next(self.ahead, (number, None, None))
         if ahead is not None and not compared:
             return ahead
         clock = time.perf_counter()
@@ -94,8 +97,16 @@ class Step:
         return self.hand_out(number, result)
 
     def hand_out(self, number, state):
-        self.number, self.expected = number, contents(state) + self.known
+        self.number, self.expected = number, numbers([*state, self.tail]).tobytes()
         return state[0] if self.single else state
+
+    def know(self, others):
+        """Note what to compile with. Arrays that come first are compared at once with the state."""
+        first = len([*takewhile(lambda x: getattr(x, "dtype", 0) == "float64", others)])
+        self.others, self.known = list(map(copied, others)), contents(others)
+        self.many, self.tail = self.width + first, np.frombuffer(b"".join(self.known[:first]))
+        arrays = any(isinstance(x, np.ndarray) for x in others[first:])
+        self.look, self.rest, self.run = contents if arrays else None, self.known[first:], None
 
     def run_ahead(self, state, number):
         """Compute a stretch: of each step its number, what comes next, state; none if it cannot."""
@@ -114,24 +125,26 @@ class Step:
         columns = [x[1:] for x in self.run(state, self.stretch)]
         self.seconds += self.run.seconds
         states = columns[0] if self.single else zip(*columns, strict=True)
-        seen = [x if x.ndim == 1 else map(Array.tobytes, x) for x in columns]
-        return zip(count(number), zip(*seen, *map(repeat, self.known), strict=False), states)
+        rows = self.run.rows[1:]
+        rows = np.concatenate([rows, np.tile(self.tail, (len(rows), 1))], axis=1)
+        expected = rows.view(f"V{8 * rows.shape[1]}").ravel().tolist()
+        return zip(count(number), expected, states)
 
     def by_its_own_lines(self, arguments):
-        """The arrays of the next state, as numpy computes them; NaN if they are not finite."""
+        """The arrays of the next state, as numpy computes them; NaN if one has diverged."""
         current.failure = None
         with np.errstate(all="ignore"):
             result = self.step(*map(copied, arguments))
         if self.width is None:
             self.width, self.single = len(several(result)), not isinstance(result, tuple | list)
         result = tuple(np.asarray(x, float)[()] for x in several(result))
-        if are_finite(result):
+        if in_range(result):
             return result
         self.failure = self.failure or current.failure or self.why(arguments, result)
         return nan_like(result)
 
     def why(self, arguments, result):
-        """Why its result is not finite, and where numpy first met what is not."""
+        """Why its result is not a state, and where numpy first met what is not a number."""
         try:
             with np.errstate(divide="raise", invalid="raise", over="raise", under="ignore"):
                 self.step(*map(copied, arguments))
@@ -164,8 +177,8 @@ def compiled(step, steps):
 class CompiledSteps:
     """run(state, steps, *knobs) -> columns, of step(*state, *others, *knobs) -> state.
 
-    The columns hold every state, from the first on, to where a step fails or numbers get LARGE. It
-    is machine code if so many `steps` repay that, for states that it `fits`. Raises Untraceable.
+    The columns hold every state, from the first on, to where a step fails or numbers get LARGE; so
+    do `rows`. It is machine code if `steps` repay that, for states it `fits`. Raises Untraceable.
     """
 
     def __init__(self, step, state, steps, knobs=0, others=()):
@@ -175,8 +188,9 @@ class CompiledSteps:
         self.exact = program.tape.signs.isdisjoint(LIBRARY)
         self.source = python.source_of(program)
         self.how, self.write = "machine code", None
-        if llvm.repays(work(program.tape, steps), self.source.count("\n")):
-            self.write = llvm.written(program)
+        operations = work(program.tape, steps)
+        if llvm.repays(operations, self.source.count("\n")):
+            self.write = llvm.written(program, operations)
         if self.write is None:
             self.how, self.write = "compiled to Python", python.written(self.source, loop.places)
 
@@ -184,8 +198,10 @@ class CompiledSteps:
         rows = np.full((steps + 1, self.mask.size), 0.0)  # touched now, not while it is timed
         rows[0] = numbers(state)
         done, self.seconds = self.write(np.append(rows[0, self.mask], knobs), rows[1:])
-        small = np.all(np.abs(rows[: done + 1]) < LARGE, axis=1)
-        return split(rows[: done + 1 if small.all() else np.argmin(small)], self.shapes)
+        self.rows = rows[: done + 1]
+        if not np.max(np.abs(self.rows)) < LARGE:
+            self.rows = rows[: np.argmin(np.all(np.abs(self.rows) < LARGE, axis=1))]
+        return split(self.rows, self.shapes)
 
     def fits(self, state):
         return list(map(np.shape, state)) == self.shapes and not numbers(state)[~self.mask].any()
@@ -204,8 +220,8 @@ def numbers(state):
     return np.concatenate([np.ravel(x) for x in state]).astype(float)
 
 
-def are_finite(arrays):
-    return all(np.isfinite(x).all() for x in arrays)
+def in_range(arrays):
+    return all(np.all(np.abs(x) < LARGE) for x in arrays)
 
 
 def nan_like(arrays):
@@ -214,9 +230,9 @@ def nan_like(arrays):
 
 def contents(arguments):
     """What arguments are compared by: the bytes of an array; what else there is, as it is."""
-    return tuple([x.tobytes() if isinstance(x, Array) else x for x in arguments])
+    return tuple([x.tobytes() if isinstance(x, np.ndarray) else x for x in arguments])
 
 
 def copied(x):
     """A copy of an array, which a step may edit, and whose sums are ordered if it is of floats."""
-    return viewed(x.copy()) if isinstance(x, Array) else x
+    return viewed(x.copy()) if isinstance(x, np.ndarray) else x

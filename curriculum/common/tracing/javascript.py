@@ -1,6 +1,7 @@
 """A program as JavaScript: a function of a Float64Array, with the bits of Python."""
 
 import re
+from functools import lru_cache
 
 from curriculum.common.tracing.python import Python
 
@@ -38,6 +39,7 @@ class JavaScript(Python):
         self.write("record")
 
 
+@lru_cache(16)  # a page asks first which steps are the same
 def javascript_of(program):
     """f(state, steps, record, ...knobs) of a program of arrays, all of whose numbers are `state`.
 

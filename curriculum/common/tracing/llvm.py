@@ -21,6 +21,7 @@ COMPARED = {"<": "olt", "<=": "ole"}
 INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "max": "maximum", "min": "minimum"}
 START, BUILD = 1_500_000, 2_000  # operations of Python that take as long as a build; and each line
 LONG = 10_000  # lines: more are not optimized, which takes seconds and grows as their square
+MANY = 100_000  # operations a line, so many repay that it is optimized to the full
 FAILED = []  # why llvmlite, though installed, cannot be used: it may be of another version
 
 
@@ -196,8 +197,8 @@ def assembly(program):
     return [head, *w.top, *w.lines, "}"]  # vectors on its stack do not cross lines of the cache
 
 
-def machine_code(lines):
-    """The function @run of lines in LLVM's language, optimized unless it is LONG."""
+def machine_code(lines, operations):
+    """The function @run of lines in LLVM's language, optimized as so many operations repay."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -207,11 +208,12 @@ def machine_code(lines):
         types = "double, double" if name in ("atan2", "pow") else "double"
         lines.append(f"declare double @c_{name}({types})")
         llvm.add_symbol(f"c_{name}", ctypes.cast(getattr(c, name), ctypes.c_void_p).value)
-    module, best = llvm.parse_assembly("\n".join(lines)), len(lines) <= LONG
+    module = llvm.parse_assembly("\n".join(lines))
+    level = 0 if len(lines) > LONG else 1 + (operations > MANY * len(lines))
     host = {"cpu": llvm.get_host_cpu_name(), "features": llvm.get_host_cpu_features().flatten()}
     target = llvm.Target.from_default_triple()
-    machine = target.create_target_machine(opt=2 * best, jit=True, **host)
-    if best:
+    machine = target.create_target_machine(opt=level, jit=True, **host)
+    if level == 2:
         options = llvm.create_pipeline_tuning_options(speed_level=1)
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(module, builder)
@@ -225,12 +227,12 @@ def machine_code(lines):
     return function
 
 
-def written(program):
+def written(program, operations):
     """write(numbers, rows) -> how many of the rows it has written, in how many s; None if llvmlite
     fails."""
     lines = assembly(program)
     try:
-        run = machine_code(lines)
+        run = machine_code(lines, operations)
     except Exception as why:
         FAILED.append(why)
         return None

@@ -13,21 +13,17 @@ FEW = 100  # states: for fewer a function is just called
 
 def vmap(function):
     """The function of many: of arrays with one axis more, in front, and so are those it returns."""
-    known = {}  # what is compiled, by which entries are not zero
 
     def mapped(*arrays):
         if current.plain or current.tape is not None or len(arrays[0]) < FEW:
             return one_by_one(function, arrays)
         arrays = [np.asarray(x, float) for x in arrays]
-        live = [np.any(x, axis=0) for x in arrays]
-        key = tuple((x.shape, x.tobytes()) for x in live)
         try:
-            if key not in known:
-                known[key] = compiled_map(function, live)
+            run = compiled_map(function, [np.any(x, axis=0) for x in arrays])
         except Untraceable:
             return one_by_one(function, arrays)
         with np.errstate(all="ignore"):
-            return one_or_several(known[key](arrays))
+            return one_or_several(run(arrays))
 
     return mapped
 
