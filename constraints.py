@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# The lesson uses systems and Run (helpers), solve_loops (rods that close a loop), make_gauss (one
-# more integrator), find_reference (the true motion), tracing (speed); others: flags, files, table.
+# All mechanics of chains is below; you need not open these. systems checks a system, Run keeps
+# states, solve_loops is for loops, find_reference to compare with, tracing for speed; rest: files.
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems
 from curriculum.ch3_4_constraints.mechanics.loops import solve_loops
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference
@@ -136,7 +136,7 @@ def solve(system, A, b, v=None, jac=None):
     """lambda (C,) with A lambda = b. Only a loop needs v and jac: skip both at first."""
     if systems.has_loop(system):  # a loop may have a rod too many, and then A is singular
         return solve_loops(system, A, b, v, jac)
-    return np.linalg.solve(A, b)  # without one J M^-1 J^T is regular, unless a d is 0
+    return np.linalg.solve(A, b)  # no loop: J M^-1 J^T is invertible, unless a d is 0
 
 
 def constraint_force(system, q, v, w=0.0, change=None):
@@ -174,7 +174,7 @@ def euler_step(q, v, m, force, dt):
 
 
 def semi_implicit_step(q, v, m, force, dt):
-    """Semi-implicit Euler: order 1, one solve. Energy is bounded with project, not with none."""
+    """Semi-implicit Euler: order 1, one solve. Rods spoil its bounded energy; project mends it."""
     a = force(q, v) / m
     v_next = v + dt * a
     q_next = q + dt * v_next  # the new velocity, not the old one
@@ -226,7 +226,7 @@ def simulate(step_fn, system, force, dt, steps):
     q = np.full((steps + 1, *system["q0"].shape), np.nan)  # (steps + 1, N, 3); nan: not reached
     v = q.copy()
     q[0], v[0] = system["q0"], system["v0"]
-    step = compiled(step_fn, steps)  # step_fn (so with --plain), but faster; nan if it fails
+    step = compiled(step_fn, steps)  # as step_fn, only faster; under --plain it is step_fn
     for i in range(steps):
         q[i + 1], v[i + 1] = step(q[i], v[i], system["m"], force, dt)
     tip = q[:, -1]  # the last particle's path
@@ -250,7 +250,7 @@ def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The methods by name, for steps of dt s; `baumgarte` in rad/s, `time_constant` in s."""
 
     def impulse(A, b, g, gdot, jdotv):
-        """Ask for J v_next = -g/dt: q + dt v_next is right to first order (E. Catto, GDC 2005).
+        """Ask for J v_next = -g/dt: q + dt v_next is right to first order (as E. Catto, GDC 2005).
 
         With v_next = v + dt a that is J a = -gdot/dt - g/dt^2; + jdotv undoes the -jdotv in b. Of
         ours, only semi_implicit moves q by dt v_next. A step leaves dt^2 |d_dot|^2 / 2 in g.

@@ -75,12 +75,12 @@ def test_no_run_is_lost_to_a_letter_that_a_console_lacks_or_to_how_python_is_sta
     assert metrics["system"] == scene.name  # and no folder of this machine
 
 
-ENDS = "raise OSError(28, 'no space left')", "raise StepChanged('from step 7 on')"
+ENDS = "OSError(28, 'no space left')", "StepChanged('step 7')", "argparse.ArgumentTypeError('m')"
 
 
 @pytest.mark.parametrize("error", ENDS)
 def test_what_ends_a_run_is_one_line_and_no_success(error):
-    code = f"from curriculum.common.cli import *; run_script(lambda: exec({error!r}))"
+    code = f"from curriculum.common.cli import *; run_script(lambda: exec('raise ' + {error!r}))"
     done = python("-c", code)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert done.stderr.startswith("error: ")

@@ -100,7 +100,7 @@ def run_script(main):
     warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: the table says what diverged
     try:
         sys.exit(main())
-    except (OSError, StepChanged) as why:  # such as a full disk; a force that has changed
+    except (OSError, StepChanged, argparse.ArgumentTypeError) as why:  # such as a full disk
         print(f"error: {why}", file=sys.stderr)
         sys.exit(2)
 

@@ -167,7 +167,7 @@ def check_functions(system, external_force, constraint_violation, energy):
         found = measure(system, *states)
         each = [float(measure(system, *state)) for state in zip(*states, strict=True)]
         right = np.shape(found) == (3,) and np.allclose(found, each, 1e-9, 0.0)
-        allowed = f"{each}: write q[..., i, :] for q[i], and sum over axis=(-2, -1)"
+        allowed = "those of each: q[..., i, :] for q[i], and sums over axis=(-2, -1)"
         need(right, f"{name} of three states at once", found, allowed)
 
 
