@@ -67,7 +67,7 @@ class Step:
             result = self.by_its_own_lines(arguments)
         state, others = arguments[: self.width], arguments[self.width :]
         if not in_range(state):
-            self.failure = self.failure or "a state that came in has diverged"
+            self.failure = self.failure or "a state that came in is not a number below 1e100"
             return self.hand_out(number, nan_like(state))
         goes_on = numbers([*state, self.tail]).tobytes() == self.expected
         changed = contents(others) != self.known
