@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 # All mechanics of chains is below; you need not open these. systems checks a system, Run keeps
-# states, solve_loops is for loops, find_reference to compare with, tracing for speed; rest: files.
+# states, solve_loops: rod loops; find_reference, make_gauss: to compare; tracing: speed; rest: I/O.
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems
 from curriculum.ch3_4_constraints.mechanics.loops import solve_loops
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference
@@ -80,7 +80,7 @@ def rod_lengths(system, q):
 # --- endregion ---
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i, and L its length. Then
-#     g = (d . d - L^2) / 2 = 0
+#     g = (d . d - L^2) / 2 = 0                  (squares: no root to differentiate)
 # is its constraint, . being the dot product. Differentiate twice in time. With d_dot = v_i - v_j
 #     gdot  = d . d_dot                        = J v
 #     gddot = d . (a_i - a_j) + d_dot . d_dot  = J a + Jdot v
@@ -133,7 +133,7 @@ def constraint_equation(system, q, v, w=0.0, change=None):
 
 
 def solve(system, A, b, v=None, jac=None):
-    """lambda (C,) with A lambda = b. Only a loop needs v and jac: skip both at first."""
+    """lambda (C,) with A lambda = b. In a loop v and jac make it more exact: skip both at first."""
     if systems.has_loop(system):  # a loop may have a rod too many, and then A is singular
         return solve_loops(system, A, b, v, jac)
     return np.linalg.solve(A, b)  # no loop: J M^-1 J^T is invertible, unless a d is 0
@@ -147,9 +147,9 @@ def constraint_force(system, q, v, w=0.0, change=None):
 
 
 def make_force(system, w=0.0, change=None):
-    """All forces as one function force(q, v), (N, 3) in N: what an integrator calls.
+    """external_force and the rods' as one force(q, v), (N, 3) in N: what an integrator calls.
 
-    Each call solves for lambda anew, and no integrator can tell: chapter 3.3's stay as they are.
+    The solve hides in here, anew at each call (RK4: four a step); chapter 3.3's stay as they are.
     """
 
     def force(q, v):
@@ -159,7 +159,7 @@ def make_force(system, w=0.0, change=None):
 
 
 def tensions(system, q, v, w=0.0, change=None):
-    """How hard each rod pulls, -lambda |d|, (C,) in N; below zero it pushes."""
+    """How hard each rod pulls, -lambda |d|, (C,) in N; below 0 it pushes. Skips rows added to J."""
     jac, A, b = constraint_equation(system, q, v, w, change)
     return -solve(system, A, b, v, jac)[: len(system["pairs"])] * rod_lengths(system, q)
 
@@ -174,7 +174,7 @@ def euler_step(q, v, m, force, dt):
 
 
 def semi_implicit_step(q, v, m, force, dt):
-    """Semi-implicit Euler: order 1, one solve. Rods spoil its bounded energy; project mends it."""
+    """Semi-implicit Euler: order 1, one solve. Rods' force needs v: energy drifts; see project."""
     a = force(q, v) / m
     v_next = v + dt * a
     q_next = q + dt * v_next  # the new velocity, not the old one
@@ -226,7 +226,7 @@ def simulate(step_fn, system, force, dt, steps):
     q = np.full((steps + 1, *system["q0"].shape), np.nan)  # (steps + 1, N, 3); nan: not reached
     v = q.copy()
     q[0], v[0] = system["q0"], system["v0"]
-    step = compiled(step_fn, steps)  # as step_fn, only faster; under --plain it is step_fn
+    step = compiled(step_fn, steps)  # step_fn, only faster; itself under --plain or `with plain():`
     for i in range(steps):
         q[i + 1], v[i + 1] = step(q[i], v[i], system["m"], force, dt)
     tip = q[:, -1]  # the last particle's path
@@ -349,7 +349,7 @@ def parse_args(argv=None):
     add("--impedance", type=cli.number(1e-9, 1), default=0.95, help="of soft: no sag at rest if 1")
     add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift shows late")
-    add("--smoke", dest="steps", action="store_const", const=SMOKE_STEPS, help="few, for CI")
+    add("--smoke", dest="steps", action="store_const", const=SMOKE_STEPS, help="%(const)s steps")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--show-step", action="store_true", help="print the code that one step becomes")
     add("--device", choices=["cpu"], default="cpu", help="there is no other")
