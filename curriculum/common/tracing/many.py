@@ -7,7 +7,7 @@ from curriculum.common.tracing.python import COLUMNS, Columns, function_of, sour
 from curriculum.common.tracing.tape import Untraceable, current
 from curriculum.common.tracing.trace import Program, one_or_several, side_by_side, split
 
-BLOCK = 4096  # states that are mapped at once: their columns stay in the cache
+BLOCK = 1024  # states that are mapped at once: their columns stay in the cache
 FEW = 100  # states: for fewer a function is just called
 
 
