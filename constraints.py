@@ -147,9 +147,9 @@ def constraint_force(system, q, v, w=0.0, change=None):
 
 
 def make_force(system, w=0.0, change=None):
-    """external_force and the rods' as one force(q, v), (N, 3) in N: what an integrator calls.
+    """external_force and the rods' as one force(q, v), (N, 3) in N. The solve hides in here.
 
-    The solve hides in here, anew at each call (RK4: four a step); chapter 3.3's stay as they are.
+    Integrators call it and stay as they were: each call solves for lambda anew (RK4: 4 a step).
     """
 
     def force(q, v):
@@ -174,7 +174,7 @@ def euler_step(q, v, m, force, dt):
 
 
 def semi_implicit_step(q, v, m, force, dt):
-    """Semi-implicit Euler: order 1, one solve. Rods' force needs v: energy drifts; see project."""
+    """Semi-implicit Euler: order 1, one solve. Energy drifts under none, not under project."""
     a = force(q, v) / m
     v_next = v + dt * a
     q_next = q + dt * v_next  # the new velocity, not the old one
@@ -223,11 +223,11 @@ def simulate(step_fn, system, force, dt, steps):
 
     tip, violations, energies = simulate(...) works (m, m, J); as a Run it keeps q and v, too.
     """
-    q = np.full((steps + 1, *system["q0"].shape), np.nan)  # (steps + 1, N, 3); nan: not reached
+    q = np.full((steps + 1, *system["q0"].shape), np.nan)  # (steps + 1, N, 3): all states
     v = q.copy()
     q[0], v[0] = system["q0"], system["v0"]
-    step = compiled(step_fn, steps)  # step_fn, only faster; itself under --plain or `with plain():`
-    for i in range(steps):
+    step = compiled(step_fn, steps)  # step_fn's numbers, faster; step_fn itself under --plain
+    for i in range(steps):  # if a step fails, the rest are nan, and run.stopped says why
         q[i + 1], v[i + 1] = step(q[i], v[i], system["m"], force, dt)
     tip = q[:, -1]  # the last particle's path
     violations = constraint_violation(system, q)  # of all states at once: the first axis is time
@@ -431,9 +431,9 @@ def main(argv=None):
             continue
         worst = table.length(row["max_violation"])
         end = table.length(row["final_violation"])
-        energy = table.per_cent(row["energy_rel_max"])
+        drift = table.per_cent(row["energy_rel_max"])
         star = "*" if table.doubts(row, runs[name]) else ""  # notes, below, say what to doubt
-        print(f"{name + star:12}{worst:>8}{end:>10}{energy:>12}{row['tension_max']:10.3g}", end="")
+        print(f"{name + star:12}{worst:>8}{end:>10}{drift:>12}{row['tension_max']:10.3g}", end="")
         print(f"{table.error(row['error'], reference):>14}{runs[name].pace:10.3g}")
     table.notes(args, runs, results, reference, STABILITY_LIMIT)
     done = {name for name, run in runs.items() if not run.stopped}
