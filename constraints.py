@@ -11,6 +11,7 @@ force(q, v) for chapter 3.3's integrators, and measures how rods drift, what sto
 # --- region: setup ---
 import argparse
 import sys
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -47,8 +48,7 @@ CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 def build_system(name, rng=0, links=10):
     """The system called `name`: one of CHAINS, "chain" with `links` rods, a scene or its file.
 
-    A chain has rods of 1 m and bobs of 1 kg and starts at rest, nearly level. `rng`, a Generator or
-    a seed, sets its tilt, and nothing else here is random. Raises SceneError.
+    Chains: rods of 1 m, bobs of 1 kg, at rest; `rng`, or a seed, tilts them. Raises SceneError.
     """
     if name not in CHAINS and name != "chain":  # a scene, from a file: skip it at first
         return scene_files.load_scene(name, GRAVITY, CHAINS)
@@ -241,9 +241,9 @@ class Stabilization(NamedTuple):
     """How a method holds the rods. Add yours to the dict below: table and page will show it."""
 
     w: float = 0.0  # Baumgarte's, in rad/s
-    change: callable = None  # (A, b, g, gdot, jdotv) -> (A, b)
-    post_step: callable = None  # (system, q_start, q, v, dt) -> (q, v)
-    integrator: str = None  # the only one it works with
+    change: Callable | None = None  # (A, b, g, gdot, jdotv) -> (A, b)
+    post_step: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v)
+    integrator: str | None = None  # the only one it works with
 
 
 def stabilizations(dt, baumgarte=20.0, time_constant=0.02, impedance=0.95):
@@ -327,9 +327,8 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# No new mechanics; skip parse_args. For one method, without flags, and its worst rod error in m:
+# No new mechanics; skip parse_args. One method, without flags; run.violations.max() is in m:
 #     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
-#     run.violations.max()  # summary has more such numbers, main prints them; table, output: words
 SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 THIS_FILE = sys.modules[__name__]  # for page and recording, which run it as you edited it
 
@@ -386,7 +385,8 @@ def summary(system, run, method, reference):
         lam = solve(system, A, b, v, jac)
         rods = len(system["pairs"])  # they come first; skip rows that you add to J
         force = np.abs(lam[:rods]) * rod_lengths(system, q)
-        return np.max(force), np.max(np.abs(b - A @ lam)[:rods] / system["lengths"])
+        residual = np.abs(b - A @ lam)[:rods] / system["lengths"]
+        return np.max(force), np.max(residual)
 
     forces, residuals = vmap(loads)(run.q, run.v)  # zip(*map(loads, run.q, run.v)), only faster
     m_g_L = systems.m_g_L(system, GRAVITY)  # J: all m g times all L, as energy begins near 0
