@@ -142,7 +142,7 @@ def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):
     found, system = figure(shown, "flat_pose"), c.build_system("peaucellier")
     click(found, "all five")
     click(found, "All 5 s")
-    for method in c.stabilizations(DT):
+    for method in c.make_methods(DT):
         x = c.run_method(system, method, "semi_implicit", DT, 1000).tip[:, 0]
         gone = np.abs(x - x[0]) > 0.05
         words = f"left its line at {np.argmax(gone) * DT:.1f} s" if gone.any() else "on its line"

@@ -51,7 +51,7 @@ def test_a_run_prints_the_courses_first_lines_and_what_metrics_json_and_python_h
     system = c.build_system("double", 3)
     exact = c.run_method(system, "project", "gauss", 0.01, 200).q[-1]  # at 2 s
     for name, found in metrics["results"].items():
-        method = c.stabilizations(0.005, impedance=0.5)[name]
+        method = c.make_methods(0.005, impedance=0.5)[name]
         done = c.run_method(system, name, "semi_implicit", 0.005, 800, impedance=0.5)
         pulls = partial(c.tensions, system, w=method.w, change=method.change)
         hardest = np.max(np.abs([*map(pulls, done.q, done.v)]))
@@ -74,7 +74,7 @@ def test_a_run_prints_the_courses_first_lines_and_what_metrics_json_and_python_h
 def test_what_a_reader_must_know_is_said_in_lines_that_fit_a_terminal(run, tmp_path):
     printed, metrics = run("--integrator rk4 --dt 0.1 --steps 40 --baumgarte 30", *BARE)
     assert max(map(len, printed.replace(str(tmp_path), "out").splitlines())) <= 80
-    assert metrics["results"].keys() == c.stabilizations(1.0).keys() - {"impulse"}
+    assert metrics["results"].keys() == c.make_methods(1.0).keys() - {"impulse"}
     said = " ".join(printed.split())
     assert "impulse is left out: it is not made for rk4" in said
     assert "baumgarte: dt w = 3 is past its limit 2.79" in said
@@ -97,8 +97,8 @@ def test_a_readers_own_row_is_in_all_files_and_fails_alone(run, tmp_path, monkey
         low = {"most": 5, "failure": "it is torn"}
         return c.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
 
-    usual, own = c.stabilizations, {"torn": c.Stabilization(post_step=torn)}
-    monkeypatch.setattr(c, "stabilizations", lambda *a, **k: usual(*a, **k) | own)
+    usual, own = c.make_methods, {"torn": c.Method(post_step=torn)}
+    monkeypatch.setattr(c, "make_methods", lambda *a, **k: usual(*a, **k) | own)
     printed, metrics = run("--system pendulum --steps 400")
     assert all(b"torn" in (tmp_path / name).read_bytes() for name in FILES)
     assert re.fullmatch(r"lost at [\d.]+ s: it is torn", *cells(printed, "torn"))

@@ -52,18 +52,18 @@ def test_steps_of_the_page_are_pythons_bits(name, integrator):
 
 @pytest.mark.parametrize("hand", [[1.0, -2.0, 0.0], [100.0, -2.0, 0.0]])
 def test_sliders_and_a_hand_pull_each_method_and_the_readers_own_as_a_force_would(hand):
-    system, rows, own = c.build_system("triple"), c.stabilizations, c.external_force
+    system, rows, own = c.build_system("triple"), c.make_methods, c.external_force
     knobs = {"baumgarte": 40.0, "time_constant": 0.05}
 
     def more(dt, *knobs, **named):
-        return rows(dt, *knobs, **named) | {"mine": c.Stabilization(w=0.5 / dt)}
+        return rows(dt, *knobs, **named) | {"mine": c.Method(w=0.5 / dt)}
 
     def pulled(system, q, v=None):  # by a damped spring, not harder than three times all weights
         pull = 50.0 * (np.array(hand) - q[1] - 0.1 * v[1])
         pull = pull * np.minimum(1.0, 30.0 * np.sum(system["m"]) / np.sqrt(pull @ pull))
         return own(system, q, v) + pull * np.array([[0.0], [1.0], [0.0]])
 
-    with patch.object(c, "stabilizations", more):
+    with patch.object(c, "make_methods", more):
         pulled_so = {"hand": hand[:2], "pulls": [0, 50, 0]}
         found = states(system, "semi_implicit", 100, dt=0.01, **pulled_so, **knobs)
         with patch.object(c, "external_force", pulled):

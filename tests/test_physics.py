@@ -16,7 +16,7 @@ from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, Reference
 from curriculum.ch3_4_constraints.results import table
 from curriculum.common.gauss import make_gauss
 
-METHODS = c.stabilizations(dt=0.005)
+METHODS = c.make_methods(dt=0.005)
 REFERENCE = json.loads((ROOT / "tests/reference.json").read_text(encoding="utf-8"))
 
 
@@ -363,7 +363,7 @@ def test_a_loop_by_hand_over_the_file_without_its_report_has_the_bits_of_a_run(n
     file = {"__file__": str(ROOT / "constraints.py"), "__name__": "generator"}
     exec(source[: source.index("# --- region: report ---")], file)
     hand, system = SimpleNamespace(**file), c.build_system("double")
-    w, change, *_ = method = hand.stabilizations(0.005)[name]
+    w, change, *_ = method = hand.make_methods(0.005)[name]
     step_fn = hand.stabilized(hand.INTEGRATORS[integrator], system, method)
     force = hand.make_force(system, w, change)
     run = c.run_method(system, name, integrator, 0.005, 20)
@@ -382,7 +382,7 @@ if "slow" in sys.argv:
     sys.modules["llvmlite"] = None
 import constraints as c
 from curriculum.common.tracing import plain
-every = [("windows", method, "semi_implicit") for method in c.stabilizations(dt=1.0)]
+every = [("windows", method, "semi_implicit") for method in c.make_methods(dt=1.0)]
 for name, *how in [*every, ("double", "project", "gauss")]:
     with plain("plain" in sys.argv):
         steps = 20 if "plain" in sys.argv else 4000

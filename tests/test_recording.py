@@ -35,7 +35,7 @@ def lost(tmp_path_factory):
 @pytest.mark.parametrize("name", ["none", "impulse", "soft", "project"])
 def test_particles_rods_and_curves_are_those_of_the_run_and_rod_errors_have_colours(name, lost):
     seen = chunks(RrdReader(str(lost)))
-    system, method = c.build_system("double"), c.stabilizations(0.05)[name]
+    system, method = c.build_system("double"), c.make_methods(0.05)[name]
     run = c.run_method(system, name, "semi_implicit", 0.05, 60)
     tile = {key.rpartition("/")[2]: x for key, x in seen.items() if f"/methods/{name}/" in key}
     assert np.allclose(tile["particles"]["seconds"], 0.05 * np.arange(61))

@@ -18,7 +18,7 @@ FENCED = re.compile(r"^```.*?^```$", re.S | re.M)
 def masked(text):
     """Text without what belongs to the machine: the times of tables, and the banner's."""
     text = re.sub(r"^(ch3\.4 constraints \| device cpu).*$", r"\1", text, flags=re.M)
-    rows = "|".join(c.stabilizations(dt=1.0))
+    rows = "|".join(c.make_methods(dt=1.0))
     return re.sub(rf"^((?:{rows})\b.*?) +[\d.e+-]+$", r"\1", text, flags=re.M)
 
 

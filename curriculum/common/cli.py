@@ -21,17 +21,6 @@ class WithDefaults(argparse.HelpFormatter):
         return f"{action.help} (%(default)s)"
 
 
-class Show(argparse.Action):
-    """A flag that prints const() and exits."""
-
-    def __init__(self, *names, **settings):
-        super().__init__(*names, nargs=0, **settings)
-
-    def __call__(self, parser, *_):
-        print(self.const())
-        parser.exit()
-
-
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is one line; its help begins with that of `text`."""
 
@@ -51,11 +40,12 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
     @contextlib.contextmanager
-    def errors(self):
+    def errors(self, what=""):
+        """A block whose errors end the program in a line, which begins with `what`."""
         try:
             yield
         except (OSError, argparse.ArgumentTypeError) as why:
-            self.error(str(why))
+            self.error(f"{what}{why}")
 
 
 def number(low, high=1e12, kind=float):

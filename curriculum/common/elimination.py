@@ -69,15 +69,15 @@ def components(pairs):
     return found
 
 
-def refined(times, near, diagonal, b, failure):
+def refined(A, near, b, failure):
     """x (n,) with A x = b, by iterative refinement.
 
-    times(x) is A x; near(b) solves for a matrix near A (n, n), whose diagonal is given. A round
-    solves for what is left of b. They end at 1e-15 of b, or with one that gains less than half.
+    near(b) solves for a matrix near A (n, n). A round solves for what is left of b. They end at
+    1e-15 of b, or with one that gains less than half.
     """
 
     def size(left):
-        return np.sum(left * (left / diagonal))
+        return np.sum(left * (left / np.diagonal(A)))
 
     def is_going(x, left, before):
         now = size(left)
@@ -85,8 +85,8 @@ def refined(times, near, diagonal, b, failure):
 
     def another(x, left, before):
         more = near(left)
-        return x + more, left - times(more), size(left)
+        return x + more, left - A @ more, size(left)
 
     enough, x = 1e-30 * size(b), near(b)
-    start = x, b - times(x), np.inf
+    start = x, b - A @ x, np.inf
     return while_loop(is_going, another, *start, most=ROUNDS, failure=failure)[0]

@@ -41,12 +41,13 @@ def distance(q, other):
     return float(np.nan_to_num(np.max(np.linalg.norm(q - other, axis=1)), nan=np.inf))
 
 
-def find_reference(exact, force, system, runs):
+def find_reference(system, force, project, runs):
     """The Reference for runs of a system: after HORIZON or, if they end sooner, at their end.
 
-    exact(step_fn) is a step of high order, held on its rods. The steps get shorter until two ends
-    agree, or until rounding keeps them apart. Gauss's rule halves a step whose stages do not
-    converge, so no count is twice the last one: both might be made of the same parts, and agree.
+    project(system, q_start, q, v, dt) puts the end of a step back onto the rods. The steps get
+    shorter until two ends agree, or until rounding keeps them apart. Gauss's rule halves a step
+    whose stages do not converge, so no count is twice the last one: both might be made of the same
+    parts, and agree.
     """
     q, v, rods = system["q0"], system["v0"], len(system["pairs"])
     dt, steps = next(run.dt for run in runs), max(1, max(len(run.q) for run in runs) - 1)
@@ -67,10 +68,10 @@ def find_reference(exact, force, system, runs):
     if len(counts) < 2:
         return unknown._replace(why=f"it would take more than {MOST // rods} steps")
 
-    step_fn = exact(make_gauss(8))
+    gauss = make_gauss(8)
 
     def step(q, v, dt):
-        return step_fn(q, v, system["m"], force, dt)
+        return project(system, q, *gauss(q, v, system["m"], force, dt), dt)
 
     try:
         run = CompiledSteps(step, [q, v], max(STEPS * rods, 8 * least), knobs=1)

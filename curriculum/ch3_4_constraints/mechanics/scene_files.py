@@ -23,14 +23,6 @@ FIT = 1e-6  # the share by which a length in it may differ from the distance of 
 SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("scenes/*.json"))}
 
 
-def listed(chains):
-    """The systems that have a name, a line each. `chains` {name: rods} have no file."""
-    told = {name: f"let go level, rods: {count}" for name, count in chains.items()}
-    told["chain"] = "let go level, rods: as --links says"
-    told |= {name: read_document(path)["about"] for name, path in SHIPPED.items()}
-    return "\n".join(f"{name:<16} {about}" for name, about in told.items())
-
-
 def load_scene(name, gravity, chains):
     """The system in the file `name`, or in the shipped scene of that name.
 
@@ -54,7 +46,7 @@ def load_scene(name, gravity, chains):
     except OSError as error:
         why = f"cannot be read: {error.strerror}"
     if why:
-        raise systems.SceneError(f"argument --system: {systems.shorten(repr(name))}: {why}")
+        raise systems.SceneError(f"{systems.shorten(repr(name))}: {why}")
     return system
 
 

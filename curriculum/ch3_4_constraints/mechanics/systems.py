@@ -33,13 +33,13 @@ class SceneError(ArgumentTypeError, ValueError):
     """A scene that cannot be run: its sentence names field and index, and what is allowed."""
 
 
-def direction(angle):
-    """(cos, sin, 0) of an angle in rad, a few turns at most: libm's depend on the processor."""
+def cos_sin(angle):
+    """cos and sin of an angle in rad, a few turns at most: libm's depend on the processor."""
     with localcontext(prec=50):  # for the series of exp(i angle), whose terms turn by i
         steps = (Decimal(angle) / k for k in range(1, 100))
         terms = list(accumulate(steps, mul, initial=Decimal(1)))
         cosine, sine = (sum(terms[k::4]) - sum(terms[k + 2 :: 4]) for k in (0, 1))
-        return np.array([float(cosine), float(sine), 0.0])
+        return float(cosine), float(sine)
 
 
 def shorten(text):

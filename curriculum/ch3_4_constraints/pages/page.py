@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
 from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
 from curriculum.ch3_4_constraints.results import palette
 from curriculum.common.tracing import Untraceable
@@ -84,9 +85,9 @@ def scene_of(chapter, system, integrator, knobs, measures):
         raise NoPage("gauss steps are too slow for a browser")
     if any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors")):
         raise NoPage("a page shows scenes in the plane z = 0 only")
-    every = chapter.stabilizations(**knobs)
+    every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
-    tracer = Tracer(chapter, system, integrator, knobs["impedance"])
+    tracer = Tracer(chapter, system, integrator)
     measures = {"energy": tracer.energy, "errors": tracer.errors, **measures}
     try:
         steps = {name: tracer.step(name) for name in rows}
@@ -98,6 +99,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     operations = {name: work(step.tape, 1) for name, step in steps.items()}
     for name, post in posts.items():  # in which a loop takes as many turns as it needs
         operations[name] += work(post.tape, 1)
+    limit = stability_limit(chapter.INTEGRATORS[integrator])
     first, same_step = {}, {}  # of methods whose steps are the same, the first one has it
     for name, step in steps.items():
         same_step[name] = first.setdefault(javascript_of(step), name)
@@ -108,7 +110,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "colors": {name: k % len(palette.METHODS) for k, name in enumerate(every)},
         "made_for": {name: row.integrator for name, row in every.items() if name not in rows},
         "knobs": {key: knobs[key] for key in KNOBS},
-        "limit": chapter.STABILITY_LIMIT.get(integrator),
+        "limit": limit if np.isfinite(limit) else None,
         "start": np.ravel([system["q0"], system["v0"]]).tolist(),
         "masses": system["m"].ravel().tolist(),
         "anchors": system["anchors"][:, :2].tolist(),
@@ -126,8 +128,8 @@ def scene_of(chapter, system, integrator, knobs, measures):
 class Tracer:
     """The chapter's functions of a scene, each as a Program."""
 
-    def __init__(self, chapter, system, integrator, impedance):
-        self.chapter, self.system, self.impedance = chapter, system, impedance
+    def __init__(self, chapter, system, integrator):
+        self.chapter, self.system = chapter, system
         self.step_fn = chapter.INTEGRATORS[integrator]
         self.live = np.broadcast_to([True, True, False], system["q0"].shape)  # z is always zero
 
@@ -139,20 +141,15 @@ class Tracer:
         """
 
         def step(q, v, dt, baumgarte, time_constant, x, y, *springs):
-            method = self.chapter.stabilizations(dt, baumgarte, time_constant, self.impedance)[name]
+            method = self.chapter.make_methods(dt, baumgarte, time_constant)[name]
             hand, m = np.array([x, y, 0.0], object), self.system["m"]
 
             def force(q, v):
                 pull = np.array(springs, object)[:, None] * (hand - q - DAMPING * v)
                 total = np.sum(pull, axis=0)  # the hand holds one particle, or none
                 pull = pull / np.maximum(1.0, np.sqrt(total @ total) / (HARDEST * np.sum(m)))
-                jac, _, _, _ = self.chapter.constraint_terms(self.system, q, v)
-
-                def pulled(A, b, *terms):
-                    b = b - jac @ np.ravel(pull / m)  # the hand is one of the other forces
-                    return method.change(A, b, *terms) if method.change else (A, b)
-
-                return self.chapter.make_force(self.system, method.w, pulled)(q, v) + pull
+                pulled = {**self.system, "load": self.system.get("load", 0.0) + pull}
+                return method.make_force(pulled)(q, v)
 
             return in_plane(self.step_fn(q, v, m, force, dt))
 
@@ -162,7 +159,7 @@ class Tracer:
         """What follows a step: of its end, its start, and KNOBS."""
 
         def post_step(q, v, q_start, dt, baumgarte, time_constant):
-            method = self.chapter.stabilizations(dt, baumgarte, time_constant, self.impedance)[name]
+            method = self.chapter.make_methods(dt, baumgarte, time_constant)[name]
             return in_plane(method.post_step(self.system, q_start, q, v, dt))
 
         return Program(post_step, *[self.live] * 3, knobs=len(KNOBS))

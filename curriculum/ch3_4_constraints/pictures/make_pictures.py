@@ -15,7 +15,7 @@ from curriculum.ch3_4_constraints.results.table import length
 FOLDER = Path(__file__).parent
 DT = 0.005  # s
 TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
-METHODS = {name: f"m{k}" for k, name in enumerate(c.stabilizations(DT))}  # and their colours
+METHODS = {name: f"m{k}" for k, name in enumerate(c.make_methods(DT))}  # and their colours
 run = partial(c.run_method, integrator="semi_implicit", dt=DT, steps=4000)
 STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
 text {{ font: 30px system-ui, sans-serif }}</style>"""

@@ -65,7 +65,7 @@ def record(args, system, runs, results, metrics, chapter):
 
 def fill(stream, args, system, runs, results, chapter):
     """Send runs to a stream of Rerun's, and how they are to be looked at."""
-    methods = chapter.stabilizations(args.dt, **args.knobs)
+    methods = chapter.make_methods(args.dt, **args.knobs)
     scale = m_g_L(system, chapter.GRAVITY)
     alive = [run for run in runs.values() if not run.stopped] or list(runs.values())
     seen = np.concatenate([nodes(run.q, system["anchors"]).reshape(-1, 3) for run in alive])
@@ -82,7 +82,7 @@ def fill(stream, args, system, runs, results, chapter):
         if run.stopped:
             clear = rr.Clear.columns(is_recursive=[True])
             send(stream, f"methods/{key}", seconds[-1:] + run.dt, clear)
-        pull = partial(chapter.tensions, system, w=methods[name].w, change=methods[name].change)
+        pull = partial(chapter.tensions, system, force=methods[name].make_force(system))
         curves = {
             "violation": np.log10(np.maximum(run.violations[shown], FLOOR)),
             "energy": (run.energies[shown] - run.energies[0]) / scale,

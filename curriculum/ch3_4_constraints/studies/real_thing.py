@@ -41,7 +41,7 @@ def gaps(system):
     import mujoco
 
     q, v, m = system["q0"], system["v0"], system["m"]
-    soft = c.stabilizations(DT)["soft"].change
+    soft = c.make_methods(DT)["soft"].change
     _, hard_A, _ = c.constraint_equation(system, q, v)
     jac, A, b = c.constraint_equation(system, q, v, change=soft)
     _, g, gdot, _ = c.constraint_terms(system, q, v)
@@ -101,7 +101,7 @@ def position_sweeps(system, q_start, q, v, dt):
 
 
 def method_of(damping, stiffness, regularization, post_step):
-    """A row as a Stabilization: J a = -damping gdot - stiffness g - regularization diag(A) lambda.
+    """A row as a Method: J a = -damping gdot - stiffness g - regularization diag(A) lambda.
 
     `damping` in 1/s, `stiffness` in 1/s^2.
     """
@@ -110,7 +110,7 @@ def method_of(damping, stiffness, regularization, post_step):
         R = regularization * np.diag(np.diag(A))
         return A + R, b + jdotv - damping * gdot - stiffness * g
 
-    return c.Stabilization(change=change, post_step=post_step)
+    return c.Method(change=change, post_step=post_step)
 
 
 def engines(h):

@@ -49,15 +49,15 @@ class Setting(NamedTuple):
 # --- steps: step(system, q, v, dt) -> q, v ---
 def by_name(name, step_fn, system, q, v, dt):
     """A step of a method by name, under an integrator."""
-    method = c.stabilizations(dt)[name]
-    force = c.make_force(system, method.w, method.change)
+    method = c.make_methods(dt)[name]
+    force = method.make_force(system)
     return c.stabilized(step_fn, system, method)(q, v, system["m"], force, dt)
 
 
 STEPS = {
     f"{integrator.removesuffix('_implicit')} {name}": partial(by_name, name, step_fn)
     for integrator, step_fn in c.INTEGRATORS.items()
-    for name, method in c.stabilizations(dt=1.0).items()
+    for name, method in c.make_methods(dt=1.0).items()
     if method.integrator in (None, integrator)
 } | {f"XPBD x{count}": partial(xpbd_step, substeps=count) for count in (1, 4, 20)}
 
