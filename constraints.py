@@ -1,24 +1,23 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
-A weight that is let go falls; on a rod it swings. How hard does the rod pull? Gravity is given, but
-this force must be solved for, each time an integrator asks. This file derives the linear system,
-hides it in force(q, v) for chapter 3.3's integrators, and measures how far rods drift, what stops
-the drift, and what that costs.
+A weight that is let go falls; on a rod it swings. How hard does the rod pull? Gravity is given. The
+rod's force is not: it must be solved for, anew each time an integrator calls force(q, v). This file
+derives the linear system, hides it in force(q, v) for chapter 3.3's integrators, and measures how
+far rods drift, what stops that, and what it costs.
 
     python constraints.py           a double pendulum, 20 s, with each method
     python constraints.py --help    what to change, and why you would
 """
 
 # --- region: setup ---
-import argparse
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 
-# All that the chapter is about stands below. From other files come:
+# All of the chapter is in this file. From others come:
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # scenes; their checks
 from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve_loops  # loops of rods
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
@@ -26,7 +25,7 @@ from curriculum.ch3_4_constraints.mechanics.reference import find_reference  # t
 from curriculum.ch3_4_constraints.results import output, table  # files; numbers with units
 from curriculum.common import cli, progress  # flags; a progress bar
 from curriculum.common.gauss import make_gauss  # a very accurate integrator
-from curriculum.common.tracing import compiled, plain, vmap, while_loop  # speed
+from curriculum.common.tracing import compiled, plain, vmap, while_loop  # same numbers, only faster
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
@@ -38,10 +37,10 @@ PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
 #     q0, v0   (N, 3)  where the particles start, in m, and their velocities, in m/s
 #     m        (N, 1)  their masses, in kg
 #     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, where j
-#                      is negative, to an anchor, which stands still: -1 is the first, -2 the next
+#                      is -1, to PIVOT, which stands still
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  where they stand, in m; without this key there is one, PIVOT
-#     load     (N, 3)  what else pulls at the particles, in N; without this key, nothing
+#     anchors  (K, 3)  if not PIVOT alone: what stands still, in m; j = -1 is the first, -2 the next
+#     load     (N, 3)  if there is one: what else pulls at the particles, in N
 # A state is q and v, (N, 3) each: positions in m and velocities in m/s, now.
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
@@ -49,16 +48,16 @@ CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 def build_system(name, rng=0, links=10):
     """The system called `name`: one of CHAINS, "chain" with `links` rods, a scene or its file.
 
-    Chains: rods of 1 m, bobs of 1 kg, at rest; `rng`, or a seed, tilts them. Raises SceneError.
+    A chain has rods of 1 m and bobs of 1 kg, at rest. `rng`, or a seed, picks its tilt.
     """
-    if name not in CHAINS and name != "chain":  # a scene: those are kept in files
+    n = links if name == "chain" else CHAINS.get(name)
+    if n is None:  # no chain
         return scene_files.load_scene(name, GRAVITY, CHAINS)
-    n = CHAINS.get(name, links)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
-    cosine, sine = systems.cos_sin(-tilt)  # np.cos and np.sin, but alike on every processor
+    cosine, sine = systems.cos_sin(-tilt)  # of np.cos the last digit depends on the processor
     along = np.array([cosine, sine, 0.0])
     system = {
-        "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,  # bob k is k + 1 m out
+        "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,  # bob 0 at 1 m, ...
         "v0": np.zeros((n, 3)),
         "m": np.ones((n, 1)),
         "pairs": [(k, k - 1) for k in range(n)],  # rod 0 hangs on anchor -1
@@ -68,12 +67,12 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """All forces but the rods', (N, 3) in N. Add drag, or a motor: energy does not count it."""
+    """All forces but the rods', (N, 3) in N. Add drag or a motor: energy will not count it."""
     return system["m"] * GRAVITY + system.get("load", 0.0)
 
 
 def rod_lengths(system, q):
-    """How long each rod is, (..., C) in m, at q (..., N, 3): of one state or of many."""
+    """How long each rod is, (..., C) in m, at q (..., N, 3): in one state or in each of many."""
     anchors = system.get("anchors", [PIVOT])
     lengths = []
     for i, j in system["pairs"]:
@@ -86,24 +85,27 @@ def rod_lengths(system, q):
 # --- endregion ---
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i, and L its length. Then
-#     g = (d . d - L^2) / 2 = 0                  (squares: no root to differentiate)
-# is its constraint, . being the dot product. Differentiate twice in time. With d_dot = v_i - v_j
-#     gdot  = d . d_dot                        = J v
-#     gddot = d . (a_i - a_j) + d_dot . d_dot  = J a + Jdot v
-# v and a now stack all particles: 3N numbers each. J = dg/dq, the Jacobian, has a row per rod: d in
-# the columns of i, -d in those of j (an anchor has none), else 0. Jdot is J with d_dot for d.
-# A rod can only push or pull along d: lambda d on i, -lambda d on j. So each rod adds lambda times
-# its row of J: together, J^T lambda. There is one unknown for each rod: its Lagrange multiplier
-# lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal) and all other forces
-# f, says
+#     g = (d . d - L^2) / 2 = 0             (squares: no root to differentiate; 1/2 cancels the 2)
+# is its constraint, . being the dot product. Differentiate twice in time, with d_dot = v_i - v_j:
+#     gdot  = d . d_dot
+#     gddot = d . (a_i - a_j) + d_dot . d_dot
+# Write v and a of all particles as columns of 3N numbers. Then gdot of all rods is J v: the matrix
+# J = dg/dq, the Jacobian, has a row per rod, with d in the columns of i, -d in those of j (PIVOT
+# has none), else 0. Jdot is J with d_dot for d. The second line becomes
+#     gddot = J a + Jdot v
+# A rod can only push or pull along d: lambda d on i, -lambda d on j. That is lambda times its row
+# of J, and J^T lambda summed over the rods. So each rod has one unknown, its Lagrange multiplier
+# lambda, in N/m: below 0 if it pulls. Newton, with masses M (a diagonal: each mass three times)
+# and all other forces f, says
 #     M a = f + J^T lambda
-# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. Put a into J a + Jdot v = 0:
+# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So gddot is to be 0, with
+# a = M^-1 (f + J^T lambda):
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and nothing unknown but lambda. That is the chapter.
-# Try it on a bob that hangs at rest from the pivot: J = (0, -L, 0), so L^2/m lambda = -9.81 L. The
-# rod's force J^T lambda is then (0, 9.81 m, 0): it bears the weight.
+# Try it on a bob of 2 kg that hangs at rest, 1 m below PIVOT. J = (0, -1, 0) and v = 0, so
+# lambda / 2 = -9.81. The rod's force J^T lambda is (0, 19.62, 0) N: it bears the weight.
 def constraint_terms(system, q, v):
-    """J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
+    """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
     anchors = system.get("anchors", [PIVOT])
     jac = []
     g = []
@@ -111,7 +113,7 @@ def constraint_terms(system, q, v):
     jdotv = []
     for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
         row = np.zeros_like(q)  # (N, 3): row[i] has the three columns of particle i
-        if j < 0:  # an anchor, which stands still
+        if j < 0:  # -1 is anchors[0], and so on: they stand still
             d = q[i] - anchors[-1 - j]
             d_dot = v[i]
         else:
@@ -126,21 +128,13 @@ def constraint_terms(system, q, v):
     return np.stack(jac), np.stack(g), np.stack(gdot), np.stack(jdotv)
 
 
-# J M^-1 J^T is symmetric and positive definite unless a rod is one too many, as where rods close a
-# loop: two rods can share a load in many ways.
-def solve(system, A, b, v=None):
-    """lambda (C,) with A lambda = b; in a loop one of many, which v helps to find."""
-    if systems.has_loop(system):
-        return solve_loops(system, A, b, v)
-    return np.linalg.solve(A, b)
-
-
-# gddot = 0 asks nothing of g and gdot. But a step of an integrator leaves the circle along a
-# tangent: semi_implicit, from rest, adds dt^2 |d_dot|^2 / 2 to g each time, and nothing removes it.
-# So ask that g move like a damped spring (J. Baumgarte, 1972):
+# gddot = 0 does not bring g and gdot back to 0. But each step goes straight, along a tangent of the
+# rod's circle: semi_implicit, from rest, adds dt^2 |d_dot|^2 / 2 to g each time, for good. So ask
+# that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
-# Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, and t e^(-wt) fits, too. The spring
-# is critically damped, g = (c + k t) e^(-wt): an error dies, but each step makes a new one.
+# Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, a double root: t e^(-wt) fits, too.
+# That is critical damping: less would overshoot, more would be slower. With w = 20 rad/s an error
+# dies in about 1/20 s, but each step makes a new one.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in N. `w` in rad/s: how fast an error in g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -149,12 +143,12 @@ def constraint_force(system, q, v, w=0.0):
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    lam = solve(system, A, b, v)
+    lam = solve(system, A, b, v)  # np.linalg.solve(A, b), unless rods close a loop
     return (jac.T @ lam).reshape(q.shape)
 
 
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in N: external_force and the rods'. The solve hides in here.
+    """force(q, v), (N, 3) in N: external_force plus the rods' force. The solve hides in here.
 
     Integrators call it and stay as they were: each call solves for lambda anew (RK4: 4 a step).
     """
@@ -165,15 +159,14 @@ def make_force(system, w=0.0):
     return force
 
 
-def tensions(system, q, v, force):
-    """How hard each rod pulls, -lambda |d|, (C,) in N; where it is below 0, the rod pushes.
-
-    The rods' part of force(q, v) is J^T lambda. If several lambda fit, this is the smallest.
-    """
-    jac, _, _, _ = constraint_terms(system, q, v)
-    rods_force = force(q, v) - external_force(system, q, v)
-    lam = least_squares(jac.T, rods_force.ravel())
-    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # of rods, if J has more rows
+# In chains and trees A is symmetric and positive definite. In a loop a rod may be one too many. A is
+# singular then, and many lambda fit, all with the same force J^T lambda. Or A is nearly singular,
+# in a flat pose that v leaves at once.
+def solve(system, A, b, v=None):
+    """lambda (C,) with A lambda = b."""
+    if systems.has_loop(system):
+        return solve_loops(system, A, b, v)
+    return np.linalg.solve(A, b)
 
 
 # --- endregion ---
@@ -186,10 +179,7 @@ def euler_step(q, v, m, force, dt):
 
 
 def semi_implicit_step(q, v, m, force, dt):
-    """Semi-implicit Euler, order 1: first the new velocity, then a step with that.
-
-    With the method `none` a pendulum's energy drifts; with `project` it does not.
-    """
+    """Semi-implicit Euler, order 1: first the new velocity, then a step with that."""
     a = force(q, v) / m
     v_next = v + dt * a
     q_next = q + dt * v_next  # the new velocity, not the old one
@@ -215,37 +205,48 @@ INTEGRATORS = {
     "euler": euler_step,
     "semi_implicit": semi_implicit_step,
     "rk4": rk4_step,
-    "gauss": make_gauss(8),  # order 16: very accurate and slow; not derived here
+    "gauss": make_gauss(8),  # order 16: accurate and slow, to compare with; not derived here
 }
 
 
 # --- endregion ---
 # --- region: simulate ---
 def energy(system, q, v):
-    """Kinetic and potential energy, in J, of one state or of many. Rods should not change it.
+    """Kinetic and potential energy, in J, of one state or of many.
 
-    The power of a rod is lambda d . d_dot = lambda gdot. It is 0 if gdot is 0.
+    Rods should not change it: the power of a rod is lambda d . d_dot = lambda gdot, and gdot is 0.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    force = system["m"] * GRAVITY + system.get("load", 0.0)  # does not depend on q
+    force = system["m"] * GRAVITY + system.get("load", 0.0)  # constant
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
 
 def constraint_violation(system, q):
-    """The largest rod error in m, whatever its sign: the number to watch."""
+    """The largest rod error, in m, whatever its sign."""
     return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
 
 
+def tensions(system, q, v, force):
+    """How hard each rod pulls, -lambda |d|, (C,) in N; where that is below 0, it pushes.
+
+    Under every method, the rods' part of force(q, v) is J^T lambda. If many fit: the smallest.
+    """
+    jac, _, _, _ = constraint_terms(system, q, v)
+    rods_force = force(q, v) - external_force(system, q, v)
+    lam = least_squares(jac.T, rods_force.ravel())
+    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rows that you add to J are last
+
+
+@dataclass
 class Run:
     """All states, and what was measured in each; unpacks to tip, violations, energies."""
 
-    def __init__(self, q, v, tip, violations, energies):
-        self.q = q  # (steps + 1, N, 3), in m
-        self.v = v  # (steps + 1, N, 3), in m/s
-        self.tip = tip  # (steps + 1, 3): the path of the last particle, in m
-        self.violations = violations  # (steps + 1,): the largest rod error, in m
-        self.energies = energies  # (steps + 1,), in J
+    q: np.ndarray  # (steps + 1, N, 3), in m
+    v: np.ndarray  # (steps + 1, N, 3), in m/s
+    tip: np.ndarray  # (steps + 1, 3): the path of the last particle, in m
+    violations: np.ndarray  # (steps + 1,): the largest rod error, in m
+    energies: np.ndarray  # (steps + 1,), in J
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -254,7 +255,7 @@ class Run:
 def simulate(step_fn, system, force, dt, steps):
     """Take `steps` steps of dt s from q0, v0, and measure every state: the Run."""
     m = system["m"]
-    q = np.full_like(system["q0"], np.nan, shape=(steps + 1, *system["q0"].shape))
+    q = np.full_like(system["q0"], np.nan, shape=(steps + 1, *system["q0"].shape))  # not yet known
     v = np.full_like(q, np.nan)
     q[0] = system["q0"]
     v[0] = system["v0"]
@@ -267,9 +268,11 @@ def simulate(step_fn, system, force, dt, steps):
 # --- endregion ---
 # --- region: methods ---
 # A method makes force(q, v), and it may do something after each step.
-# Game engines, and MuJoCo, treat J as constant during a step, so Jdot v is left out. They may also
-# let a rod give, as if it were elastic. With R, a share `softness` of A's diagonal, they ask for
-#     J a = -damping gdot - stiffness g - R lambda,   that is, they solve with A + R instead of A.
+# Game engines, and MuJoCo, treat J as constant during a step: they leave Jdot v out. And they may
+# let a rod give, in proportion to lambda. They ask for
+#     J a = -damping gdot - stiffness g - R lambda
+# where R is a share `softness` of A's diagonal. With M a = f + J^T lambda that is
+#     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
 def make_engine_force(system, damping, stiffness, softness=0.0):
     """force(q, v), (N, 3) in N, as engines have it; `damping` in 1/s, `stiffness` in 1/s^2."""
 
@@ -286,7 +289,8 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
     return force
 
 
-class Method(NamedTuple):
+@dataclass
+class Method:
     """How to hold the rods. Add yours to make_methods: table and page will show it."""
 
     make_force: Callable  # system -> force(q, v)
@@ -297,16 +301,14 @@ class Method(NamedTuple):
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The methods by name, for steps of dt s; `baumgarte` in rad/s, `time_constant` in s."""
-    spring = partial(make_force, w=baumgarte)
-
-    # impulse (E. Catto, GDC 2005) asks for J v_next = -g/dt: moving by dt v_next then takes g back
-    # to 0, up to dt^2 |d_dot|^2 / 2. As v_next = v + dt a, that is J a = -gdot/dt - g/dt^2. Of our
-    # integrators, only semi_implicit moves q by dt v_next.
+    # impulse (E. Catto, GDC 2005): a step takes g to g + dt J v_next, but for dt^2 |d_dot|^2 / 2.
+    # Let that be 0: J v_next = -g/dt. As v_next = v + dt a, that is J a = -gdot/dt - g/dt^2.
+    # Of our integrators, only semi_implicit moves q by dt v_next.
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's. For one rod it comes to J a = -2 gdot/T - g/T^2 + (1 - p) J M^-1 f. At rest
-    # that is 0, so the rod is (1 - p) T^2 9.81 m/s^2 = 0.2 mm too long. As Jdot v is left out,
-    # swinging adds T^2 |d_dot|^2 / L: 8 mm for a rod that has fallen from level.
+    # soft is MuJoCo's. For one rod A + R = A / p, so J a = -2 gdot/T - g/T^2 + (1 - p) J M^-1 f.
+    # At rest J a is 0, and the rod is (1 - p) T^2 9.81 m/s^2 = 0.2 mm too long.
+    # Swinging adds T^2 |d_dot|^2 / L, as Jdot v is left out: up to 8 mm after a fall from level.
     p = impedance
     T = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -317,27 +319,27 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     )
     return {
         "none": Method(make_force, "asks for gddot = 0: errors stay, and rods drift"),
-        "baumgarte": Method(spring, "adds a damped spring, which changes the energy"),
+        "baumgarte": Method(partial(make_force, w=baumgarte), "adds a damped spring to each rod"),
         "impulse": Method(impulse, "asks for the right next place", integrator="semi_implicit"),
         "soft": Method(soft, "lets a rod give, as MuJoCo does"),
         "project": Method(make_force, "puts q and v back after each step", project),
     }
 
 
-# project takes the end of a step and puts it back onto the rods. It moves q along the directions
-# that the rods had at the start, as rods push: by -M^-1 J_start^T mu, with mu such that g = 0. As
-# dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
+# project takes the end of a step and puts it back onto the rods. During the step a rod's force has
+# the rod's direction at the start. So has the correction: q moves by -M^-1 J_start^T mu, with mu
+# such that g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
 #     J M^-1 J_start^T dmu = g
-# v gains the move of q over dt. Finally v loses what would change a rod's length:
+# Where q moves by dq, v was wrong by dq / dt. Last, v loses what would change a rod's length:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). There the step before has no rods' force; here it has.
+    v, too (H. Andersen, ibid. 52 (1983) 24). Their step has no rods' force. Ours has: mu is small.
     """
     m = np.repeat(system["m"], 3)
-    jac_start, _, _, _ = constraint_terms(system, q_start, v)
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J alone, in which v has no part
     tolerance = systems.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
 
     def is_off(q):
@@ -349,7 +351,7 @@ def project(system, q_start, q, v, dt):
         dmu = solve(system, (jac / m) @ jac_start.T, g)
         return q - (jac_start.T @ dmu / m).reshape(q.shape)
 
-    # while is_off(q): q = newton(q), at most 20 times, in the form that JAX has, which compiles
+    # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
     end = while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
@@ -393,8 +395,8 @@ def parse_args(argv=None):
     add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--device", choices=["cpu"], default="cpu", help="there is no other")
-    add("--rerun", action=argparse.BooleanOptionalAction, default=True, help="write a recording")
-    add("--page", action=argparse.BooleanOptionalAction, default=True, help="write play.html")
+    add("--rerun", action=cli.Switch, default=True, help="write a recording")
+    add("--page", action=cli.Switch, default=True, help="write play.html")
     add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where to write")
     args = parser.parse_args(argv)
     args.steps = SMOKE_STEPS if args.smoke else args.steps
@@ -423,7 +425,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 def summary(system, run, method, reference):
     """What metrics.json says of a run."""
     pull = partial(tensions, system, force=method.make_force(system))
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: all m g times all L, as energy begins near 0
+    m_g_L = systems.m_g_L(system, GRAVITY)  # J: a scale, as energy begins near 0
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
@@ -439,7 +441,7 @@ def summary(system, run, method, reference):
 def print_table(args, runs, results, reference):
     """Print a row for each method, and what there is to doubt."""
     table.title(args, runs)
-    print("\n               rods off by      energy off   largest   from refer-    a step")
+    print("\n               rods off by      energy off   largest    places off    a step")
     print(f"method         worst    at end    of m g L  force, N{reference.at:>14}        us")
     for name, row in results.items():
         if runs[name].lost:  # it failed or diverged: say when and why
@@ -469,8 +471,8 @@ def main(argv=None):
         for name in progress.each(args.methods, always=args.plain):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Right rods can follow a wrong path. So compare with gauss and project in ever shorter
-        # steps, at a time before chaos takes over.
+        # Right rods can follow a wrong path. So compare places with the same motion by gauss and
+        # project, in shorter and shorter steps until it settles, at a time before chaos has spread.
         reference = find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)

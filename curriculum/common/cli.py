@@ -11,6 +11,7 @@ from pathlib import Path
 
 from curriculum.common.tracing.tape import StepChanged
 
+Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
 LIBRARY = "curriculum/common/", "site-packages", "<"  # whose lines are not the reader's
 
 
