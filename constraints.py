@@ -51,7 +51,7 @@ def build_system(name, rng=0, links=10):
     A chain has rods of 1 m and bobs of 1 kg, at rest. `rng`, or a seed, picks its tilt.
     """
     n = links if name == "chain" else CHAINS.get(name)
-    if n is None:  # no chain
+    if n is None:  # not a chain: a scene, from a file
         return scene_files.load_scene(name, GRAVITY, CHAINS)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
     cosine, sine = systems.cos_sin(-tilt)  # of np.cos the last digit depends on the processor
@@ -159,9 +159,9 @@ def make_force(system, w=0.0):
     return force
 
 
-# In chains and trees A is symmetric and positive definite. In a loop a rod may be one too many. A is
-# singular then, and many lambda fit, all with the same force J^T lambda. Or A is nearly singular,
-# in a flat pose that v leaves at once.
+# In chains and trees A is symmetric and positive definite. In a loop a rod may be one too many: A is
+# singular, and many lambda fit, all with the same force J^T lambda. In a flat pose, which v leaves
+# at once, A is nearly singular.
 def solve(system, A, b, v=None):
     """lambda (C,) with A lambda = b."""
     if systems.has_loop(system):
