@@ -1,9 +1,9 @@
 """Chapter 3.4 - Constraints: the force that keeps a rod a rod.
 
 A weight that is let go falls; on a rod it swings. How hard does the rod pull? Gravity is given. The
-rod's force is not: it must be solved for, anew each time an integrator calls force(q, v). This file
-derives the linear system, hides it in force(q, v) for chapter 3.3's integrators, and measures how
-far rods drift, what stops that, and what it costs.
+rod's force is not: we solve for it each time an integrator calls force(q, v). This file derives the
+linear system, hides it in force(q, v) for chapter 3.3's integrators, and measures how far rods
+drift, what stops the drift, and what that costs.
 
     python constraints.py           a double pendulum, 20 s, with each method
     python constraints.py --help    what to change, and why you would
@@ -17,8 +17,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-# All of the chapter is in this file. From others come:
-from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # scenes; their checks
+# The mechanics of chains is all in this file. Imported are:
+from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # load and check systems
 from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve_loops  # loops of rods
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference  # the true motion
@@ -36,11 +36,11 @@ PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
 # A system is a dict of N particles, C rods and K anchors:
 #     q0, v0   (N, 3)  where the particles start, in m, and their velocities, in m/s
 #     m        (N, 1)  their masses, in kg
-#     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, where j
-#                      is -1, to PIVOT, which stands still
+#     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, if j is
+#                      -1, to PIVOT, which stands still
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  if not PIVOT alone: what stands still, in m; j = -1 is the first, -2 the next
-#     load     (N, 3)  if there is one: what else pulls at the particles, in N
+#     anchors  (K, 3)  optional: fixed points, in m, for PIVOT; j = -1 is the first, -2 the next
+#     load     (N, 3)  optional: another constant force on each particle, in newtons
 # A state is q and v, (N, 3) each: positions in m and velocities in m/s, now.
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
@@ -54,7 +54,7 @@ def build_system(name, rng=0, links=10):
     if n is None:  # not a chain: a scene, from a file
         return scene_files.load_scene(name, GRAVITY, CHAINS)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
-    cosine, sine = systems.cos_sin(-tilt)  # of np.cos the last digit depends on the processor
+    cosine, sine = systems.cos_sin(-tilt)  # the last digit of np.cos depends on the processor
     along = np.array([cosine, sine, 0.0])
     system = {
         "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,  # bob 0 at 1 m, ...
@@ -67,7 +67,7 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """All forces but the rods', (N, 3) in N. Add drag or a motor: energy will not count it."""
+    """Every force but the rods', (N, 3) in newtons. Add drag or a motor: energy leaves it out."""
     return system["m"] * GRAVITY + system.get("load", 0.0)
 
 
@@ -76,7 +76,7 @@ def rod_lengths(system, q):
     anchors = system.get("anchors", [PIVOT])
     lengths = []
     for i, j in system["pairs"]:
-        end = anchors[-1 - j] if j < 0 else q[..., j, :]
+        end = anchors[-1 - j] if j < 0 else q[..., j, :]  # j = -1 is anchors[0], and so on
         d = q[..., i, :] - end
         lengths.append(np.sqrt(np.sum(d * d, axis=-1)))
     return np.stack(lengths, axis=-1)
@@ -85,25 +85,25 @@ def rod_lengths(system, q):
 # --- endregion ---
 # --- region: constraints ---
 # Let d be the vector along a rod, from its partner j to its particle i, and L its length. Then
-#     g = (d . d - L^2) / 2 = 0             (squares: no root to differentiate; 1/2 cancels the 2)
+#     g = (d . d - L^2) / 2 = 0            (squares: no root to differentiate; 1/2 cancels the 2)
 # is its constraint, . being the dot product. Differentiate twice in time, with d_dot = v_i - v_j:
 #     gdot  = d . d_dot
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
-# Write v and a of all particles as columns of 3N numbers. Then gdot of all rods is J v: the matrix
-# J = dg/dq, the Jacobian, has a row per rod, with d in the columns of i, -d in those of j (PIVOT
-# has none), else 0. Jdot is J with d_dot for d. The second line becomes
+# Stack v and a of all particles into vectors of 3N numbers. Then gdot of all rods is J v. J, dg/dq,
+# the Jacobian, has a row per rod: d in the three columns of i, -d in those of j (PIVOT has none), 0
+# elsewhere. Jdot is J with d_dot in place of d. So the last line reads
 #     gddot = J a + Jdot v
-# A rod can only push or pull along d: lambda d on i, -lambda d on j. That is lambda times its row
-# of J, and J^T lambda summed over the rods. So each rod has one unknown, its Lagrange multiplier
-# lambda, in N/m: below 0 if it pulls. Newton, with masses M (a diagonal: each mass three times)
-# and all other forces f, says
+# A rod only pushes or pulls along d: lambda d on i, -lambda d on j. That is lambda times its row of
+# J; all rods together give J^T lambda. So each rod has one unknown, its Lagrange multiplier lambda,
+# in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal: each mass three times) and
+# all other forces f, says
 #     M a = f + J^T lambda
-# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So gddot is to be 0, with
-# a = M^-1 (f + J^T lambda):
+# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So put a = M^-1 (f + J^T
+# lambda) into J a + Jdot v = 0:
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
-# As many equations as rods, and nothing unknown but lambda. That is the chapter.
-# Try it on a bob of 2 kg that hangs at rest, 1 m below PIVOT. J = (0, -1, 0) and v = 0, so
-# lambda / 2 = -9.81. The rod's force J^T lambda is (0, 19.62, 0) N: it bears the weight.
+# As many equations as rods, and only lambda is unknown. That is the chapter.
+# Try it: a bob of 2 kg passes 1 m below PIVOT at 3 m/s. J = (0, -1, 0) and Jdot v = 9 m^2/s^2, so
+# lambda / 2 = -9.81 - 9. J^T lambda is (0, 37.62, 0) N: its weight, 19.62, and m v^2 / L = 18.
 def constraint_terms(system, q, v):
     """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
     anchors = system.get("anchors", [PIVOT])
@@ -128,15 +128,15 @@ def constraint_terms(system, q, v):
     return np.stack(jac), np.stack(g), np.stack(gdot), np.stack(jdotv)
 
 
-# gddot = 0 does not bring g and gdot back to 0. But each step goes straight, along a tangent of the
-# rod's circle: semi_implicit, from rest, adds dt^2 |d_dot|^2 / 2 to g each time, for good. So ask
-# that g move like a damped spring (J. Baumgarte, 1972):
+# gddot = 0 leaves an error in g as it is, and steps make errors. semi_implicit goes straight, along
+# the tangent of the rod's circle: from rest, every step adds dt^2 |d_dot|^2 / 2 to g, with the new
+# d_dot. So ask that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, a double root: t e^(-wt) fits, too.
 # That is critical damping: less would overshoot, more would be slower. With w = 20 rad/s an error
-# dies in about 1/20 s, but each step makes a new one.
+# is down to 1 % after 1/3 s, but each step makes a new one.
 def constraint_force(system, q, v, w=0.0):
-    """The rods' force J^T lambda, (N, 3) in N. `w` in rad/s: how fast an error in g dies."""
+    """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets the spring on g."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
     f = external_force(system, q, v).ravel()
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
@@ -148,9 +148,9 @@ def constraint_force(system, q, v, w=0.0):
 
 
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in N: external_force plus the rods' force. The solve hides in here.
+    """force(q, v), (N, 3) in newtons: external_force plus the rods'. The solve hides in here.
 
-    Integrators call it and stay as they were: each call solves for lambda anew (RK4: 4 a step).
+    Integrators need no change. Each call solves for lambda anew: in RK4 four times a step.
     """
 
     def force(q, v):
@@ -159,9 +159,9 @@ def make_force(system, w=0.0):
     return force
 
 
-# In chains and trees A is symmetric and positive definite. In a loop a rod may be one too many: A is
-# singular, and many lambda fit, all with the same force J^T lambda. In a flat pose, which v leaves
-# at once, A is nearly singular.
+# Without loops A is symmetric and positive definite. A loop may have a rod too many: then A is
+# singular, and if one lambda fits, many do, all with the same force J^T lambda. (For poses in which
+# a loop lies flat, solve_loops takes v, too.)
 def solve(system, A, b, v=None):
     """lambda (C,) with A lambda = b."""
     if systems.has_loop(system):
@@ -171,9 +171,9 @@ def solve(system, A, b, v=None):
 
 # --- endregion ---
 # --- region: integrators ---
-# The first three are chapter 3.3's, to the letter: (q, v, m, force, dt) -> (q, v), in m and m/s.
+# The first three are chapter 3.3's, word for word: (q, v, m, force, dt) -> (q, v), in m and m/s.
 def euler_step(q, v, m, force, dt):
-    """Explicit Euler, order 1: all is evaluated at the old state. A pendulum gains energy."""
+    """Explicit Euler, order 1: everything at the old state. It adds energy to a pendulum."""
     a = force(q, v) / m
     return q + dt * v, v + dt * a
 
@@ -212,12 +212,12 @@ INTEGRATORS = {
 # --- endregion ---
 # --- region: simulate ---
 def energy(system, q, v):
-    """Kinetic and potential energy, in J, of one state or of many.
+    """Kinetic plus potential energy, in J, of one state or of many.
 
-    Rods should not change it: the power of a rod is lambda d . d_dot = lambda gdot, and gdot is 0.
+    Rods should not change it: a rod's power is lambda d . v_i - lambda d . v_j = lambda gdot = 0.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    force = system["m"] * GRAVITY + system.get("load", 0.0)  # constant
+    force = system["m"] * GRAVITY + system.get("load", 0.0)  # drag has no potential
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
@@ -228,19 +228,19 @@ def constraint_violation(system, q):
 
 
 def tensions(system, q, v, force):
-    """How hard each rod pulls, -lambda |d|, (C,) in N; where that is below 0, it pushes.
+    """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
 
-    Under every method, the rods' part of force(q, v) is J^T lambda. If many fit: the smallest.
+    The rods' part of force(q, v) is J^T lambda. If many lambda fit, this takes the smallest.
     """
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
     lam = least_squares(jac.T, rods_force.ravel())
-    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rows that you add to J are last
+    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rods' rows come first
 
 
 @dataclass
 class Run:
-    """All states, and what was measured in each; unpacks to tip, violations, energies."""
+    """All states, and measures of each. tip, violations, energies = simulate(...) works, too."""
 
     q: np.ndarray  # (steps + 1, N, 3), in m
     v: np.ndarray  # (steps + 1, N, 3), in m/s
@@ -260,7 +260,7 @@ def simulate(step_fn, system, force, dt, steps):
     q[0] = system["q0"]
     v[0] = system["v0"]
     for i in range(steps):
-        q[i + 1], v[i + 1] = step_fn(q[i], v[i], m, force, dt)  # row i is of time i dt
+        q[i + 1], v[i + 1] = step_fn(q[i], v[i], m, force, dt)  # row i is time i dt
     violations = constraint_violation(system, q)  # of all states at once
     return Run(q, v, q[:, -1], violations, energy(system, q, v))
 
@@ -268,13 +268,13 @@ def simulate(step_fn, system, force, dt, steps):
 # --- endregion ---
 # --- region: methods ---
 # A method makes force(q, v), and it may do something after each step.
-# Game engines, and MuJoCo, treat J as constant during a step: they leave Jdot v out. And they may
-# let a rod give, in proportion to lambda. They ask for
+# Game engines, and MuJoCo, treat J as constant during a step: they leave Jdot v out. A rod may also
+# give, in proportion to lambda. They ask for
 #     J a = -damping gdot - stiffness g - R lambda
-# where R is a share `softness` of A's diagonal. With M a = f + J^T lambda that is
+# where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
 def make_engine_force(system, damping, stiffness, softness=0.0):
-    """force(q, v), (N, 3) in N, as engines have it; `damping` in 1/s, `stiffness` in 1/s^2."""
+    """As make_force, but as engines have it; `damping` in 1/s, `stiffness` in 1/s^2."""
 
     def force(q, v):
         m = np.repeat(system["m"], 3)
@@ -301,14 +301,14 @@ class Method:
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The methods by name, for steps of dt s; `baumgarte` in rad/s, `time_constant` in s."""
-    # impulse (E. Catto, GDC 2005): a step takes g to g + dt J v_next, but for dt^2 |d_dot|^2 / 2.
-    # Let that be 0: J v_next = -g/dt. As v_next = v + dt a, that is J a = -gdot/dt - g/dt^2.
-    # Of our integrators, only semi_implicit moves q by dt v_next.
+    # impulse (E. Catto, GDC 2005): a step of semi_implicit takes g to g + dt J v_next, plus
+    # dt^2 |d_dot|^2 / 2, which is dropped. Set the rest to 0: J v_next = -g/dt.
+    # As v_next = v + dt a and J v = gdot, that is J a = -gdot/dt - g/dt^2.
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
     # soft is MuJoCo's. For one rod A + R = A / p, so J a = -2 gdot/T - g/T^2 + (1 - p) J M^-1 f.
-    # At rest J a is 0, and the rod is (1 - p) T^2 9.81 m/s^2 = 0.2 mm too long.
-    # Swinging adds T^2 |d_dot|^2 / L, as Jdot v is left out: up to 8 mm after a fall from level.
+    # A 1 m pendulum that hangs at rest has J a = 0: (1 - p) T^2 9.81 m/s^2 = 0.2 mm too long.
+    # Swinging adds T^2 |d_dot|^2 / L, for want of Jdot v: 8 mm after a fall from level, as dt -> 0.
     p = impedance
     T = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -320,26 +320,27 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     return {
         "none": Method(make_force, "asks for gddot = 0: errors stay, and rods drift"),
         "baumgarte": Method(partial(make_force, w=baumgarte), "adds a damped spring to each rod"),
-        "impulse": Method(impulse, "asks for the right next place", integrator="semi_implicit"),
+        "impulse": Method(impulse, "makes g 0 after the step, nearly", integrator="semi_implicit"),
         "soft": Method(soft, "lets a rod give, as MuJoCo does"),
         "project": Method(make_force, "puts q and v back after each step", project),
     }
 
 
-# project takes the end of a step and puts it back onto the rods. During the step a rod's force has
-# the rod's direction at the start. So has the correction: q moves by -M^-1 J_start^T mu, with mu
-# such that g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
+# project puts the end of a step back onto the rods. In semi_implicit a rod's force has the rod's
+# direction at the start. So has the correction: q moves by -M^-1 J_start^T mu, with mu such that
+# g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
 #     J M^-1 J_start^T dmu = g
-# Where q moves by dq, v was wrong by dq / dt. Last, v loses what would change a rod's length:
+# There q moved by dt v, so where q is corrected by dq, v is by dq / dt. Last, v loses what would
+# change a rod's length:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). Their step has no rods' force. Ours has: mu is small.
+    v, too (H. Andersen, ibid. 52 (1983) 24). Their step leaves out the rods' force.
     """
     m = np.repeat(system["m"], 3)
-    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J alone, in which v has no part
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
     tolerance = systems.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
 
     def is_off(q):
@@ -386,9 +387,9 @@ def parse_args(argv=None):
     add("--system", default="double", help=f"{scenes}, or the file of a scene")
     add("--links", type=cli.whole(1, 300), default=10, help="how many rods --system chain has")
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
-    add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="who calls force(q, v)")
+    add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
     add("--stabilization", choices=["all", *every], default="all", help=words)
-    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too large a w explodes")
+    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too large, it explodes")
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
     add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift shows late")
@@ -423,9 +424,9 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 
 
 def summary(system, run, method, reference):
-    """What metrics.json says of a run."""
+    """What metrics.json says about a run."""
     pull = partial(tensions, system, force=method.make_force(system))
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: a scale, as energy begins near 0
+    m_g_L = systems.m_g_L(system, GRAVITY)  # J: mass x 9.81 x length, as energy begins near 0
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
@@ -439,7 +440,7 @@ def summary(system, run, method, reference):
 
 
 def print_table(args, runs, results, reference):
-    """Print a row for each method, and what there is to doubt."""
+    """Print a row for each method, and warnings."""
     table.title(args, runs)
     print("\n               rods off by      energy off   largest    places off    a step")
     print(f"method         worst    at end    of m g L  force, N{reference.at:>14}        us")
@@ -471,8 +472,8 @@ def main(argv=None):
         for name in progress.each(args.methods, always=args.plain):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Right rods can follow a wrong path. So compare places with the same motion by gauss and
-        # project, in shorter and shorter steps until it settles, at a time before chaos has spread.
+        # Rods can be right and the path wrong. So compare places with gauss and project, in steps
+        # so short that shorter ones change nothing, at a time before chaos has spread.
         reference = find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
