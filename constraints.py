@@ -306,7 +306,7 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     # As v_next = v + dt a and J v = gdot, that is J a = -gdot/dt - g/dt^2.
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's. For one rod A + R = A / p, so J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
+    # soft is MuJoCo's. For one rod A + R = A / p: J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
     # A 1 m pendulum that hangs at rest has J a = 0: (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
     # Swinging adds tau^2 |d_dot|^2 / L, as Jdot v is left out: 8 mm after a fall from level.
     p = impedance
