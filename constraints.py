@@ -19,7 +19,7 @@ import numpy as np
 
 # The mechanics of chains is all in this file. Imported are:
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # load and check systems
-from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve_loops  # loops of rods
+from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve  # linear systems
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference  # the true motion
 from curriculum.ch3_4_constraints.results import output, table  # files; numbers with units
@@ -33,41 +33,44 @@ PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
 
 # --- endregion ---
 # --- region: systems ---
-# A system is a dict of N particles, C rods and K anchors:
+# A system is a dict of N particles and C rods:
 #     q0, v0   (N, 3)  where the particles start, in m, and their velocities, in m/s
 #     m        (N, 1)  their masses, in kg
 #     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, if j is
 #                      -1, to PIVOT, which stands still
 #     lengths  (C,)    of the rods, in m
-#     anchors  (K, 3)  optional: fixed points, in m, for PIVOT; j = -1 is the first, -2 the next
-#     load     (N, 3)  optional: another constant force on each particle, in newtons
+# A scene may have two more: anchors (K, 3), in m, the fixed points for j = -1, -2, ..., instead of
+# PIVOT alone; and load (N, 3), another constant force on each particle, in newtons.
 # A state is q and v, (N, 3) each: positions in m and velocities in m/s, now.
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
-def build_system(name, rng=0, links=10):
-    """The system called `name`: one of CHAINS, "chain" with `links` rods, a scene or its file.
-
-    A chain has rods of 1 m and bobs of 1 kg, at rest. `rng`, or a seed, picks its tilt.
-    """
-    n = links if name == "chain" else CHAINS.get(name)
-    if n is None:  # not a chain: a scene, from a file
-        return scene_files.load_scene(name, GRAVITY, CHAINS)
+def build_chain(rods, rng):
+    """Rods of 1 m, bobs of 1 kg, at rest, along +x but for a tilt, drawn by `rng` or of a seed."""
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
     cosine, sine = systems.cos_sin(-tilt)  # the last digit of np.cos depends on the processor
     along = np.array([cosine, sine, 0.0])
     system = {
-        "q0": PIVOT + np.arange(1.0, n + 1.0)[:, None] * along,  # bob 0 at 1 m, ...
-        "v0": np.zeros((n, 3)),
-        "m": np.ones((n, 1)),
-        "pairs": [(k, k - 1) for k in range(n)],  # rod 0 hangs on anchor -1
-        "lengths": np.ones(n),
+        "q0": PIVOT + np.arange(1.0, rods + 1.0)[:, None] * along,  # bob 0 at 1 m, bob 1 at 2 m
+        "v0": np.zeros((rods, 3)),
+        "m": np.ones((rods, 1)),
+        "pairs": [(k, k - 1) for k in range(rods)],  # rod 0 ties bob 0 to PIVOT
+        "lengths": np.ones(rods),
     }
     return systems.check_system(system, PIVOT)  # a checked copy
 
 
+def build_system(name, rng=0, links=10):
+    """The system `name`: one of CHAINS, "chain" with `links` rods, or a scene, which is a file."""
+    if name == "chain":
+        return build_chain(links, rng)
+    if name in CHAINS:
+        return build_chain(CHAINS[name], rng)
+    return scene_files.load_scene(name, GRAVITY, CHAINS)
+
+
 def external_force(system, q, v=None):
-    """Every force but the rods', (N, 3) in newtons. Add drag or a motor: energy leaves it out."""
+    """Every force but the rods', (N, 3) in newtons. Add drag, say: energy() will not know."""
     return system["m"] * GRAVITY + system.get("load", 0.0)
 
 
@@ -89,25 +92,25 @@ def rod_lengths(system, q):
 # is its constraint, . being the dot product. Differentiate twice in time, with d_dot = v_i - v_j:
 #     gdot  = d . d_dot
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
-# Stack v and a of all particles into vectors of 3N numbers. Then gdot of all rods is J v. J, dg/dq,
+# Stack v and a of all particles into vectors of 3N numbers. Then all gdot are J v, where J = dg/dq,
 # the Jacobian, has a row per rod: d in the three columns of i, -d in those of j (PIVOT has none), 0
-# elsewhere. Jdot is J with d_dot in place of d. So the last line reads
+# elsewhere. Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
 #     gddot = J a + Jdot v
-# A rod only pushes or pulls along d: lambda d on i, -lambda d on j. That is lambda times its row of
-# J; all rods together give J^T lambda. So each rod has one unknown, its Lagrange multiplier lambda,
-# in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal: each mass three times) and
-# all other forces f, says
+# A rod pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j. That is lambda
+# times its row of J; all rods together give J^T lambda. So each rod has one unknown, its Lagrange
+# multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal: each mass
+# three times) and all other forces f, says
 #     M a = f + J^T lambda
-# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So put a = M^-1 (f + J^T
-# lambda) into J a + Jdot v = 0:
+# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So put, into J a + Jdot v = 0,
+# a = M^-1 (f + J^T lambda):
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and only lambda is unknown. That is the chapter.
-# Try it: a bob of 2 kg passes 1 m below PIVOT at 3 m/s. J = (0, -1, 0) and Jdot v = 9 m^2/s^2, so
-# lambda / 2 = -9.81 - 9. J^T lambda is (0, 37.62, 0) N: its weight, 19.62, and m v^2 / L = 18.
+# Try it: 2 kg pass 1 m below PIVOT at 3 m/s. J = (0, -1, 0), J M^-1 J^T = 1/2, J M^-1 f = 9.81 and
+# Jdot v = 9: lambda = -37.62. J^T lambda is (0, 37.62, 0) N: the weight, 19.62, and m v^2 / L = 18.
 def constraint_terms(system, q, v):
     """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
     anchors = system.get("anchors", [PIVOT])
-    jac = []
+    jac = []  # lists, to be stacked: what is to be compiled fills no arrays
     g = []
     gdot = []
     jdotv = []
@@ -128,13 +131,15 @@ def constraint_terms(system, q, v):
     return np.stack(jac), np.stack(g), np.stack(gdot), np.stack(jdotv)
 
 
-# gddot = 0 leaves an error in g as it is, and steps make errors. semi_implicit goes straight, along
-# the tangent of the rod's circle: from rest, every step adds dt^2 |d_dot|^2 / 2 to g, with the new
-# d_dot. So ask that g move like a damped spring (J. Baumgarte, 1972):
+# gddot = 0 pulls nothing back: an error in g stays, and one in gdot makes g grow. And steps make
+# errors: semi_implicit goes straight, along the tangent of the rod's circle. From rest, each step
+# adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one.
+# So ask that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
-# Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, a double root: t e^(-wt) fits, too.
-# That is critical damping: less would overshoot, more would be slower. With w = 20 rad/s an error
-# is down to 1 % after 1/3 s, but each step makes a new one.
+# Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
+# That is critical damping: less damping would overshoot, more would be slower. With w = 20 rad/s
+# 1 % of an error is left after 1/3 s. But steps make new ones: semi_implicit leaves a rod short by
+# dt |d_dot|^2 / (w L), 5 mm after a fall from level.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets the spring on g."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -157,16 +162,6 @@ def make_force(system, w=0.0):
         return external_force(system, q, v) + constraint_force(system, q, v, w)
 
     return force
-
-
-# Without loops A is symmetric and positive definite. A loop may have a rod too many: then A is
-# singular, and if one lambda fits, many do, all with the same force J^T lambda. (For poses in which
-# a loop lies flat, solve_loops takes v, too.)
-def solve(system, A, b, v=None):
-    """lambda (C,) with A lambda = b."""
-    if systems.has_loop(system):
-        return solve_loops(system, A, b, v)
-    return np.linalg.solve(A, b)
 
 
 # --- endregion ---
@@ -214,10 +209,12 @@ INTEGRATORS = {
 def energy(system, q, v):
     """Kinetic plus potential energy, in J, of one state or of many.
 
-    Rods should not change it: a rod's power is lambda d . v_i - lambda d . v_j = lambda gdot = 0.
+    Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    force = system["m"] * GRAVITY + system.get("load", 0.0)  # drag has no potential
+    force = system["m"] * GRAVITY + system.get(
+        "load", 0.0
+    )  # not external_force: drag has no potential
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
@@ -235,12 +232,12 @@ def tensions(system, q, v, force):
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
     lam = least_squares(jac.T, rods_force.ravel())
-    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rods' rows come first
+    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rows you add to J come last
 
 
 @dataclass
 class Run:
-    """All states, and measures of each. tip, violations, energies = simulate(...) works, too."""
+    """All states, and what was measured. Unpacks as tip, violations, energies."""
 
     q: np.ndarray  # (steps + 1, N, 3), in m
     v: np.ndarray  # (steps + 1, N, 3), in m/s
@@ -268,13 +265,13 @@ def simulate(step_fn, system, force, dt, steps):
 # --- endregion ---
 # --- region: methods ---
 # A method makes force(q, v), and it may do something after each step.
-# Game engines, and MuJoCo, treat J as constant during a step: they leave Jdot v out. A rod may also
-# give, in proportion to lambda. They ask for
+# Game engines, and MuJoCo, treat J as constant during a step: they leave Jdot v out. They may also
+# let a rod yield, in proportion to lambda. They ask for
 #     J a = -damping gdot - stiffness g - R lambda
 # where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
 def make_engine_force(system, damping, stiffness, softness=0.0):
-    """As make_force, but as engines have it; `damping` in 1/s, `stiffness` in 1/s^2."""
+    """make_force for what engines ask; `damping` in 1/s, `stiffness` in 1/s^2."""
 
     def force(q, v):
         m = np.repeat(system["m"], 3)
@@ -300,15 +297,17 @@ class Method:
 
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
-    """The methods by name, for steps of dt s; `baumgarte` in rad/s, `time_constant` in s."""
-    # impulse (E. Catto, GDC 2005): a step of semi_implicit takes g to g + dt J v_next, plus
-    # dt^2 |d_dot|^2 / 2, which is dropped. Set the rest to 0: J v_next = -g/dt.
+    """The methods by name. `dt` and `time_constant`, tau, in s; `baumgarte` in rad/s."""
+    # impulse (dt lambda d is one; E. Catto, GDC 2005): semi_implicit takes g to g + dt J v_next,
+    # plus dt^2 |d_dot|^2 / 2, which is dropped. Set the rest to 0: J v_next = -g/dt.
     # As v_next = v + dt a and J v = gdot, that is J a = -gdot/dt - g/dt^2.
+    # (Box2D takes back a part of g a step, and solves joint by joint.)
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's. For one rod A + R = A / p: J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
-    # A 1 m pendulum that hangs at rest has J a = 0: (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
-    # Swinging adds tau^2 |d_dot|^2 / L, as Jdot v is left out: 8 mm after a fall from level.
+    # soft is MuJoCo's. For one rod A + R = A / p, so J a is p times what is asked, and 1 - p times
+    # what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
+    # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
+    # A fall from level adds tau (tau - dt) |d_dot|^2 / L = 6 mm, as Jdot v is left out.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -319,25 +318,25 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     )
     return {
         "none": Method(make_force, "asks for gddot = 0: errors stay, and rods drift"),
-        "baumgarte": Method(partial(make_force, w=baumgarte), "adds a damped spring to each rod"),
-        "impulse": Method(impulse, "makes g 0 after the step, nearly", integrator="semi_implicit"),
-        "soft": Method(soft, "lets a rod give, as MuJoCo does"),
+        "baumgarte": Method(partial(make_force, w=baumgarte), "asks g to move like a spring"),
+        "impulse": Method(impulse, "asks for g = 0 after the step", integrator="semi_implicit"),
+        "soft": Method(soft, "lets a rod yield, as MuJoCo does"),
         "project": Method(make_force, "puts q and v back after each step", project),
     }
 
 
-# project puts the end of a step back onto the rods. In semi_implicit a rod's force has the rod's
-# direction at the start. So has the correction: q moves by -M^-1 J_start^T mu, with mu such that
+# project puts the end of a step back onto the rods. semi_implicit pulls along the rods as they were
+# at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
 # g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
 #     J M^-1 J_start^T dmu = g
-# There q moved by dt v, so where q is corrected by dq, v is by dq / dt. Last, v loses what would
-# change a rod's length:
+# semi_implicit moved q by dt v: so if q is moved by dq, v changes by dq / dt. Last, v loses what
+# would change a rod's length:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). Their step leaves out the rods' force.
+    v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
     """
     m = np.repeat(system["m"], 3)
     jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
@@ -372,7 +371,7 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# No new mechanics; skip parse_args. One method, without flags; run.violations.max() is in m:
+# No new mechanics: you may skip parse_args. To run one method without flags:
 #     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
 SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 
@@ -389,10 +388,10 @@ def parse_args(argv=None):
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
     add("--stabilization", choices=["all", *every], default="all", help=words)
-    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too large, it explodes")
+    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: near 0.8/dt it explodes")
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
     add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
-    add("--steps", type=cli.whole(1), default=4000, help="how many: drift shows late")
+    add("--steps", type=cli.whole(1), default=4000, help="how many: drift adds up")
     add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--device", choices=["cpu"], default="cpu", help="there is no other")
@@ -426,7 +425,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 def summary(system, run, method, reference):
     """What metrics.json says about a run."""
     pull = partial(tensions, system, force=method.make_force(system))
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: mass x 9.81 x length, as energy begins near 0
+    m_g_L = systems.m_g_L(system, GRAVITY)  # J: mass x 9.81 x length, as energies begin near 0
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
@@ -478,7 +477,7 @@ def main(argv=None):
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    this_file = SimpleNamespace(**globals())  # as you edited it: page and recording run it
+    this_file = SimpleNamespace(**globals())  # as you edited it: play.html runs its functions
     output.write(args, system, runs, results, reference, this_file)
     return 0
 
