@@ -19,17 +19,17 @@ class Run:
         far = FAR * np.sum(system["lengths"])
         good = np.isfinite(energies) & (violations < far)
         count = len(q) if good.all() else max(1, int(np.argmin(good)))
-        self.dt, self.step = dt, step  # s; what compiled returned
+        self.dt, self.step = dt, step.report  # s; how its steps were taken
         self.m, self.shortest = system["m"], np.min(system["lengths"])  # kg, m
         self.q, self.v = q[:count], v[:count]  # (count, N, 3) in m and m/s
         self.tip = tip[:count]  # (count, 3) in m: the last particle's path
         self.violations, self.energies = violations[:count], energies[:count]  # (count,) in m, J
-        self.pace = 1e6 * step.seconds / (len(q) - 1)  # us a step
+        self.pace = self.step.pace  # us a step
         self.lost = self.stopped = None  # why there is no row for it; why it ended early
         if count < len(q):
             end, loop_ended = f"{(count - 1) * dt:.3g} s", np.isnan(q[count:]).all()
-            if step.failure or not loop_ended:
-                self.lost = f"lost at {end}: {step.failure or 'diverged'}"
+            if self.step.failure or not loop_ended:
+                self.lost = f"lost at {end}: {self.step.failure or 'diverged'}"
             self.stopped = self.lost or f"its loop ended at {end}"
 
     def __iter__(self):

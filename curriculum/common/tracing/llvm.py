@@ -22,12 +22,12 @@ INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "max": "maximum", "min": "minimum"}
 START, BUILD = 1_500_000, 2_000  # operations of Python that take as long as a build; and each line
 LONG = 10_000  # lines: more are not optimized, which takes seconds and grows as their square
 MANY = 100_000  # operations a line, so many repay that it is optimized to the full
-FAILED = []  # why llvmlite, though installed, cannot be used: it may be of another version
+FAILED = []  # why llvmlite, though installed, cannot be used, in words
 
 
 def repays(operations, lines):
     """Whether so many operations, of so many lines of Python, repay being built, and can be."""
-    return operations >= START + BUILD * lines and not FAILED and find_spec("llvmlite")
+    return operations >= START + BUILD * lines and find_spec("llvmlite") is not None
 
 
 def padded(rows):
@@ -228,13 +228,17 @@ def machine_code(lines, operations):
 
 
 def written(program, operations):
-    """write(numbers, rows) -> how many of the rows it has written, in how many s; None if llvmlite
-    fails."""
+    """write(numbers, rows) -> how many of the rows it has written, in how many s.
+
+    None if llvmlite fails, or has failed before.
+    """
+    if FAILED:
+        return None
     lines = assembly(program)
     try:
         run = machine_code(lines, operations)
     except Exception as why:
-        FAILED.append(why)
+        FAILED.append(" ".join(f"{type(why).__name__}: {why}".split())[:100])
         return None
 
     def write(numbers, rows):

@@ -19,6 +19,7 @@ class Current(local):
 
     tape = None
     plain = False
+    alike = None  # in a block, whether its steps are machine code: [], as soon as one is, [answer]
     failure = None  # of the first loop that did not end, since a step began
 
 
@@ -27,12 +28,18 @@ current = Current()
 
 @contextmanager
 def plain(really=True):
-    """A block in which nothing is compiled: every line of a function meets numbers."""
-    before, current.plain = current.plain, current.plain or really
+    """A block in which nothing is compiled: every line of a function meets numbers.
+
+    If not `really`, all that is compiled in it is of one kind, that of the first: Python or machine
+    code. So what steps take in the same block can be compared.
+    """
+    before = current.plain, current.alike
+    current.plain = current.plain or really
+    current.alike = [] if current.alike is None else current.alike
     try:
         yield
     finally:
-        current.plain = before
+        current.plain, current.alike = before
 
 
 class Op(NamedTuple):

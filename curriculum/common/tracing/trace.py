@@ -8,8 +8,8 @@ from itertools import islice
 
 import numpy as np
 
-from curriculum.common.tracing.arrays import viewed, zero
-from curriculum.common.tracing.symbols import FLOATS, Symbol, operand
+from curriculum.common.tracing.arrays import zero
+from curriculum.common.tracing.symbols import FLOATS, Symbol, operand, viewed
 from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, note
 
 LANES = 16  # rows at most that go in step
