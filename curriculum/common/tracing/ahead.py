@@ -60,10 +60,11 @@ class Step:
         result = self.own(arguments) if number == 0 else None  # only it tells what is a state
         state = arguments[: self.own.width]
         others = arguments[self.own.width :]
-        if not in_range(state):
+        row = numbers(state)
+        if not in_range(row):
             self.report.fail("a state that came in is not a number below 1e100")
             return self.hand_out(number, nan_like(state))
-        goes_on = numbers(state).tobytes() + self.others.tail == self.expected
+        goes_on = row.tobytes() + self.others.tail == self.expected
         changed = number == 0 or contents(others) != self.others.contents
         self.report.edited |= number > 0 and (changed or not goes_on)
         if changed:
@@ -184,7 +185,7 @@ def compiled(step, steps):
 
     As many of the first arguments as `step` returns are the state. The others may be new at each
     call, and where one changes, the step is compiled for it. What it reads besides must stay as it
-    is: the first 16 steps, the last, and one in each sixtieth of the run are compared with the
+    is: the first 16 steps, the last, and one in each fortieth of the run are compared with the
     step's own lines. Raises StepChanged where one of these differs.
     """
     return Step(step, steps)

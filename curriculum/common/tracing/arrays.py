@@ -67,15 +67,17 @@ def by_matrices(product, a, b):
 
 def product_of_symbols(rows, columns):
     sums = np.zeros((len(rows), columns.shape[1]), object)
-    right = []  # of each row of the second matrix, where it is not zero, and what is there
-    for row in columns:
-        places = np.flatnonzero(nonzero(row)).tolist()
-        right.append([(j, row[j]) for j in places])
-    for i, row in enumerate(rows):
-        for k in np.flatnonzero(nonzero(row)):
+    right = list(map(entries, columns.tolist()))
+    for i, row in enumerate(rows.tolist()):
+        for k, x in entries(row):
             for j, y in right[k]:
-                sums[i, j] = sums[i, j] + row[k] * y
+                sums[i, j] = sums[i, j] + x * y
     return sums
+
+
+def entries(row):
+    """[(place, number)] of what is not zero in a row."""
+    return [(k, x) for k, x in enumerate(row) if not zero(x)]
 
 
 def product_by_columns(rows, columns):

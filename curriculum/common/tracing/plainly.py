@@ -62,7 +62,7 @@ class OwnLines:
         self.single = not isinstance(result, tuple | list)
         result = tuple(np.asarray(x, float)[()] for x in several(result))
         self.width = len(result)
-        if in_range(result):
+        if in_range(numbers(result)):
             return result
         self.failure = current.failure or self.why(arguments, result)
         return nan_like(result)
@@ -84,11 +84,11 @@ def copied(x):
 
 def numbers(state):
     """All numbers of a state, in a row."""
-    return np.concatenate([np.ravel(x) for x in state]).astype(float)
+    return np.concatenate([np.asarray(x, float).ravel() for x in state])
 
 
-def in_range(arrays):
-    return all(np.all(np.abs(x) < LARGE) for x in arrays)
+def in_range(row):
+    return np.max(np.abs(row), initial=0.0) < LARGE  # which NaN is not
 
 
 def nan_like(arrays):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from curriculum.common.tracing import llvm, python
-from curriculum.common.tracing.plainly import LARGE, numbers
+from curriculum.common.tracing.plainly import LARGE, in_range, numbers
 from curriculum.common.tracing.symbols import LIBRARY
 from curriculum.common.tracing.trace import split, trace_loop, work
 
@@ -41,7 +41,7 @@ class CompiledSteps:
         rows[0] = numbers(state)
         done, self.seconds = self.write(np.append(rows[0, self.mask], knobs), rows[1:])
         self.rows = rows[: done + 1]
-        if not np.max(np.abs(self.rows)) < LARGE:
+        if not in_range(self.rows):
             self.rows = rows[: np.argmin(np.all(np.abs(self.rows) < LARGE, axis=1))]
         return split(self.rows, self.shapes)
 

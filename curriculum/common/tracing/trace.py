@@ -34,9 +34,13 @@ def shaped(numbers, like):
 
 def split(rows, shapes):
     """Rows of numbers as arrays of these shapes, with one axis more in front."""
-    ends = np.cumsum([math.prod(shape) for shape in shapes])
-    parts = np.split(rows, ends[:-1], axis=1)
-    return [x.reshape(len(rows), *shape) for x, shape in zip(parts, shapes, strict=True)]
+    arrays = []
+    end = 0
+    for shape in shapes:
+        begin = end
+        end += math.prod(shape)
+        arrays.append(rows[:, begin:end].reshape(len(rows), *shape))
+    return arrays
 
 
 def several(result):
