@@ -249,20 +249,35 @@ def test_a_block_in_which_nothing_is_compiled_may_begin_midway_and_hold_another(
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-11, 1e-6])
-@pytest.mark.parametrize("changed_at, found", [(3, 4), (700, 747), (2492, 2499)])
-def test_what_a_step_reads_must_stay_as_it_is(changed_at, found, size):
+@pytest.mark.parametrize("steps", [7, 300, 2500])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.9])
+def test_what_a_step_reads_may_not_change_for_a_fortieth_of_the_run(share, steps, size, language):
+    long = max(1, steps // 40)
+    first = int(share * (steps - 1 - long))
     mass = {}
 
     def step(x):
         return x + 0.1 / mass["now"] - 0.001 * (np.sin(x) if size == 1e-6 else x)
 
     def change(i, x):
-        mass["now"] = 1.0 + size * (i >= changed_at)
+        mass["now"] = 1.0 + size * (first <= i < first + long)
         return (x,)
 
-    change(0, None)
-    with pytest.raises(StepChanged, match=f"^step {found} gives something else.*--plain"):
-        states(compiled(step, 2500), [np.array([1.0])], 2500, change)
+    change(-1, None)
+    with pytest.raises(StepChanged, match=r"^step \d+ gives something else.*--plain") as error:
+        states(compiled(step, steps), [np.array([1.0])], steps, change)
+    assert first < int(str(error.value).split()[1]) <= first + long
+
+
+def test_a_change_in_the_last_step_is_found():
+    mass = {"now": 1.0}
+
+    def change(i, x):
+        mass["now"] = 1.0 + (i == 997)
+        return (x,)
+
+    with pytest.raises(StepChanged, match="^step 998 "):
+        states(compiled(lambda x: x + mass["now"], 999), [np.array([1.0])], 999, change)
 
 
 KEEPING = {

@@ -129,7 +129,11 @@ class Others:
 
 def contents(arguments):
     """What arguments are compared by: the bytes of an array; what else there is, as it is."""
-    return tuple([x.tobytes() if isinstance(x, np.ndarray) else x for x in arguments])
+    return tuple(map(content, arguments))
+
+
+def content(x):
+    return x.tobytes() if isinstance(x, np.ndarray) else x
 
 
 def bytes_of_rows(rows, tail):

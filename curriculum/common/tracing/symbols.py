@@ -61,7 +61,8 @@ def signed(size, minus):
 
 
 def add(a, b):
-    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
+    x, minus = size_and_sign(a)
+    y, other = size_and_sign(b)
     if x == 0.0:
         return b
     if y == 0.0:
@@ -74,7 +75,8 @@ def add(a, b):
 
 
 def multiply(a, b):
-    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
+    x, minus = size_and_sign(a)
+    y, other = size_and_sign(b)
     if x == 0.0 or y == 0.0:
         size = 0.0
     elif x == 1.0:
@@ -87,7 +89,8 @@ def multiply(a, b):
 
 
 def divide(a, b):
-    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
+    x, minus = size_and_sign(a)
+    y, other = size_and_sign(b)
     size = x if x == 0.0 or y == 1.0 else note("/", x, y)
     return signed(size, minus != other)
 
@@ -138,7 +141,8 @@ class Symbol(Traced):
     __slots__ = "name", "minus"
 
     def __init__(self, name, minus=False):
-        self.name, self.minus = name, minus
+        self.name = name
+        self.minus = minus
 
     def __neg__(self):
         return Symbol(self.name, not self.minus)
@@ -154,18 +158,21 @@ class Symbol(Traced):
     __lt__, __gt__ = operators(lambda a, b: operation("<", a, b))
     __le__, __ge__ = operators(lambda a, b: operation("<=", a, b))
     __bool__ = refusal("it branches on a value; np.where, np.maximum and np.minimum do not")
-    __eq__ = __ne__ = refusal("it asks whether numbers are equal; < and <= can be compiled")
-    __float__ = __int__ = refusal(
+    __eq__ = refusal("it asks whether numbers are equal; < and <= can be compiled")
+    __ne__ = __eq__
+    __float__ = refusal(
         "it wants a plain number; an array that takes others begins as np.zeros(shape, like=q) or "
         "with + 0.0 * q, as f = m * g + 0.0 * q"
     )
+    __int__ = __float__
 
 
 class Truth(Traced):
     """What a comparison of symbols gives, on the tape 1 or 0: for np.where and loops only."""
 
     __slots__ = ("name",)
-    __bool__, __eq__ = Symbol.__bool__, Symbol.__eq__
+    __bool__ = Symbol.__bool__
+    __eq__ = Symbol.__eq__
 
     def __init__(self, name):
         self.name = name
