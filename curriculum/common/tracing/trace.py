@@ -14,16 +14,14 @@ from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, note
 
 LANES = 16  # rows at most that go in step
 TURNS = 2  # of a while_loop, as a guess
-# Names that what is written has a use for, and words that JavaScript keeps for itself.
+# Names for which what is written has a use, and words that JavaScript keeps for itself
 TAKEN = {"f", "steps", "record", "state", "inf", "nan", "any", "_", "range", *FLOATS}
-TAKEN |= {
-    *"""
-    Error Infinity Math NaN arguments await break case catch class const continue debugger default
-    delete do else enum eval export extends false finally for function if implements import in
-    instanceof interface let new null package private protected public return static super switch
-    this throw true try typeof undefined var void while with yield
-""".split()
-}
+WORDS = """
+    Error Infinity Math NaN arguments case catch const debugger default delete do enum eval export
+    extends false function implements instanceof interface let new null package private protected
+    public static super switch this throw true typeof undefined var void
+"""
+TAKEN |= {*WORDS.split()}
 INSIDE = os.path.dirname(__file__), os.path.dirname(np.__file__)
 
 
