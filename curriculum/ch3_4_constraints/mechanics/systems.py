@@ -171,14 +171,27 @@ def check_functions(system, external_force, constraint_violation, energy):
         need(right, f"{name} of three states at once", found, allowed)
 
 
-def checked_step(step_fn, name):
-    """The integrator step_fn, called `name`; SceneError if it returns no q and v of a shape."""
+def check_steps(dt, steps):
+    """Raise SceneError unless a run can take so many `steps` of `dt` s."""
+    need(isinstance(dt, Real) and 1 / HUGE <= dt < HUGE, "dt", dt, POSITIVE.format("seconds"))
+    need(isinstance(steps, Integral) and steps >= 1, "steps", steps, "a whole number >= 1")
+
+
+def checked_step(step_fn, integrator, method):
+    """step_fn, which raises SceneError where it returns anything but q and v of their shape.
+
+    Raises SceneError if the method is made for another integrator.
+    """
+    fits = method.integrator in (None, integrator)
+    need(fits, "the integrator", integrator, f"{method.integrator}, which the method is made for")
+    who = f"{integrator} and post_step" if method.post_step else integrator
 
     def step(q, v, m, force, dt):
         end = step_fn(q, v, m, force, dt)
-        found = [np.shape(x) for x in end] if isinstance(end, tuple | list) else np.shape(end)
+        many = isinstance(end, tuple | list)
+        found = list(map(np.shape, end)) if many else np.shape(end)
         wanted = f"q and v, {q.shape} each"
-        need(found == [q.shape, q.shape], f"the shape of what {name} returns", found, wanted)
+        need(found == [q.shape, q.shape], f"the shape of a step's end ({who})", found, wanted)
         return end
 
     return step
