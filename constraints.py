@@ -412,8 +412,8 @@ def parse_args(argv=None):
 
 def run_method(system, name, integrator, dt, steps, **knobs):
     """Run a method by name on a copy of the system; `knobs` are those of make_methods."""
-    system = systems.check_system(system, PIVOT, external_force, constraint_violation, energy)
-    systems.check_steps(dt, steps)
+    functions = external_force, constraint_violation, energy
+    system = systems.check_run(system, PIVOT, dt, steps, *functions)
     method = make_methods(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step = compiled(systems.checked_step(step_fn, integrator, method), steps)  # only faster

@@ -132,6 +132,54 @@ def test_a_rod_pulls_with_the_weight_and_the_centripetal_load():
     assert pulls == pytest.approx([4.0 * (9.81 + 4.5)])
 
 
+def test_energy_is_that_of_height_speed_and_load():
+    """m (v^2/2 + 9.81 y) - F . q, summed: masses, heights and loads that all differ."""
+    system = make_system([[1, -2, 3], [0.5, 4, -1]], row(2), v=[[1, 2, 2], [0, -3, 4]], m=[2, 0.5])
+    system["load"] = np.array([[3.0, -1.0, 0.5], [0.0, 20.0, 7.0]])
+    by_hand = 2.0 * (4.5 - 2.0 * 9.81) - (3.0 + 2.0 + 1.5) + 0.5 * (12.5 + 4.0 * 9.81) - 73.0
+    assert c.energy(system, system["q0"], system["v0"]) == pytest.approx(by_hand, rel=1e-14)
+
+
+def test_a_loaded_pendulum_hangs_aslant_and_swings_about_there():
+    """A load of F to the side is gravity of sqrt(g^2 + (F/m)^2), at an angle atan(F / m g)."""
+    m, length, load = 2.0, 1.5, 11.0
+    g = math.hypot(9.81, load / m)
+    across = np.array([load / m, -9.81, 0.0]) / g
+    hanging = make_system([length * across], row(1), m=m) | {"load": [[load, 0.0, 0.0]]}
+    found, _ = told(hanging, "none", "rk4", 0.005, 400)
+    assert found["energy_rel_max"] < 1e-12 and found["tension_max"] == pytest.approx(m * g)
+    assert found["tip_final"] == pytest.approx(length * across, abs=1e-12)
+    swing = 1e-3  # rad, of amplitude
+    aside = length * (
+        math.cos(swing) * across + math.sin(swing) * np.array([9.81, load / m, 0]) / g
+    )
+    period = 2.0 * math.pi * math.sqrt(length / g) * (1.0 + swing**2 / 16.0)
+    start = make_system([aside], row(1), m=m) | {"load": [[load, 0.0, 0.0]]}
+    run = c.run_method(start, "project", "rk4", period / 400.0, 400)
+    assert np.max(np.abs(run.q[-1] - aside)) < 1e-9
+    assert np.max(np.abs(run.q[200] - aside)) == pytest.approx(2.0 * swing * length, rel=0.2)
+    exact = reference_of(start, period / 800.0, 1600)
+    assert exact.step * period / 800.0 == pytest.approx(2.0, abs=period) and exact.q is not None
+
+
+def test_mujoco_has_the_loads():
+    mujoco = pytest.importorskip("mujoco", reason="an extra: pip install -e '.[peers]'")
+    from curriculum.ch3_4_constraints.studies import _mujoco
+
+    system = c.build_system("double") | {"load": [[5.0, 0.0, 2.0], [0.0, 12.0, -3.0]]}
+    hard = _mujoco.HARD.format(2e-4)
+    model, data = _mujoco.started(
+        c.systems.check_system(system, c.PIVOT), _mujoco.tendons, hard, 1e-4
+    )
+    for _ in range(5000):
+        mujoco.mj_step(model, data)
+    places = [data.site(f"s{k}").xpos for k in range(2)]
+    exact = c.run_method(system, "project", "gauss", 0.01, 50).q[-1]  # at 0.5 s
+    assert np.max(np.abs(places - exact)) < 1e-3  # m: its rods are soft
+    with pytest.raises(ValueError, match="use tendons"):
+        _mujoco.started(system, _mujoco.linkage, hard, 1e-4)
+
+
 AT = REFERENCE["times"].index(2.0)
 PLACES = {name: np.array(case["positions"][AT]) for name, case in REFERENCE["cases"].items()}
 ORDERS = [  # an integrator, the longest of three steps in s, and the order
