@@ -414,12 +414,13 @@ def parse_args(argv=None):
 
 def run_method(system, name, integrator, dt, steps, **knobs):
     """Run a method by name on a copy of the system; `knobs` are those of make_methods."""
-    system = systems.check_system(system, PIVOT, external_force, constraint_violation, energy)
+    functions = external_force, constraint_violation, energy
+    system = systems.check_run(system, PIVOT, dt, steps, *functions)
     method = make_methods(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    step = compiled(step_fn, steps)  # the same numbers, only faster; nan after a step that fails
+    step = compiled(systems.checked_step(step_fn, integrator, method), steps)  # only faster
     run = simulate(step, system, method.make_force(system), dt, steps)
-    return Outcome(run, system, dt, step)  # the run up to such a step, and why it ended
+    return Outcome(run, system, dt, step)  # up to a step that fails, and why it ended
 
 
 def summary(system, run, method, reference):

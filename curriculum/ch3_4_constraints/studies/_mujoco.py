@@ -25,6 +25,10 @@ def started(system, model_of, constraint, dt, options=""):
         <option gravity="0 {c.GRAVITY[1]} 0" timestep="{dt}" {options}/>{parts}</mujoco>""")
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = qpos, qvel
+    if "load" in system:  # of each body after the world, at its mass; it stays from step to step
+        if model_of is not tendons:
+            raise ValueError("a load acts on particles, and hinged bodies share them: use tendons")
+        data.xfrc_applied[1:, :3] = system["load"]
     return model, data
 
 
