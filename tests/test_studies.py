@@ -162,10 +162,11 @@ SWEEPS = {  # bias rate in 1/s, mass scale and impulse scale, in the engines' ow
 def test_an_engines_row_is_what_its_sweeps_end_at(name):
     """There a sweep changes no impulse: -mass (speed + bias) - impulse scale x impulse = 0."""
     system = real.random_chain(np.random.default_rng(2), 3, 0.03)
-    method = real.method_of(*real.engines(DT)[name])
-    q, v, m = system["q0"], system["v0"], system["m"]
-    force = c.make_force(system, change=method.change)
-    q_next, v_next = c.semi_implicit_step(q, v, m, force, DT)
+    method = real.engines(DT)[name].method
+    q = system["q0"]
+    v = system["v0"]
+    m = system["m"]
+    q_next, v_next = c.semi_implicit_step(q, v, m, method.make_force(system), DT)
     jac, g, _, _ = c.constraint_terms(system, q, v)
     size = c.rod_lengths(system, q)
     axes = jac / size[:, None]

@@ -25,7 +25,8 @@ def expected_g(speeds, dt):
 
 def main():
     """What the guesses were about: three Runs."""
-    pendulum, double = c.build_system("pendulum"), c.build_system("double")
+    pendulum = c.build_system("pendulum")
+    double = c.build_system("double")
     single = c.run_method(pendulum, "none", "semi_implicit", 0.005, 4000)
     print("semi_implicit, the pendulum: rod error in m")
     for seconds in 1, 5, 10, 20:
