@@ -1,5 +1,6 @@
 """Studies: what is measured is so, and so is what is said and drawn of it."""
 
+import argparse
 import json
 import re
 from functools import partial
@@ -9,6 +10,7 @@ import pytest
 from conftest import ROOT
 
 import constraints as c
+from curriculum.ch3_4_constraints import make
 from curriculum.ch3_4_constraints.pictures import make_pictures, work_precision
 from curriculum.ch3_4_constraints.studies import __main__ as studies
 from curriculum.ch3_4_constraints.studies import hard_cases as hard
@@ -29,6 +31,15 @@ def test_a_peer_that_is_missing_is_told_and_how_to_get_it(name, monkeypatch, cap
         studies.main([name])
     told = f"error: {peer} is not installed: pip install -e '.[fast,peers]'\n"
     assert capsys.readouterr().err.endswith(told)
+
+
+@pytest.mark.parametrize("name", studies.STUDIES)
+def test_help_needs_no_peer(name, monkeypatch, capsys):
+    monkeypatch.setattr(studies, "find_spec", lambda x: None)
+    monkeypatch.setattr("sys.argv", ["studies"])
+    with pytest.raises(SystemExit, match="0"):
+        studies.main([name, "--help"])
+    assert capsys.readouterr().out.startswith(f"usage: studies {name} [flags]\n")
 
 
 # --- speed against error ---
@@ -84,6 +95,27 @@ def test_mujocos_hinges_connects_and_tendons_move_as_particles_on_rods(scene, na
     exact, _ = speed.reference(system, seconds)
     _, q = speed.peers(system, seconds)[name](steps)
     assert speed.distance(q, exact) < off
+
+
+RIGID = [row for row in PEERS if row[1] != "MuJoCo connect"]  # which gives under a load
+
+
+@pytest.mark.parametrize(("scene", "name", "steps", "off"), RIGID)
+def test_mujocos_particles_bear_the_loads_of_ours(scene, name, steps, off):
+    pytest.importorskip("mujoco", reason=PEER)
+    load = np.random.default_rng(3).normal(0.0, 4.0, SCENES[scene]["q0"].shape) * [1.0, 1.0, 0.0]
+    system = SCENES[scene] | {"load": load}
+    without, _ = speed.reference(SCENES[scene], 0.5)
+    exact, _ = speed.reference(system, 0.5)
+    _, q = speed.peers(system, 0.5)[name](steps)
+    assert speed.distance(q, exact) < off < 0.3 * speed.distance(without, exact)
+
+
+def test_a_force_that_mujocos_peers_would_leave_out_is_refused(monkeypatch):
+    pytest.importorskip("mujoco", reason=PEER)
+    monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
+    with pytest.raises(argparse.ArgumentTypeError, match="gravity and the system's load only"):
+        speed.peers(SCENES["double"], 1.0)["MuJoCo hinges"](10)
 
 
 def test_a_diagram_has_a_line_a_pair_as_steep_as_its_order(monkeypatch, tmp_path):
@@ -201,6 +233,31 @@ def test_a_start_is_as_it_is_or_rounded_or_pushed_as_its_rods_allow(name):
     scaled = np.sum(pushed[0] * v) / max(1e-9, np.sum(v * v)) * v
     has_one_motion = 2 * len(q) - np.linalg.matrix_rank(jac) == 1  # so a push can but scale it
     assert np.max(np.abs(pushed[0] - scaled)) > 0.05 or (has_one_motion and v.any())
+
+
+def table_of_hard_cases():
+    """{column: {scene: largest step in s, 0 if none holds all}} of the studies' README."""
+    text = make.STUDIES.read_text(encoding="utf-8")
+    _, block = text.split("studies hard_cases -->\n```text\n")
+    _, integrators, methods, *rows = block.split("\n```")[0].splitlines()
+    titles = zip(integrators.split(), methods.split(), strict=True)
+    found = {" ".join(title): {} for title in titles}
+    for row in rows:
+        scene, *cells = row.split()
+        for title, cell in zip(found, cells, strict=True):
+            known = re.fullmatch(r"0\.\d+", cell)
+            found[title][scene] = float(cell) if known else 0.0
+    return found
+
+
+def test_what_is_said_of_the_hard_cases_follows_from_their_table():
+    table = table_of_hard_cases()
+    assert [*table] == hard.METHODS and [*table["semi none"]] == hard.SCENES
+    assert {*table["gauss baumgarte"].values()} == {max(hard.LADDER)}
+    impulse = table["semi impulse"]
+    assert min(impulse.values()) > 0.0
+    for method in "none", "baumgarte", "soft":  # which solve once a step, too
+        assert all(impulse[scene] >= step for scene, step in table[f"semi {method}"].items())
 
 
 def test_in_space_a_start_is_pushed_along_all_axes():

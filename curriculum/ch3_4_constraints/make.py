@@ -34,11 +34,18 @@ def pictures():
 
 
 def text(path, *again):
-    """{path: text} of a text; slow studies that are named in `again` run, too."""
+    """{path: text} of a text; the blocks of slow studies only if they are named in `again`."""
     try:
         return {path: texts.filled(path.read_text(encoding="utf-8"), again)}
     except OSError as why:
         raise OSError(f"{short(path)}: {why}") from why
+
+
+def study(name):
+    """{path: text} of the studies' text, with the block of a slow one."""
+    for command in texts.commands(STUDIES.read_text(encoding="utf-8"), name):
+        texts.printed(command)  # which takes minutes: the text may be edited meanwhile
+    return text(STUDIES, name)
 
 
 def page():
@@ -60,7 +67,7 @@ def short(path):
 MADE = {"pictures": pictures}
 MADE |= {short(path): partial(text, path) for path in texts.TEXTS}
 MADE |= {short(PAGE): page}
-SLOW = {study: partial(text, STUDIES, study) for study in texts.SLOW}
+SLOW = {name: partial(study, name) for name in texts.SLOW}
 
 
 def content(path):

@@ -73,6 +73,12 @@ def study_of(command):
     return found and found[1]
 
 
+def commands(text, study):
+    """Those of a text that run a study."""
+    found = [what for _, what, _, _, _ in BLOCK.findall(text)]
+    return [what for what in found if study_of(what) == study]
+
+
 def lines_without_times(text):
     """The lines of a block without what belongs to the machine, and without its columns' widths.
 
@@ -90,8 +96,9 @@ def lines_without_times(text):
         cells = (cells or "ms of computing" in line) and bool(line)
         if cells and line.startswith("to "):
             continue
-        line = CELL.sub("", line) if cells else TIMES.sub("", line)
-        lines.append(" ".join(line.split()))
+        if cells:
+            line = CELL.sub("", line)
+        lines.append(" ".join(TIMES.sub("", line).split()))
     return lines
 
 
