@@ -18,7 +18,8 @@ from curriculum.ch3_4_constraints.studies import race
 from curriculum.ch3_4_constraints.studies import real_thing as real
 from curriculum.ch3_4_constraints.studies import speed_vs_error as speed
 
-DT, PEER = 0.005, "a peer: pip install -e '.[fast,peers]'"
+DT = 0.005  # s
+PEER = "a peer: pip install -e '.[fast,peers]'"
 REFERENCE = json.loads((ROOT / "tests/reference.json").read_text(encoding="utf-8"))
 SCENES = {name: c.build_system(name) for name in speed.SCENES}
 
@@ -91,7 +92,8 @@ PEERS = [  # a scene, a row of MuJoCo's, steps, and how near it is to ours, in m
 @pytest.mark.parametrize(("scene", "name", "steps", "off"), PEERS)
 def test_mujocos_hinges_connects_and_tendons_move_as_particles_on_rods(scene, name, steps, off):
     pytest.importorskip("mujoco", reason=PEER)
-    system, seconds = SCENES[scene], speed.SCENES[scene]
+    system = SCENES[scene]
+    seconds = speed.SCENES[scene]
     exact, _ = speed.reference(system, seconds)
     _, q = speed.peers(system, seconds)[name](steps)
     assert speed.distance(q, exact) < off
@@ -286,7 +288,8 @@ def test_soft_is_mujocos_tendon_where_rods_are_right_and_nearly_where_they_are_n
 
 
 W = 2.0 * np.pi * min(60.0, 0.25 / DT)  # rad/s
-SOFT, SHARE = DT * W * (4.0 + DT * W), 0.1**2 / (4.0 * np.pi**2)
+SOFT = DT * W * (4.0 + DT * W)
+SHARE = 0.1**2 / (4.0 * np.pi**2)
 SWEEPS = {  # bias rate in 1/s, mass scale and impulse scale, in the engines' own words
     "Box2D v3.1.1": (W / (4.0 + DT * W), SOFT / (1.0 + SOFT), 1.0 / (1.0 + SOFT)),
     "Jolt v5.5.0": (0.0, 1.0, 0.0),

@@ -16,8 +16,9 @@ from curriculum.common.cli import run_script
 
 def blank(what):
     """Stands where an answer belongs: replace the whole call."""
-    code, line = sys._getframe(1).f_code, sys._getframe(1).f_lineno
-    raise NotImplementedError(f"{Path(code.co_filename).name}, line {line}: {what}")
+    caller = sys._getframe(1)
+    file = Path(caller.f_code.co_filename).name
+    raise NotImplementedError(f"{file}, line {caller.f_lineno}: {what}")
 
 
 def explicit(integrators):

@@ -68,7 +68,9 @@ def linkage(system, constraint):
     """
     pairs = system["pairs"]
     lengths = system["lengths"]
-    share = [m / sum(i in pair for pair in pairs) for i, m in enumerate(system["m"][:, 0])]
+    ends = np.ravel(pairs)
+    meet = np.bincount(ends[ends >= 0])  # how many rods do, in each particle
+    share = system["m"][:, 0] / meet
     x, y, _ = differences(system["q0"], system["anchors"], pairs).T
     x_dot, y_dot, _ = differences(system["v0"], 0.0 * system["anchors"], pairs).T
     angles = np.arctan2(y, x)  # rad
