@@ -14,7 +14,8 @@ PACKAGE = "curriculum.ch3_4_constraints.exercises"
 NAMES = sorted(path.stem for path in Path(checks.__file__).parent.glob("ex*.py"))
 CHECKS = {name: getattr(checks, name.partition("_")[2]) for name in NAMES}
 MISTAKES = [
-    ("ex1_drift", "guess", lambda: {"rod": "oscillates", "factor": 16}),
+    ("ex1_drift", "guess", lambda: {"rod": "grows", "factor": 16}),
+    ("ex1_drift", "guess", lambda: {"rod": "shrinks", "factor": 4}),
     ("ex1_drift", "expected_g", lambda speeds, dt: 0.5 * dt**2 * np.sum(speeds[:-1] ** 2)),
     ("ex1_drift", "expected_g", lambda speeds, dt: [0.5 * dt**2 * np.sum(speeds**2)] * 2),
     ("ex2_solve", "jdotv", lambda d, d_dot: d @ d_dot),

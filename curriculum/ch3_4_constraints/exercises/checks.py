@@ -48,15 +48,17 @@ def calls(step_fn, w):
 # the answer, what is right, how far off it may be (a share of what is right), and a hint.
 def drift(exercise):
     guess = exercise.guess()
-    single, coarse, fine = exercise.main()
-    right = "grows" if single.violations[-1] == single.violations.max() else "oscillates"
-    yield "the rod's error", guess["rod"], right, 0, "compare the first table's lines"
+    let_go, thrown, coarse, fine = exercise.main()
+    pendulum = c.build_system("pendulum")
+    grown = c.rod_lengths(pendulum, thrown.q[-1])[0] - pendulum["lengths"][0]
+    right = "grows" if grown > 0.0 else "shrinks"
+    yield "the rod of a bob that is thrown", guess["rod"], right, 0, "see the last column"
     factor = coarse.violations.max() / fine.violations.max()
     yield "half the step", guess["factor"], factor, 0.1, "divide one error by the other"
-    g = c.constraint_terms(c.build_system("pendulum"), single.q[-1], single.v[-1])[1][0]
-    speeds = np.linalg.norm(single.v[1:, 0], axis=1)
+    _, (g,), _, _ = c.constraint_terms(pendulum, let_go.q[-1], let_go.v[-1])
+    speeds = np.linalg.norm(let_go.v[1:, 0], axis=1)
     hint = "a tangent of length dt |v| ends outside the circle: by Pythagoras, how far? Add them up"
-    yield "expected_g", exercise.expected_g(speeds, single.dt), g, 1e-6, hint
+    yield "expected_g", exercise.expected_g(speeds, let_go.dt), g, 1e-6, hint
 
 
 def solve(exercise):
