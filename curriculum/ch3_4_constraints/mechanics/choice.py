@@ -5,6 +5,7 @@ stabilized, constraint_violation, energy and GRAVITY, as its reader has edited t
 """
 
 import math
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -27,8 +28,8 @@ BUDGET = 4e8  # operations of all pairs: some 5 s without llvmlite
 QUICK, TURNS = 2e-3, 3  # s: what took less is timed as often again
 SAMPLE = 32  # states of a run whose steps are counted
 TIE, BETTER = 1.05, 0.1  # so much more work is as cheap; an error so much smaller comes first
-SHORTER = 3  # times that the time of the reference is halved until there is one
-ROUNDING = 1e-12  # m: smaller errors are as good
+HALVED = 3  # times at most that the time of the reference is halved until there is one
+KEYS = ("error", "rods")  # of a Setting: what must be within
 
 
 class Setting(NamedTuple):
@@ -133,14 +134,19 @@ def first_count(system, force, dt, last):
     seconds = last * dt
     least = max(1, math.ceil(seconds / min(SWING * swing, truth.TURN * turn)))
 
-    def digits(count):
+    def awkward(count):
         ratio = math.log2(last / count)
-        return ratio != round(ratio), len(f"{seconds / count:.9e}".split("e")[0].rstrip("0"))
+        return ratio != round(ratio), digits(seconds, count)
 
-    return min(range(least, 2 * least), key=digits)
+    return min(range(least, 2 * least), key=awkward)
 
 
-def measure(chapter, pair, count, reference, seconds, span):
+def digits(seconds, count):
+    """How many digits a step has that divides so many seconds into `count`."""
+    return len(f"{seconds / count:.9e}".split("e")[0].rstrip("0"))
+
+
+def measure(chapter, pair, reference, seconds, span, count):
     """The Setting of a pair whose steps divide the reference's `seconds` into `count`."""
     system = pair.system
     dt = seconds / count
@@ -178,16 +184,21 @@ def why_lost(pair, q, v, dt):
     return current.failure or "diverged"
 
 
-def ladder(chapter, pair, counts, reference, seconds, span, within):
-    """The Settings of a pair from long steps to short ones.
+def ladder(take, counts, digits, within):
+    """The Settings that take(count) measures of a pair, from long steps to short ones.
 
-    One more is taken where only the last one is within: it shows whether that is luck.
+    Longer steps are added while the longest is within; and one shorter step, where only the last
+    one is within, to see whether that is luck. `digits`: those of the step of a count.
     """
-    found = [measure(chapter, pair, x, reference, seconds, span) for x in counts]
-    for key in ("error", "rods"):
+    found = [take(x) for x in counts]
+    first = counts[0]
+    while first > 1 and any(is_within(found[0], key, within) for key in KEYS):
+        first = min(range(first // 2, first // 4, -1), key=digits)
+        found.insert(0, take(first))
+    for key in KEYS:
         right = [is_within(x, key, within) for x in found]
-        if right[-1] and not any(a and b for a, b in pairwise(right)):
-            found.append(measure(chapter, pair, 2 * counts[-1], reference, seconds, span))
+        if right[-1] and not right[-2]:
+            found.append(take(2 * counts[-1]))
             break
     return found
 
@@ -197,7 +208,7 @@ def is_within(setting, key, within):
     return setting.lost is None and x is not None and x <= within
 
 
-def reached(settings, key, within):
+def reached(settings, key, within, cost="operations"):
     """The cheapest of a pair's settings, from long steps to short ones, whose `key` is within.
 
     It counts only if the next finer one is within, too; else it may be luck. None if there is none.
@@ -206,23 +217,21 @@ def reached(settings, key, within):
     for x, finer in pairwise(settings):
         if is_within(x, key, within) and is_within(finer, key, within):
             there.append(x)
-    return min(there, key=lambda x: x.operations, default=None)
+    return min(there, key=lambda x: getattr(x, cost), default=None)
 
 
-def in_order(settings, key):
+def in_order(settings, key, cost="operations"):
     """Settings, the cheapest first; but one that is as cheap and much better comes before it."""
-    left = sorted(settings, key=lambda x: x.operations)
+    left = sorted(settings, key=lambda x: getattr(x, cost))
     order = []
     while left:
-        cheapest = left[0]
-        enough = BETTER * max(getattr(cheapest, key), ROUNDING)
+        best = left[0]
+        most = TIE * getattr(best, cost)
         for x in left[1:]:
-            tied = x.operations < TIE * cheapest.operations
-            if tied and getattr(x, key) <= enough:
-                cheapest = x
-                enough = BETTER * max(getattr(x, key), ROUNDING)
-        order.append(cheapest)
-        left.remove(cheapest)
+            if getattr(x, cost) < most and getattr(x, key) <= BETTER * getattr(best, key):
+                best = x
+        order.append(best)
+        left.remove(best)
     return order
 
 
@@ -242,29 +251,48 @@ class Choice(NamedTuple):
     span: float  # s, over which rods and energy are measured
     error_at: float  # s
     reference: truth.Reference
-    coarser: str | None  # that the ladder ends early, in words
-    shorter: str | None  # that the span does
+    shortened: list  # what was left out, and why, in sentences
     settings: list
     places: list  # those that put every place right to `within`, the cheapest first
     rods_hold: list  # those that hold the rods to it for the whole span
 
 
-def known_motion(chapter, system, dt, steps, known):
-    """The reference for so many steps, or for half or a quarter of them, and its time in s.
+def known_motion(chapter, system, dt, last, known=None):
+    """The Reference after `last` steps of dt s or, if it is unknown, after half of them, and so on.
 
-    `known` is one that was found already, if it is of that time.
+    `known` is the one after `last`, if there is one.
     """
     force = chapter.make_force(system)
-    swing, _ = truth.time_scales(system, force)
-    last = truth.horizon(swing, dt, steps)
-    found = known
-    for k in range(SHORTER):
-        part = max(1, last >> k)
-        if found is None or found.step != part:
-            found = truth.true_motion(system, force, chapter.project, dt, part)
-        if found.q is not None or not found.why.startswith("shorter steps") or part == 1:
+    found = known or truth.true_motion(system, force, chapter.project, dt, last)
+    for _ in range(HALVED):
+        if found.q is not None or found.step == 1:
             break
+        found = truth.true_motion(system, force, chapter.project, dt, found.step // 2)
     return found
+
+
+def build(chapter, system, integrators, knobs, each):
+    """The Pairs of some integrators."""
+    names = {" with ".join(x): x for x in pairs_of(chapter, integrators)}
+    return [Pair(chapter, system, *names[name], knobs) for name in each(names)]
+
+
+def affordable(pairs, first, seconds, whole):
+    """Into how many steps to divide `seconds`, a list, and the span in s, at most `whole`.
+
+    Operations are counted, not timed, so that the answer is the same on every machine.
+    """
+    counts = [first << k for k in range(RUNGS)]
+
+    def work():
+        return sum(pair.work(seconds / x) for pair in pairs for x in counts)
+
+    while len(counts) > LEAST and seconds * work() > BUDGET:
+        counts.pop()
+    span = whole
+    if span * work() > BUDGET:
+        span = seconds * max(1, math.floor(BUDGET / work() / seconds))
+    return counts, min(span, whole)
 
 
 def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
@@ -273,53 +301,43 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     `known`: its reference, if there is one; each(names) gives the names, and may show them.
     Raises Untraceable where a step cannot be compiled.
     """
-    reference = known_motion(chapter, system, dt, steps, known)
+    force = chapter.make_force(system)
+    last = truth.horizon(system, force, dt, steps)
+    if known is not None and known.step != last:  # its runs ended early
+        known = None
+    reference = known_motion(chapter, system, dt, last, known)
     seconds = reference.step * dt
+    whole = steps * dt
     usual = [x for x in chapter.INTEGRATORS if x not in LEFT_OUT + LAST]
-    last = [x for x in chapter.INTEGRATORS if x in LAST]
-    first = first_count(system, chapter.make_force(system), dt, reference.step)
-    counts = [first << k for k in range(RUNGS)]
-    built = {}
-
-    def build(integrators):
-        names = {" with ".join(x): x for x in pairs_of(chapter, integrators)}
-        for name in each(names):
-            built[names[name]] = Pair(chapter, system, *names[name], knobs)
-
-    def work(counts):
-        return sum(pair.work(seconds / x) for pair in built.values() for x in counts)
-
-    build(usual)
-    while len(counts) > LEAST and seconds * work(counts) > BUDGET:
-        counts.pop()
-    whole = dt * steps
-    span = whole
-    if span * work(counts) > BUDGET:
-        span = seconds * max(1, math.floor(BUDGET / work(counts) / seconds))
-    settings = []
-    for pair in built.values():
-        settings += ladder(chapter, pair, counts, reference, seconds, span, within)
-    coarser = None
-    shorter = None
+    pairs = build(chapter, system, usual, knobs, each)
+    first = first_count(system, force, dt, reference.step)
+    counts, span = affordable(pairs, first, seconds, whole)
+    shortened = []
+    if reference.step < last and reference.q is not None:
+        shortened.append(f"places later than at {seconds:.3g} s are not known")
     if len(counts) < RUNGS:
-        finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
-        coarser = f"steps below {finest} are left out: they would take long"
+        shortened.append(
+            f"no step is below {1e3 * seconds / counts[-1]:.3g} ms: it would take long"
+        )
     if span < whole:
-        what = f"rods and energy are those of the first {span:.3g} s of {whole:.3g}"
-        shorter = f"{what}: more would take long"
-    if reference.q is not None and not chosen(settings, "error", within) and last:
-        usual_pairs = dict(built)
-        built.clear()
-        build(last)
-        rungs = [first << k for k in range(RUNGS)]
-        while len(rungs) > LEAST and span * work(rungs) > BUDGET:
-            rungs.pop()
-        for pair in built.values():
-            settings += ladder(chapter, pair, rungs, reference, seconds, span, within)
-        built |= usual_pairs
-    places = chosen(settings, "error", within)
+        shortened.append(f"rods and energy are of the first {span:.3g} s: all would take long")
+
+    def climb(pairs, counts):
+        found = []
+        for pair in pairs:
+            take = partial(measure, chapter, pair, reference, seconds, span)
+            found += ladder(take, counts, partial(digits, seconds), within)
+        return found
+
+    settings = climb(pairs, counts)
+    right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
+    if reference.q is not None and not chosen(settings, "error", right):
+        pairs = build(chapter, system, [x for x in chapter.INTEGRATORS if x in LAST], knobs, each)
+        counts, _ = affordable(pairs, first, seconds, span)
+        settings += climb(pairs, counts)
+    places = chosen(settings, "error", right)
     rods_hold = chosen(settings, "rods", within)
-    return Choice(within, span, seconds, reference, coarser, shorter, settings, places, rods_hold)
+    return Choice(within, span, seconds, reference, shortened, settings, places, rods_hold)
 
 
 def as_metrics(choice, advice):
@@ -336,7 +354,7 @@ def as_metrics(choice, advice):
         "error_at": choice.error_at,
         "uncertainty": rounded(choice.reference.uncertainty) if known else None,
         "why": None if known else choice.reference.why,
-        "shortened": "; ".join(filter(None, [choice.coarser, choice.shorter])) or None,
+        "shortened": "; ".join(choice.shortened) or None,
         "settings": rows,
         "places": [choice.settings.index(x) for x in choice.places],
         "rods_hold": [choice.settings.index(x) for x in choice.rods_hold],

@@ -45,7 +45,8 @@ def find_reference(system, force, project, runs):
     """The Reference for runs of a system: after HORIZON or, if they end sooner, at their end."""
     dt = next(run.dt for run in runs)
     steps = max(1, max(len(run.q) for run in runs) - 1)
-    return true_motion(system, force, project, dt, steps, why_unknown(runs))
+    last = horizon(system, force, dt, steps)
+    return true_motion(system, force, project, dt, last, why_unknown(runs))
 
 
 def why_unknown(runs):
@@ -57,13 +58,14 @@ def why_unknown(runs):
     return ""
 
 
-def horizon(swing, dt, steps):
-    """After how many of `steps` of dt s places are compared; `swing` is sqrt(L/g), in s."""
+def horizon(system, force, dt, steps):
+    """After how many of `steps` of dt s places are compared."""
+    swing, _ = time_scales(system, force)
     return min(steps, max(1, round(min(HORIZON, 20.0 * swing) / dt)))
 
 
-def true_motion(system, force, project, dt, steps, why=""):
-    """The Reference at the horizon of so many steps of dt s; unknown if there is a reason `why`.
+def true_motion(system, force, project, dt, last, why=""):
+    """The Reference after the `last` step of dt s; unknown if there is a reason `why`.
 
     project(system, q_start, q, v, dt) puts the end of a step back onto the rods. The steps get
     shorter until two ends agree, or until rounding keeps them apart. Gauss's rule halves a step
@@ -73,7 +75,6 @@ def true_motion(system, force, project, dt, steps, why=""):
     q, v, rods = system["q0"], system["v0"], len(system["pairs"])
     shortest = float(np.min(system["lengths"]))
     swing, turn = time_scales(system, force)
-    last = horizon(swing, dt, steps)
     unknown = Reference(last, f"at {last * dt:.3g} s")
     if why:
         return unknown._replace(why=why)

@@ -6,7 +6,7 @@ from decimal import Decimal, InvalidOperation
 
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
-from curriculum.ch3_4_constraints.results.table import length, say
+from curriculum.ch3_4_constraints.results.table import length, per_cent, say
 from curriculum.common import progress
 from curriculum.common.tracing import Untraceable
 
@@ -65,7 +65,7 @@ def place_row(x, within):
 
 
 def rods_row(x):
-    return f"{name_of(x)}, {length(x.rods)} off"
+    return f"{name_of(x)}, {length(x.rods)} off, energy {per_cent(x.energy)}"
 
 
 def spread(settings, many):
@@ -90,6 +90,8 @@ def places_head(choice):
         return f"Nobody knows which places are right: {choice.reference.why}"
     if choice.places:
         return f"Every place {right}, by the operations for a second of motion:"
+    if choice.reference.uncertainty >= choice.within:
+        return f"Places are known to {length(choice.reference.uncertainty)} only"
     known = [x for x in choice.settings if x.error is not None and not x.lost]
     if not known:
         return f"No step {rungs(choice)} is {right}: all are lost"
@@ -97,10 +99,8 @@ def places_head(choice):
     return f"No step {rungs(choice)} is {right}; nearest, {name_of(best)}: {length(best.error)} off"
 
 
-def rods_head(choice, whole):
+def rods_head(choice):
     span = f"for {choice.span:.3g} s"
-    if choice.span < whole:
-        span += f" (of {whole:.3g}: all would take long)"
     if choice.rods_hold:
         return f"Rods right to {words(choice.within)} {span}:"
     return f"No step {rungs(choice)} holds the rods to {words(choice.within)} {span}"
@@ -114,31 +114,35 @@ def why_they_differ(choice):
     if x.error is None or x.error <= choice.within:
         return None
     return (
-        f"Right rods are not yet right places: {name_of(x)} holds the rods, yet puts a particle "
-        f"{length(x.error)} off. Rods keep it on its path; how far it has come on it, they do "
-        "not say."
+        "Right rods are not yet right places: the first of these puts a particle "
+        f"{length(x.error)} off. Rods keep it on its path; they do not say how far it has come."
     )
 
 
 def lost_settings(choice):
-    """What was lost, and why, in a line."""
+    """What was lost at the shortest step, and why, and how many settings more; None if none."""
     lost = [x for x in choice.settings if x.lost]
     if not lost:
         return None
-    found = [f"{name_of(x)}, {x.lost}" for x in lost[-1:]]
-    others = f"; so are {len(lost) - 1} more" if len(lost) > 1 else ""
-    return f"Lost: {found[0]}{others}"
+    x = min(lost, key=lambda x: x.dt)
+    others = f"; and {len(lost) - 1} more" if len(lost) > 1 else ""
+    return f"Lost: {name_of(x)}, {x.lost}{others}"
+
+
+def left_out(choice):
+    """What was left out, and why, in a sentence."""
+    what = "; ".join(choice.shortened)
+    return what[:1].upper() + what[1:]
 
 
 def wrapped(lines):
     return sum(len(textwrap.wrap(x, WIDTH, subsequent_indent="  ")) for x in lines)
 
 
-def sentences(choice, whole):
-    """[(setting or None, sentence)]: what is said of a Choice for a run of so many s; in all, no
-    more than LINES lines."""
-    heads = [places_head(choice), rods_head(choice, whole)]
-    tail = [why_they_differ(choice), lost_settings(choice), choice.coarser]
+def sentences(choice):
+    """[(setting or None, sentence)]: what is said of a Choice, in at most LINES lines."""
+    heads = [places_head(choice), rods_head(choice)]
+    tail = [why_they_differ(choice), lost_settings(choice), left_out(choice)]
     tail = [x for x in tail if x]
     for many in (3, 2, 1):
         places = spread(choice.places, many)
@@ -153,7 +157,7 @@ def sentences(choice, whole):
     return found
 
 
-def line(x, text, pace=" (0.000 us)"):
+def line(x, text, pace=" (0.000 µs)"):
     """A sentence, or of a setting x a row that begins with its operations and its pace."""
     return f"  {thousands(x.operations)}{pace}: {text}" if x else text
 
@@ -185,7 +189,7 @@ def give(chapter, args, system, runs, reference):
     if why:
         say(f"no answer to --within {words(args.within)}: {why}")
         return None
-    said = sentences(found, args.dt * args.steps)
+    said = sentences(found)
     for x, text in said:
-        say(line(x, text, f" ({1e6 * x.seconds:.3g} us)" if x else ""))
+        say(line(x, text, f" ({1e6 * x.seconds:.3g} µs)" if x else ""))
     return choosing.as_metrics(found, [line(x, text, "") for x, text in said])
