@@ -251,7 +251,8 @@ class Choice(NamedTuple):
     span: float  # s, over which rods and energy are measured
     error_at: float  # s
     reference: truth.Reference
-    shortened: list  # what was left out, and why, in sentences
+    whole: float  # s, of the run; more than the span if that would take long
+    left_out: list  # what else was left out, and why, in sentences
     settings: list
     places: list  # those that put every place right to `within`, the cheapest first
     rods_hold: list  # those that hold the rods to it for the whole span
@@ -312,15 +313,11 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     pairs = build(chapter, system, usual, knobs, each)
     first = first_count(system, force, dt, reference.step)
     counts, span = affordable(pairs, first, seconds, whole)
-    shortened = []
+    left_out = []
     if reference.step < last and reference.q is not None:
-        shortened.append(f"places later than at {seconds:.3g} s are not known")
+        left_out.append(f"places later than at {seconds:.3g} s are not known")
     if len(counts) < RUNGS:
-        shortened.append(
-            f"no step is below {1e3 * seconds / counts[-1]:.3g} ms: it would take long"
-        )
-    if span < whole:
-        shortened.append(f"rods and energy are of the first {span:.3g} s: all would take long")
+        left_out.append(f"no step is below {1e3 * seconds / counts[-1]:.3g} ms: it would take long")
 
     def climb(pairs, counts):
         found = []
@@ -337,12 +334,16 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
         settings += climb(pairs, counts)
     places = chosen(settings, "error", right)
     rods_hold = chosen(settings, "rods", within)
-    return Choice(within, span, seconds, reference, shortened, settings, places, rods_hold)
+    parts = within, span, seconds, reference, whole, left_out, settings, places, rods_hold
+    return Choice(*parts)
 
 
 def as_metrics(choice, advice):
     """What metrics.json says of a Choice, with the sentences that were printed of it."""
     known = choice.reference.q is not None
+    shortened = list(choice.left_out)
+    if choice.span < choice.whole:
+        shortened.append(f"rods and energy are of the first {choice.span:.3g} s")
     rows = []
     for x in choice.settings:
         row = x._asdict()
@@ -354,7 +355,7 @@ def as_metrics(choice, advice):
         "error_at": choice.error_at,
         "uncertainty": rounded(choice.reference.uncertainty) if known else None,
         "why": None if known else choice.reference.why,
-        "shortened": "; ".join(choice.shortened) or None,
+        "shortened": "; ".join(shortened) or None,
         "settings": rows,
         "places": [choice.settings.index(x) for x in choice.places],
         "rods_hold": [choice.settings.index(x) for x in choice.rods_hold],

@@ -14,6 +14,7 @@ UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  
 SHOWN = {"m": 0, "cm": -2, "mm": -3, "µm": -6, "nm": -9}  # to say a tolerance
 LEAST, MOST = 1e-12, 1e6  # m
 LINES = 10  # at most
+ROWS = (3, 2), (2, 2), (2, 1), (1, 1)  # settings for places and for rods: the first that fit
 WIDTH = 80  # columns
 
 
@@ -101,6 +102,8 @@ def places_head(choice):
 
 def rods_head(choice):
     span = f"for {choice.span:.3g} s"
+    if choice.span < choice.whole:
+        span = f"for the first {choice.span:.3g} s (all would take long)"
     if choice.rods_hold:
         return f"Rods right to {words(choice.within)} {span}:"
     return f"No step {rungs(choice)} holds the rods to {words(choice.within)} {span}"
@@ -131,7 +134,7 @@ def lost_settings(choice):
 
 def left_out(choice):
     """What was left out, and why, in a sentence."""
-    what = "; ".join(choice.shortened)
+    what = "; ".join(choice.left_out)
     return what[:1].upper() + what[1:]
 
 
@@ -144,9 +147,9 @@ def sentences(choice):
     heads = [places_head(choice), rods_head(choice)]
     tail = [why_they_differ(choice), lost_settings(choice), left_out(choice)]
     tail = [x for x in tail if x]
-    for many in (3, 2, 1):
+    for many, more in ROWS:
         places = spread(choice.places, many)
-        rods = spread(choice.rods_hold, many)
+        rods = spread(choice.rods_hold, more)
         found = [(None, heads[0])]
         found += [(x, place_row(x, choice.within)) for x in places]
         found += [(None, heads[1])]
@@ -192,4 +195,4 @@ def give(chapter, args, system, runs, reference):
     said = sentences(found)
     for x, text in said:
         say(line(x, text, f" ({1e6 * x.seconds:.3g} µs)" if x else ""))
-    return choosing.as_metrics(found, [line(x, text, "") for x, text in said])
+    return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in said])
