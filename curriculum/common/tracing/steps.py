@@ -22,6 +22,7 @@ class CompiledSteps:
         self.shapes = list(map(np.shape, state))
         self.mask = numbers(live) != 0.0
         program, loop = trace_loop(step, live, knobs, others)
+        self.program = program
         self.exact = program.tape.signs.isdisjoint(LIBRARY)
         self.source = python.source_of(program)
         operations = work(program.tape, steps)
