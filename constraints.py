@@ -23,7 +23,7 @@ from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # scene
 from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve_loops  # loops of rods
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference  # the true motion
-from curriculum.ch3_4_constraints.results import output, table  # files; numbers with units
+from curriculum.ch3_4_constraints.results import advice, output, table  # what is said
 from curriculum.common import cli, progress  # flags; a progress bar
 from curriculum.common.gauss import make_gauss  # a very accurate integrator
 from curriculum.common.tracing import compiled, plain, vmap, while_loop  # speed
@@ -390,6 +390,7 @@ def parse_args(argv=None):
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
     add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift shows late")
+    add("--within", type=advice.tolerance, help="find the cheapest settings right to 1mm, 1um, ...")
     add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--device", choices=["cpu"], default="cpu", help="there is no other")
@@ -476,7 +477,8 @@ def main(argv=None):
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
     this_file = SimpleNamespace(**globals())  # as you edited it: page and recording run it
-    output.write(args, system, runs, results, reference, this_file)
+    choice = advice.give(this_file, args, system, runs, reference)  # with --within: what to take
+    output.write(args, system, runs, results, reference, choice, this_file)
     return 0
 
 

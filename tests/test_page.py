@@ -13,8 +13,9 @@ import pytest
 from conftest import SCREENS, click, contrast
 
 import constraints as c
+from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.pages import answer, page
-from curriculum.ch3_4_constraints.results import output, palette, table
+from curriculum.ch3_4_constraints.results import advice, output, palette, table
 
 USUAL = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02}
 BITS = [("double", "rk4"), ("jansen_leg", "semi_implicit")]
@@ -169,6 +170,7 @@ def played(*flags, chapter=c, choice=None, edited=False):
     methods = c.make_methods(args.dt, **args.knobs)
     for name, run in runs.items():
         results[name] = c.summary(system, run, methods[name], reference)
+    choosing.count_operations(c, args, system, runs, results)
     return page.play(chapter, args, system, results, reference, choice, edited)
 
 
@@ -292,7 +294,29 @@ def test_terminal_metrics_and_page_say_the_same_of_a_run(tmp_path, capsys):
         assert found[:-1] == [*lengths, energy, table.length(row["error"])]
         assert re.findall(" {2,}".join(map(re.escape, found[:3])), line), "in this order"
         assert found[3] in line
+        assert found[4] == advice.thousands(row["operations"])
     assert "stopped" in str(metrics["results"]["baumgarte"])
+
+
+def test_terminal_metrics_and_page_give_the_same_answer(tmp_path, capsys):
+    c.main(["--within", "1mm", "--no-rerun", f"--out={tmp_path}"])
+    printed = capsys.readouterr().out
+    choice = json.loads((tmp_path / output.METRICS).read_text())["choice"]
+    text = (tmp_path / output.PAGE).read_text()
+    says, holds = re.findall('<p id="(?:says|holds)">(.*?)</p>', text)
+    steps = cells(text, 1)
+    heads = re.findall('<th scope="col">(semi_implicit|rk4|gauss)', text)
+    for index in choice["places"]:
+        row = choice["settings"][index]
+        step = advice.milliseconds(row["dt"])
+        cell = steps[row["method"]][heads.index(row["integrator"])]
+        assert cell == f"{step}: {advice.thousands(row['operations'])}"
+    shown = sum(": " in cell for row in steps.values() for cell in row)
+    assert shown == len(choice["places"])
+    for key, words in ("places", says), ("rods_hold", holds):
+        row = choice["settings"][choice[key][0]]
+        setting = f"{row['integrator']} with {row['method']} at {advice.milliseconds(row['dt'])}"
+        assert f": {setting}" in words and f": {setting}" in printed
 
 
 FOUND = [  # integrator, method, step in s, error in m, operations a second
@@ -333,13 +357,12 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
     assert steps["none"] == ["2 cm off at 5 ms", "40 ms: 8,000"]
     assert steps["impulse"] == ["10 ms: 12,000", "–"]
     assert steps["project"] == ["–", "40 ms: 8,200"]
-    assert "1 cm: impulse" not in found["1 cm"]["says"]
     assert found["1 µm"]["says"].endswith(
         "rk4 with project at 10 ms; with semi_implicit, nothing that was tried."
     )
-    assert list(found) == ["1 cm", "1 mm", "0.1 mm", "1 µm"]
+    assert list(found) == ["1 cm", "1 mm", "100 µm", "1 µm"]
     exact = answer.answers(chosen(1e-9), {"colors": {}})
-    assert list(exact) == ["1 cm", "1 mm", "0.1 mm", "1 µm", "1 nm"]
+    assert list(exact) == ["1 cm", "1 mm", "100 µm", "1 µm", "1 nm"]
     assert exact["1 nm"]["says"] == "Right to 1 nm after 2 s: nothing is, down to steps of 5 ms."
 
 
@@ -355,7 +378,7 @@ def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why()
 def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
     shown = pages(choice=chosen())
     tolerances = shown.locator("#tolerances button")
-    assert tolerances.all_inner_texts() == ["1 cm", "1 mm", "0.1 mm", "1 µm"]
+    assert tolerances.all_inner_texts() == ["1 cm", "1 mm", "100 µm", "1 µm"]
     pressed = "all => all.filter(x => x.ariaPressed === 'true').map(x => x.textContent)"
     assert tolerances.evaluate_all(pressed) == ["1 mm"]
     found = answer.answers(chosen(), page.scene_of(c, c.build_system("double"), "rk4", USUAL, {}))

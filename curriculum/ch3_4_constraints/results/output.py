@@ -8,6 +8,7 @@ import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
 
+from curriculum.ch3_4_constraints.mechanics.choice import count_operations
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
@@ -48,9 +49,13 @@ def is_ours(folder):
         return False
 
 
-def write(args, system, runs, results, reference, chapter, choice=None):
-    """Write the files that are asked for, remove those of an earlier run, and say so."""
-    text = metrics(args, system, results, reference)
+def write(args, system, runs, results, reference, choice, chapter):
+    """Write the files that are asked for, remove those of an earlier run, and say so.
+
+    `choice`: what metrics.json says of it, or None.
+    """
+    count_operations(chapter, args, system, runs, results)
+    text = metrics(args, system, results, reference, choice)
     files = {METRICS: text, PAGE: None, RECORDING: None}
     edited = any(run.step.edited for run in runs.values())
     left_out = {}
@@ -79,9 +84,11 @@ def write(args, system, runs, results, reference, chapter, choice=None):
         say(f"{name} is left out: {why}")
     if files[RECORDING]:
         print(look(args.out / RECORDING))
+    if args.within is None:
+        print("which step is right to 1 mm? add --within 1mm")
 
 
-def metrics(args, system, results, reference):
+def metrics(args, system, results, reference, choice=None):
     """The text of metrics.json. It has no times, and nothing about the machine: equal arguments
     give equal bytes. So does the page; recordings are equal but for a header."""
     used = {name: getattr(args, name) for name in ("integrator", "dt", "steps", "seed")}
@@ -94,6 +101,7 @@ def metrics(args, system, results, reference):
         name: {key: rounded(x, 6 if key == "tip_final" else 12) for key, x in row.items()}
         for name, row in results.items()
     }
+    used["choice"] = choice
     return json.dumps(used, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 

@@ -185,6 +185,7 @@ class CompiledSteps:
         live = nonzero(state)
         self.shapes, self.mask = list(map(np.shape, state)), numbers(live) != 0.0
         program, loop = trace_loop(step, live, knobs, others)
+        self.program = program
         self.exact = program.tape.signs.isdisjoint(LIBRARY)
         self.source = python.source_of(program)
         self.how, self.write = "machine code", None
