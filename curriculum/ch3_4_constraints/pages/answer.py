@@ -23,9 +23,9 @@ def of_the_run(args, results, reference, scene):
             NOTHING if row["operations"] is None else thousands(row["operations"]),
         ]
         if row["stopped"]:  # its figures are of a shorter time
-            rows.append(html_row(name, scene, [row["stopped"]], len(cells)))
+            rows.append(html_row(name, scene, [escape(row["stopped"])], len(cells)))
         else:
-            rows.append(html_row(name, scene, cells))
+            rows.append(html_row(name, scene, map(escape, cells)))
     why = f"No true motion to compare with: {reference.why}." if reference.q is None else ""
     return {
         "span": f"{args.steps * args.dt:.3g} s in steps of {milliseconds(args.dt)}",
@@ -102,7 +102,7 @@ def cheapest(choice, within, enough):
     """The cheapest setting that is enough and, beside it, that of each other integrator."""
     what = f"Right to {words(within)} after {choice['error_at']:.3g} s"
     if choice["why"]:
-        what = f"{as_sentence(choice['why'])} {rods_within(choice, within)}"
+        what = f"{as_sentence(choice['why'])} Rods {within_for(choice, within)}"
     settings = settings_of(choice)
     if not enough:
         shortest = min(x.dt for x in settings)
@@ -124,11 +124,11 @@ def rods_hold(choice, within, enough):
     """The cheapest setting that holds the rods, where that is not the answer already."""
     if choice["why"] or not enough:
         return ""
-    return f"{rods_within(choice, within)}, whatever their places: {name_of(enough[0])}."
+    return f"Rods alone, {within_for(choice, within)}: {name_of(enough[0])}."
 
 
-def rods_within(choice, within):
-    return f"Rods within {words(within)} for {choice['span']:.3g} s"
+def within_for(choice, within):
+    return f"within {words(within)} for {choice['span']:.3g} s"
 
 
 def ladder_rows(choice, enough, scene):
@@ -138,7 +138,9 @@ def ladder_rows(choice, enough, scene):
         cells = []
         for integrator in integrators(settings):
             tried = [x for x in settings if (x.integrator, x.method) == (integrator, method)]
-            cells.append(in_words(tried, enough, measure(choice)))
+            cell = escape(in_words(tried, enough, measure(choice)))
+            is_best = enough and enough[0] in tried
+            cells.append(f"<b>{cell}</b>" if is_best else cell)
         yield html_row(method, scene, cells)
 
 
@@ -156,10 +158,10 @@ def in_words(tried, enough, key):
 
 
 def html_row(method, scene, cells, wide=1):
-    """A row of a table, that begins with a method in its colour; each cell is so many wide."""
+    """A row of a table: a method in its colour, then cells of HTML, each so many columns wide."""
     color = scene["colors"].get(method, 0)
     wide = f' colspan="{wide}"' if wide > 1 else ""
-    cells = "".join(f"<td{wide}>{escape(cell)}" for cell in cells)
+    cells = "".join(f"<td{wide}>{cell}" for cell in cells)
     return f'<tr><th scope="row" class="m{color}">{escape(method)}{cells}'
 
 

@@ -78,7 +78,8 @@ def palette_css():
     colors |= {"long": palette.TOO_LONG, "short": palette.TOO_SHORT}
     light = "".join(f"--{name}: {color}; " for name, (color, _) in colors.items())
     dark = "".join(f"--{name}: {color}; " for name, (_, color) in colors.items())
-    return f":root {{ {light}}}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}\n"
+    at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
+    return f":root {{ {light}}}\n{at_night}\n"
 
 
 def scene_of(chapter, system, integrator, knobs, measures):

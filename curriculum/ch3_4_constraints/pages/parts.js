@@ -43,7 +43,7 @@ function make(tag, settings = {}, ...inside) {
 const row = (className, ...inside) => make("div", {className}, ...inside);
 const makeButton = (textContent, onclick) => make("button", {type: "button", textContent, onclick});
 const styles = getComputedStyle(document.documentElement), inks = new Map();
-const dark = matchMedia("(prefers-color-scheme: dark)");
+const dark = matchMedia("screen and (prefers-color-scheme: dark)"); // paper is white
 dark.addEventListener("change", () => inks.clear());
 function ink(color) { // kept, since each look into styles may lay out the page
   if (!inks.has(color)) inks.set(color, styles.getPropertyValue(`--${color}`));
