@@ -38,6 +38,13 @@ class Parser(argparse.ArgumentParser):
             allow_abbrev=False,
         )
 
+    def parse_args(self, words=None, namespace=None):
+        """The flags; and, as `words`, how the program was called."""
+        args = super().parse_args(words, namespace)
+        started = ["python", self.prog] if self.prog.endswith(".py") else [self.prog]
+        args.words = started + list(sys.argv[1:] if words is None else words)
+        return args
+
     def error(self, message):
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
