@@ -7,6 +7,7 @@ import pytest
 from conftest import SCREENS, click, contrast
 
 import constraints as c
+from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
 from curriculum.ch3_4_constraints.results import palette, table
 
 builder = "curriculum.ch3_4_constraints.pages.chapter"
@@ -105,8 +106,8 @@ def test_the_solve_is_the_chapters_hanging_held_or_thrown(visit, gesture):
     q = np.insert(np.cumsum([first, (x, y)], axis=0), 2, 0.0, axis=1)
     v = np.insert(numbers(found, r"v[₀₁] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
     assert v == pytest.approx(spin * np.array([[0.0, 0.0, 0.0], [-y, x, 0.0]]), abs=0.1)
-    jac, A, b = c.constraint_equation(system, q, v)
-    lam, rounded = c.solve(system, A, b, v, jac), 0.15 + 0.1 * np.max(np.abs(v))  # to two digits
+    jac, A, b, lam = chapter.equation(system, q, v).values()
+    rounded = 0.15 + 0.1 * np.max(np.abs(v))  # to two digits
     for each, right in zip(shown, (jac.reshape(4, 3)[:, :2], A, lam, b), strict=True):
         assert each == pytest.approx(right.ravel(), abs=0.02 if right.ndim > 1 else rounded)
 
@@ -125,7 +126,7 @@ def test_half_the_step_halves_the_drift_as_the_proof_says(shown):
 
 
 def test_the_error_decays_rings_or_explodes_as_theory_says_and_not_before_the_guess(shown):
-    found, limit = figure(shown, "cliff"), c.STABILITY_LIMIT["semi_implicit"]
+    found, limit = figure(shown, "cliff"), stability_limit(c.semi_implicit_step)
     printed = found.page.get_by_text("diverged").first
     assert not printed.is_visible()
     click(found, "at some point it explodes")

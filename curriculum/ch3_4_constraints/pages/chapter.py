@@ -28,25 +28,37 @@ HERE = Path(__file__).parents[1]
 SOURCE, PAGE = HERE / "README.md", HERE / "chapter.html"
 
 
-def multipliers(system, q, v):
-    """lambda (C,) of a state."""
-    jac, A, b = constraints.constraint_equation(system, q, v)
-    return constraints.solve(system, A, b, v, jac)
+def equation(system, q, v):
+    """J, and A, b and lambda of A lambda = b, without a spring: what constraint_force goes through.
+
+    They are its lines once more, since it returns none of them; a test compares the two.
+    """
+    m = np.repeat(system["m"], 3)
+    f = constraints.external_force(system, q, v).ravel()
+    jac, _, _, jdotv = constraints.constraint_terms(system, q, v)
+    A = (jac / m) @ jac.T
+    b = -(jac @ (f / m) + jdotv)
+    return {"J": jac, "A": A, "b": b, "lambda": constraints.solve(system, A, b, v)}
+
+
+def of_equation(name):
+    """A measure: one of what equation has."""
+    return lambda *state: equation(*state)[name]
+
+
+def pull(system, q, v):
+    """How hard each rod pulls in N, without a spring."""
+    return constraints.tensions(system, q, v, constraints.make_force(system))
 
 
 MEASURES = {  # what figures ask of a state, by system, besides what every page has
     "pendulum": {
         "g": lambda *state: constraints.constraint_terms(*state)[1],
         "gdot": lambda *state: constraints.constraint_terms(*state)[2],
-        "tensions": constraints.tensions,
+        "tensions": pull,
         "weight": constraints.external_force,
     },
-    "double": {
-        "J": lambda *state: constraints.constraint_terms(*state)[0],
-        "A": lambda *state: constraints.constraint_equation(*state)[1],
-        "b": lambda *state: constraints.constraint_equation(*state)[2],
-        "lambda": multipliers,
-    },
+    "double": {name: of_equation(name) for name in ("J", "A", "b", "lambda")},
     "peaucellier": {},
 }
 KNOBS = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02, "impedance": 0.95}
