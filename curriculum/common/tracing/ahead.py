@@ -57,6 +57,7 @@ class Step:
     def begin(self, arguments):
         """Take a step that is not ready, or does not look like it; make those after it ready."""
         number = self.number + 1
+        self.own.failure = None
         result = self.own(arguments) if number == 0 else None  # only it tells what is a state
         state = arguments[: self.own.width]
         others = arguments[self.own.width :]
@@ -81,11 +82,13 @@ class Step:
             )
             self.ready = self.computed(run, state, number)
             step = next(self.ready, None)
-        if step is None:  # it has failed: only its own lines can tell why
+        is_due = run is not before or self.comparisons.is_due(number)
+        if is_due and result is None:
+            result = self.own(arguments)
+        if step is None or self.own.failure:  # only its own lines can tell why it fails
             return self.take(number, arguments, result)
         self.number, self.expected, ahead = step
-        if run is not before or self.comparisons.is_due(number):
-            result = result or self.own(arguments)
+        if is_due:
             check(number, several(ahead), result, state, run.exact)
             self.report.compared += 1
         return ahead
@@ -102,7 +105,8 @@ class Step:
         """Take a step by its own lines, unless that has been done."""
         if result is None:
             result = self.own(arguments)
-        self.report.time(1, self.own.seconds)
+        if not self.report.is_compiled:
+            self.report.time(1, self.own.seconds)
         if self.own.failure:
             self.report.fail(self.own.failure)
         return self.hand_out(number, result)
@@ -165,8 +169,7 @@ class Builder:
                 self.run = self.build(state, others)
             except Untraceable as why:
                 self.can = False
-                self.report.how = f"plain numpy: {why}"
-                self.report.is_compiled = False
+                self.report.go_plain(why)
         return self.run
 
     def build(self, state, others):

@@ -34,6 +34,12 @@ class Report:
         self.timed += steps
         self.seconds += seconds
 
+    def go_plain(self, why):
+        self.how = f"plain numpy: {why}"
+        self.is_compiled = False
+        self.timed = 0
+        self.seconds = 0.0
+
     def fail(self, why):
         self.failure = self.failure or why
 
