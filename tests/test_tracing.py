@@ -104,12 +104,13 @@ def halved(x, halve=lambda x: 0.5 * x):
 
 
 def bounds_of_nan(x):
-    """Whether a bound is NaN, if one of two numbers is, and NaN is not less than a number."""
+    """Whether a bound is NaN, if one of two numbers is; and what is less, of NaN and of equals."""
     with np.errstate(all="ignore"):
         huge, one = 1e300 * x[0] * 1e300, x[0]
         nan = huge - 2.0 * huge
     bounds = np.maximum(nan, one), np.maximum(one, nan), np.minimum(nan, one), np.minimum(one, nan)
-    less = [nan < one, one < nan, nan >= one, one <= nan, *(bound <= bound for bound in bounds)]
+    less = [nan < one, one < nan, nan >= one, one <= nan, one < one, one <= one]
+    less += [bound <= bound for bound in bounds]
     return x * sum(2.0**-k * np.where(is_less, 1.0, 0.5) for k, is_less in enumerate(less))
 
 
@@ -221,6 +222,7 @@ OTHERS = {
     "another step": lambda i, m, force, dt: (m, force, 0.01 if i < 333 else 0.005),
     "dt in place": lambda i, m, f, dt: (m, f, np.add(dt, 0.01 * (i == 333), dt if i else 0 * m)),
     "another force": lambda i, m, force, dt: (m, np.subtract if i > 500 else np.add, dt),
+    "eight in all": lambda i, m, force, dt: (m, force, 0.01 / (1 + i // 75)),
     "another at each step": lambda i, m, force, dt: (m, force, 0.01 / (1 + i)),
 }
 
@@ -261,14 +263,16 @@ def test_a_block_in_which_nothing_is_compiled_may_begin_midway_and_hold_another(
         calls.append(x)
         return 0.5 * x
 
-    fast = compiled(step, 1000)
+    fast, many = compiled(step, 1000), np.ones((200, 2))
     half = states(fast, [1.0], 100)[-1:]  # a number
+    assert len(calls) < 50 and vmap(step)(many).sum() == 200.0 and len(calls) < 60
     calls.clear()
     with plain():
         with plain(False):
             fast(half[0])
         half = states(fast, half, 49)[-1:]
-    assert len(calls) == 50 and half[0, 0] == 0.5**149
+        assert len(calls) == 50 and half[0, 0] == 0.5**149
+        assert vmap(step)(many).sum() == 200.0 and len(calls) == 250
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-11, 1e-6])
@@ -456,8 +460,8 @@ def test_a_failed_step_is_nan_and_so_are_all_after_it_and_it_says_why(words, lan
         return good.sum(), re.sub(rf"{HERE}, line \d+", "LINE", step.report.failure)
 
     with plain():
-        expected = run(compiled(FAILING[words], 60))
-    fast = compiled(FAILING[words], 60)
+        expected = run(compiled(FAILING[words], 6000))
+    fast = compiled(FAILING[words], 6000)
     assert run(fast) == expected and fast.report.how == language
     assert expected[0] < 60 and expected[1] == words.strip()
 
