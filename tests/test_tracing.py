@@ -240,7 +240,7 @@ def test_other_arguments_are_obeyed_wherever_they_change(name, language):
 
     fast = compiled(fall, 600)
     assert run(fast) == run(fall)
-    how = "plain numpy: its arguments keep changing" if "each" in name else language
+    how = "plain numpy, after a trial: its arguments keep changing" if "each" in name else language
     assert (fast.report.how, fast.report.edited) == (how, name != "nothing")
 
 
@@ -504,7 +504,7 @@ REFUSED = {
 def test_what_cannot_be_traced_runs_as_it_stands_and_names_its_line(word):
     step, start = compiled(REFUSED[word], 10), np.array([1.0, 0.5, 0.3])
     np.testing.assert_array_equal(step(start), REFUSED[word](start))
-    assert step.report.how.startswith("plain numpy: ") and word in step.report.how
+    assert step.report.how.startswith("plain numpy, after a trial: ") and word in step.report.how
     if word != "other shapes":
         line = re.search(rf"\({HERE}, line (\d+)\)$", step.report.how)[1]
         assert int(line) == REFUSED[word].__code__.co_firstlineno

@@ -36,7 +36,7 @@ class Report:
         self.seconds += seconds
 
     def go_plain(self, why):
-        self.how = f"plain numpy: {why}"
+        self.how = f"plain numpy, after a trial: {why}"
         self.is_compiled = False
         self.timed = 0
         self.seconds = 0.0
