@@ -431,9 +431,10 @@ def summary(system, run, method, reference):
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
+        "conserves": systems.conserves(system, external_force, energy),  # or energy need not stay
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         "energy_step_max": np.max(np.abs(np.diff(run.energies)), initial=0.0) / m_g_L,
-        "tension_max": np.max(np.abs(vmap(pull)(run.q, run.v))),  # N, over rods and states
+        **table.largest_force(vmap(pull)(run.q, run.v)),  # N, over rods and states
         "tip_final": run.tip[-1].tolist(),  # m
         "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
         "stopped": run.stopped,  # when and why, if it ended early
@@ -443,20 +444,20 @@ def summary(system, run, method, reference):
 def print_table(args, runs, results, reference):
     """Print a row for each method, and warnings."""
     table.title(args, runs)
-    print("\n               rods off by      energy off   largest    places off    a step")
-    print(f"method         worst    at end    of m g L  force, N{reference.at:>14}        us")
+    print("\n               rods off by      energy off    largest   places off    a step")
+    print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
     for name, row in results.items():
         if runs[name].lost:  # it failed or diverged: say when and why
             table.say(f"{name:12}{row['stopped']}")
             continue
         worst = table.length(row["max_violation"])
         end = table.length(row["final_violation"])
-        drift = table.per_cent(row["energy_rel_max"])
-        force = f"{row['tension_max']:.3g}"
+        drift = table.energy(row)
+        force = table.force(row)
         error = table.error(row["error"], reference)
         pace = f"{runs[name].pace:.3g}"
         star = "*" if table.doubts(row, runs[name]) else ""  # notes, below, say what to doubt
-        print(f"{name + star:12}{worst:>8}{end:>10}{drift:>12}{force:>10}{error:>14}{pace:>10}")
+        print(f"{name + star:12}{worst:>8}{end:>10}{drift:>12}{force:>11}{error:>13}{pace:>10}")
     table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
     if args.system in CHAINS:
         table.verdict(results, runs)
