@@ -289,6 +289,17 @@ def test_soft_is_mujocos_tendon_where_rods_are_right_and_nearly_where_they_are_n
     assert 1e-4 < off["lambda |d|", "efc_force"] < 0.02
 
 
+@pytest.mark.parametrize(
+    ("name", "method"), [("ours, impulse", "impulse"), ("ours, soft (MuJoCo)", "soft")]
+)
+def test_our_own_rows_are_the_pages_methods_and_the_worst_of_a_run_is_told(name, method):
+    system = c.build_system("triple", 5)
+    run = c.run_method(system, method, "semi_implicit", DT, 600)
+    gained = np.max(np.abs(run.energies - run.energies[0])) / (3.0 * 9.81 * 3.0)
+    found = real.worst(system, real.engines(DT)[name], 600)
+    assert found == pytest.approx([np.max(run.violations), gained], rel=1e-6)
+
+
 W = 2.0 * np.pi * min(60.0, 0.25 / DT)  # rad/s
 SOFT = DT * W * (4.0 + DT * W)
 SHARE = 0.1**2 / (4.0 * np.pi**2)
