@@ -158,6 +158,16 @@ def test_who_races_ends_within_the_error_and_the_ratios_are_printed(capsys):
         assert speed.distance(run()[1], known) < 1e-11
 
 
+def test_a_setting_that_is_not_within_its_error_does_not_race(monkeypatch, capsys):
+    for peer in "llvmlite", "heyoka":
+        pytest.importorskip(peer, reason=PEER)
+    monkeypatch.setattr(race, "SETTINGS", {1e-6: race.SETTINGS[1e-3]})
+    with pytest.raises(SystemExit, match="2"):
+        race.main([])
+    out, err = capsys.readouterr()
+    assert out == "" and "a setting is no longer within 1e-06 m: change SETTINGS" in err
+
+
 def test_heyoka_is_at_its_best_and_a_turn_is_in_microseconds():
     pytest.importorskip("heyoka", reason=PEER)
     assert race.taylor(1e-9).llvm_state.fast_math

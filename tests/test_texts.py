@@ -187,10 +187,12 @@ def test_an_extra_that_is_missing_is_told_and_how_to_get_it(one_text, monkeypatc
 
 STUDY = """
 import sys
-quick = "--quick" in sys.argv
-print("coarse" if quick else "")
+print("coarse" if "--quick" in sys.argv else "")
 print("name   0.1  2 µs")
-quick or print("other  0.2  3 µs")
+if "--quick" not in sys.argv:
+    print("other  0.2  3 µs")
+if "--draw" in sys.argv:
+    open({!r}, "w").close()
 """
 
 
@@ -198,9 +200,10 @@ quick or print("other  0.2  3 µs")
 def slow_study(monkeypatch, tmp_path):
     """A text with the block of a study that is slow, as if it had been made."""
     (tmp_path / "x" / "studies").mkdir(parents=True)
-    (tmp_path / "x" / "studies" / "__main__.py").write_text(STUDY, encoding="utf-8")
+    study = STUDY.format(str(tmp_path / "drawn"))
+    (tmp_path / "x" / "studies" / "__main__.py").write_text(study, encoding="utf-8")
     monkeypatch.setattr(texts, "ROOT", tmp_path)
-    monkeypatch.setattr(texts, "SLOW", ["slow"])
+    monkeypatch.setattr(texts, "SLOW", {"slow": "--draw"})
     return BLOCK.format("python -m x.studies slow", "\nname   0.1  12 µs\nother  0.2  13 µs")
 
 
@@ -211,10 +214,11 @@ def test_a_slow_block_is_stale_if_it_lacks_a_line_of_quick_times_aside(slow_stud
     assert texts.is_outdated(slow_study.replace("name ", "nome "), "slow")
 
 
-def test_a_slow_block_is_made_only_if_its_study_is_named(slow_study):
+def test_a_slow_block_is_made_with_its_pictures_only_if_its_study_is_named(slow_study, tmp_path):
     old = slow_study.replace("0.2", "0.3")
-    assert texts.filled(old) == old
+    assert texts.filled(old) == old and not (tmp_path / "drawn").exists()
     assert texts.filled(old, ["slow"]) == old.replace("12 µs", "2 µs").replace("0.3  13", "0.2  3")
+    assert (tmp_path / "drawn").exists()
     assert texts.filled(slow_study, ["slow"]) == slow_study  # but for times it is as it was
 
 

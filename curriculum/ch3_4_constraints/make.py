@@ -44,7 +44,7 @@ def text(path, *again):
 def study(name):
     """{path: text} of the studies' text, with the block of a slow one."""
     for command in texts.commands(STUDIES.read_text(encoding="utf-8"), name):
-        texts.printed(command)  # which takes minutes: the text may be edited meanwhile
+        texts.printed_by_study(command, name)  # in the minutes it takes the text may be edited
     return text(STUDIES, name)
 
 
