@@ -10,6 +10,7 @@ import constraints as c
 from curriculum.ch3_4_constraints import make
 from curriculum.ch3_4_constraints.pages import texts
 from curriculum.ch3_4_constraints.pictures import make_pictures
+from curriculum.ch3_4_constraints.studies import speed_vs_error
 
 CHAPTER = texts.HERE / "README.md"
 EVERY = [ROOT / "README.md", *sorted(ROOT.glob("curriculum/**/README.md"))]  # and no user's notes
@@ -37,13 +38,12 @@ def test_each_text_in_which_something_is_made_is_made_again():
 DRAWN_BY_HAND = {"drift", "jacobian", "question", "soft", "solve", "tangent"}
 
 
-def test_a_picture_is_made_or_a_studys_or_drawn_by_hand_in_the_style_of_the_others():
-    made = {path.stem for path in make.pictures()}
-    for path in make_pictures.FOLDER.glob("*.svg"):
-        if path.stem in DRAWN_BY_HAND:
-            assert make_pictures.STYLE in path.read_text(encoding="utf-8"), path
-        else:
-            assert path.stem in made or path.stem.startswith("work_precision_"), path
+def test_a_picture_is_made_or_drawn_by_hand_or_by_a_study():
+    studys = {f"work_precision_{scene}" for scene in speed_vs_error.SCENES}
+    made = {path.stem for path in make.drawn()}
+    assert {path.stem for path in make_pictures.FOLDER.glob("*.svg")} == (
+        made | DRAWN_BY_HAND | studys
+    )
 
 
 def test_each_picture_stands_in_a_text():
