@@ -199,6 +199,8 @@ def ladder(take, counts, digits, within):
     while first > 1 and any(is_within(found[0], key, within) for key in KEYS):
         first = fewer(first, digits)
         found.insert(0, take(first))
+        if found[0].operations >= found[1].operations:  # gauss takes it in parts
+            break
     for key in KEYS:
         right = [is_within(x, key, within) for x in found]
         if right[-1] and not right[-2]:
@@ -327,7 +329,8 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     if reference.step < last and reference.q is not None:
         left_out.append(f"places later than at {seconds:.3g} s are not known")
     if len(counts) < RUNGS:
-        left_out.append(f"no step is below {1e3 * seconds / counts[-1]:.3g} ms: it would take long")
+        finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
+        left_out.append(f"the ladder of steps ends at {finest}: more would take long")
 
     def climb(pairs, counts):
         found = []
