@@ -12,8 +12,18 @@ from curriculum.ch3_4_constraints.mechanics.choice import count_operations
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
+# What page and recording take of a chapter, which main hands to write as a namespace of its names.
+CHAPTER = {
+    "GRAVITY": "(3,) in m/s^2",
+    "INTEGRATORS": "{name: step(q, v, m, force, dt) -> (q, v)}",
+    "make_methods": "(dt, **knobs) -> {name: Method}: make_force, words, post_step, integrator",
+    "external_force": "(system, q, v) -> (N, 3) in N: the page asks whether energy should stay",
+    "energy": "(system, q, v) -> J",
+    "rod_lengths": "(system, q) -> (C,) in m, what is to be `lengths` of the system",
+    "tensions": "(system, q, v, force) -> (C,) in N, for the recording",
+}
 METRICS, PAGE, RECORDING = "metrics.json", "play.html", "constraints.rrd"
-ALWAYS = {"system", "integrator", "dt", "steps", "seed", "baumgarte", "results"}  # keys of METRICS
+ALWAYS = {"system", "integrator", "dt", "steps", "seed", "results"}  # keys of METRICS
 MOST = 4e9  # bytes of states
 STATE = 96  # bytes of a particle: its q and v, and once more where they are computed
 
@@ -55,7 +65,8 @@ def write(args, system, runs, results, reference, choice, chapter):
         from curriculum.ch3_4_constraints.pages import page  # here: a run without one is quicker
 
         try:
-            files[PAGE] = page.play(chapter, args, system, edited)
+            shown = page.play(chapter, args, system, results, reference, choice, edited)
+            files[PAGE] = shown
         except page.NoPage as why:
             left_out[PAGE] = why
     if args.rerun:

@@ -18,10 +18,10 @@ import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, distance, horizon
 from curriculum.ch3_4_constraints.mechanics.systems import has_loop
-from curriculum.ch3_4_constraints.mechanics.xpbd import xpbd_step
 from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.results.advice import milliseconds, words
 from curriculum.ch3_4_constraints.studies import _mujoco
+from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli, progress
 from curriculum.common.files import check_writable, write_together
 from curriculum.common.tracing import CompiledSteps
