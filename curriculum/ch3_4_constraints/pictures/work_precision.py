@@ -212,7 +212,7 @@ class Diagram:
         if MAIN in self.best:
             title = f"{scene}: quickest to {words(MAIN)} is {self.best[MAIN].name}"
         self.words((30, top), title, "ink", "start", BOLD)
-        said = ["in colour, what is quickest to a length; in grey, all others"]
+        said = ["colour: quickest to a length; grey: all others"]
         if any(map(is_peer, self.lines)):
             said.append("open circles: MuJoCo")
         for k, text in enumerate(said):

@@ -144,19 +144,9 @@ def trouble(name, system):
 
 
 def peers(system, seconds):
-    """{name: run} of MuJoCo, which has `connect` where a loop closes; and {name: why not}."""
+    """{name: run} of MuJoCo, which has `connect` where a loop closes."""
     other = "hinges" if has_loop(system) else "connect"
-    runs = {}
-    missing = {}
-    for name in PEERS:
-        if other in name:
-            continue
-        why = trouble(name, system)
-        if why:
-            missing[name] = why
-        else:
-            runs[name] = partial(peer, name, system, seconds)
-    return runs, missing
+    return {name: partial(peer, name, system, seconds) for name in PEERS if other not in name}
 
 
 # --- measuring ---
@@ -230,8 +220,13 @@ def measure(scene, system, seconds, limit, turns):
     for name, step in STEPS.items():
         runs[name] = ours(system, seconds, partial(step, system))
     built = time.perf_counter() - clock
-    others, missing = peers(system, seconds)
-    runs |= others
+    missing = {}
+    for name, run in peers(system, seconds).items():
+        why = trouble(name, system)
+        if why:
+            missing[name] = why
+        else:
+            runs[name] = run
     found = {}
     for name in progress.each(runs):
         found[name] = ladder(name, runs[name], first, system, seconds, known.q, limit)
