@@ -67,7 +67,7 @@ def shown(settings):
     for x in settings:
         if x.error < 10.0**-COARSE:
             found.append(x)
-        if x.error <= least:
+        if x.error <= max(least, 10.0**-FINE):
             break
     return found
 
@@ -178,12 +178,17 @@ class Diagram:
             self.words(*name)
 
     def draw_best_peer(self):
-        """The name of the peer that is quickest to the main goal."""
+        """The name of the peer that is quickest to the main goal, at the end of its line."""
         peers = {name: line for name, line in self.measured.found.items() if is_peer(name)}
         there = self.winners(peers, MAIN)
-        if there and there[0].name not in {x.name for x in self.best.values()}:
-            x, y = self.at(there[0])
-            self.words((x + 16, y + 12), there[0].name, "reference", "start", HALO)
+        if not there or there[0].name in {x.name for x in self.best.values()}:
+            return
+        name = there[0].name
+        x, y = self.at(self.lines[name][-1])
+        if x < 0.5 * (LEFT + RIGHT):
+            self.words((x + 14, y + 12), name, "reference", "start", HALO)
+        else:
+            self.words((x - 14, y + 12), name, "reference", "end", HALO)
 
     def draw_goal(self, goal):
         """The length itself, beside its line where another one is near."""

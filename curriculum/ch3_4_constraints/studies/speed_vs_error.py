@@ -178,14 +178,16 @@ def ladder(name, run, first, system, seconds, known, limit):
     while steps > 1 and found[0].error <= max(GOALS):
         steps = choice.fewer(steps, partial(choice.digits, seconds))
         found.insert(0, take(steps))
+        if found[0].seconds >= found[1].seconds:  # gauss takes it in parts
+            break
     steps = first
     spent = 0.0
-    while steps < 8 * first or spent + 2.0 * found[-1].seconds < limit:
+    while steps < SHOWN * first or spent + 2.0 * found[-1].seconds < limit:
         steps = 2 * steps
         found.append(take(steps))
         spent += found[-1].seconds
         errors = [x.error for x in found[-4:]]
-        if len(errors) == 4 and errors[0] < 0.2 and min(errors[1:]) > 0.7 * errors[0]:
+        if steps >= SHOWN * first and errors[0] < 0.2 and min(errors[1:]) > 0.7 * errors[0]:
             break  # rounding, or what no step makes better
     return found
 
