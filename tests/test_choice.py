@@ -141,6 +141,20 @@ def test_rods_are_held_for_the_whole_run_not_only_as_long_as_places_are_compared
     assert double.span == 4.0
 
 
+def test_rods_are_the_worst_of_all_states_and_energy_the_largest_change(double):
+    system = c.build_system("double")
+    rows = [x for x in double.settings if (x.integrator, x.dt) == ("semi_implicit", 0.005)]
+    better_at_the_end = []
+    for x in rows:
+        run = c.run_method(system, x.method, x.integrator, x.dt, 800, **KNOBS)
+        assert x.rods == pytest.approx(run.violations.max(), rel=1e-5, abs=1e-15)
+        change = np.abs(run.energies - run.energies[0]).max() / (2.0 * 9.81 * 2.0)
+        assert x.energy == pytest.approx(change, rel=1e-5)
+        if run.violations[-1] < 0.5 * x.rods:
+            better_at_the_end.append(x.method)
+    assert {"impulse", "soft"} <= {*better_at_the_end} and len(rows) == len(TRIED)
+
+
 def test_all_methods_are_tried_under_integrators_of_different_orders(double):
     tried = {(x.integrator, x.method) for x in double.settings}
     assert tried == set(choice.pairs_of(c, ["semi_implicit", "rk4"]))
