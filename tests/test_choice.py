@@ -12,7 +12,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice, systems
 from curriculum.ch3_4_constraints.mechanics.reference import Reference
 from curriculum.ch3_4_constraints.results import advice
-from curriculum.common.tracing import counting, llvm, while_loop
+from curriculum.common.tracing import counting, llvm, vmap, while_loop
 
 KNOBS = {"baumgarte": 20.0, "time_constant": 0.02}
 REFERENCE = json.loads((ROOT / "tests/reference.json").read_text(encoding="utf-8"))
@@ -90,11 +90,11 @@ def off(system, x, known, seconds):
     return np.linalg.norm(run.q[-1] - known, axis=1).max(), run.violations.max()
 
 
-def longer(found, x):
-    """The setting of the same pair with the next longer step, or None."""
+def next_cheaper(found, x):
+    """The setting of the same pair that takes a little less work, or None if there is none."""
     pair = [y for y in found.settings if (y.integrator, y.method) == (x.integrator, x.method)]
-    place = pair.index(x)
-    return pair[place - 1] if place else None
+    less = [y for y in pair if y.operations < x.operations]
+    return max(less, key=lambda y: y.operations, default=None)
 
 
 # --- the answer ---
@@ -108,10 +108,9 @@ def test_what_is_chosen_for_places_is_right_beside_joint_angles_and_longer_steps
     assert found.error_at == 2.0 and found.places
     for x in found.places:
         assert off(system, x, known, 2.0)[0] <= within
-        cheaper = longer(found, x)
-        assert cheaper is not None and cheaper.operations < x.operations
-        lost = cheaper.lost is not None  # later than the reference's time
-        assert lost or off(system, cheaper, known, 2.0)[0] > within
+        cheaper = next_cheaper(found, x)  # gauss takes steps that are too long in parts
+        assert cheaper is not None or x.integrator == "gauss"
+        assert cheaper is None or cheaper.lost or off(system, cheaper, known, 2.0)[0] > within
 
 
 def test_in_a_loop_under_a_load_what_is_chosen_is_right_beside_an_independent_motion():
@@ -120,11 +119,11 @@ def test_in_a_loop_under_a_load_what_is_chosen_is_right_beside_an_independent_mo
     known = motion(system, found.error_at, 1500)
     assert found.error_at == 0.5 and {x.method for x in found.places} > {"project"}
     for x in found.places:
-        cheaper = longer(found, x)
+        cheaper = next_cheaper(found, x)
         assert off(system, x, known, 0.5)[0] <= 1e-4
         assert cheaper.lost or off(system, cheaper, known, 0.5)[0] > 1e-4
     for x in found.rods_hold:
-        cheaper = longer(found, x)
+        cheaper = next_cheaper(found, x)
         assert off(system, x, known, 0.5)[1] <= 1e-4
         assert cheaper is None or cheaper.lost or off(system, cheaper, known, 0.5)[1] > 1e-4
 
@@ -270,6 +269,20 @@ def test_operations_are_counted_as_they_are_done_loops_as_often_as_they_turn():
     for start, turns in ((60.0, 1), (3.0, 6), (200.0, 0)):
         assert count([np.array([start])]) == 2 * turns + 1 + 1
     assert count.varies
+
+
+def test_rows_side_by_side_are_one_operation_and_wait_for_the_one_that_turns_longest():
+    """Three rows: a product each, then each is doubled until it is 100, then a sum of all."""
+
+    def row(x):
+        return while_loop(lambda x: x < 100.0, lambda x: x + x, 3.0 * x, most=20, failure="")
+
+    def step(x):
+        return np.sum(vmap(row)(x)) + 0.0 * x
+
+    count = counting.counter_of(step, [np.ones(3)])
+    for start, turns in (([1.0, 30.0, 10.0], 6), ([40.0, 20.0, 30.0], 1), ([99.0] * 3, 0)):
+        assert count([np.array(start)]) == 1 + 2 * turns + 1 + 2
 
 
 def test_a_second_takes_the_steps_of_a_second_and_half_the_step_twice_the_work(double):

@@ -20,13 +20,13 @@ from curriculum.common.tracing.tape import current
 
 LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
 LAST = ("gauss",)  # a step costs so much that it is tried only where no other is right
-EARLY = 4  # at one of so many of the longest steps
+EARLY = 2  # at one of so many of the longest steps
 SWING = 0.2  # of sqrt(L/g): the longest step that is tried
 RUNGS = 6  # steps of different lengths, each half of the one before
 LEAST = 2  # rungs: of a single one nothing can be said
 MANY = 30_000  # steps of a pair: they repay machine code
 BUDGET = 3.5e8  # operations of all pairs: some 5 s without llvmlite
-MORE = 1e8  # those of the pairs that are tried last
+MORE = 2e7  # those of the pairs that are tried last
 QUICK, TURNS = 2e-3, 3  # s: what took less is timed as often again
 SAMPLE = 16  # states of a run whose steps are counted
 COUNTED = 400_000  # operations: a step of more is counted from fewer states
