@@ -101,7 +101,7 @@ def next_cheaper(found, x):
 @pytest.mark.parametrize("within", [1e-2, 1e-3, 1e-6])
 def test_what_is_chosen_for_places_is_right_beside_joint_angles_and_longer_steps_are_not(within):
     system = c.build_system("double")
-    found = choose(system, within)
+    found = choose(system, within, steps=400)
     known = np.zeros((2, 3))
     place = REFERENCE["times"].index(found.error_at)
     known[:, :2] = REFERENCE["cases"]["double"]["positions"][place]
@@ -528,7 +528,7 @@ def test_where_there_is_no_answer_a_line_says_why(edits, flags, why, tmp_path, c
 
 def test_the_answer_has_the_same_bytes_without_llvmlite(tmp_path, monkeypatch):
     pytest.importorskip("llvmlite", reason="llvmlite is not installed: pip install -e '.[fast]'")
-    run = "--system", "braced", "--steps", "200", "--within", "1mm", *BARE, "--out"
+    run = "--system", "braced", "--steps", "60", "--within", "1mm", *BARE, "--out"
     system = c.build_system("braced")
     pair = "rk4", "project", KNOBS
     assert choice.Pair(c, system, *pair).run.how == "machine code"
