@@ -66,7 +66,7 @@ def place_row(x, within):
 
 
 def rods_row(x):
-    return f"{name_of(x)}, {length(x.rods)} off, energy {per_cent(x.energy)}"
+    return f"{name_of(x)}, {length(x.rods)}, energy {per_cent(x.energy)}"
 
 
 def spread(settings, many):
