@@ -367,6 +367,21 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
     assert exact["1 nm"]["says"] == "Right to 1 nm after 2 s: nothing is, down to steps of 5 ms."
 
 
+def test_an_answer_whose_rods_are_wrong_later_says_so():
+    choice = chosen()
+    for setting in choice["settings"]:
+        setting["rods"] = 0.044
+        setting["energy"] = 0.35
+    found = answer.answers(choice, {"colors": {}})
+    assert "project at 40 ms (its rods, 4.4 cm off later); with" in found["1 mm"]["says"]
+    assert found["1 mm"]["holds"] == ""
+    for setting in choice["settings"]:
+        setting["rods"] = 1e-4
+    holds = answer.answers(choice, {"colors": {}})["1 mm"]["holds"]
+    assert holds.startswith("Rods alone, within 1 mm for 20 s: semi_implicit with none at 20 ms, ")
+    assert holds.endswith("energy 35 %.")
+
+
 def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why():
     choice = chosen(why="chaos decides")
     for setting in choice["settings"]:
