@@ -15,7 +15,7 @@ from conftest import SCREENS, click, contrast
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.pages import answer, page
-from curriculum.ch3_4_constraints.results import advice, output, palette, table
+from curriculum.ch3_4_constraints.results import advice, output, palette, recording, table
 
 USUAL = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02}
 BITS = [("double", "rk4"), ("jansen_leg", "semi_implicit")]
@@ -105,11 +105,16 @@ def test_a_chapter_needs_the_names_that_are_listed_and_the_knobs_that_it_has():
 
     own = {name: getattr(c, name) for name in output.CHAPTER}
     chapter = SimpleNamespace(**own | {"make_methods": methods})
-    system = c.build_system("double")
+    args, system = c.parse_args(["--dt", "0.01", "--steps", "100"])
+    args.knobs = {"stiffness": 30.0}
     knobs = {"dt": 0.01, "stiffness": 30.0}
     found = states(chapter, system, "semi_implicit", 100, knobs, stiffness=60.0)
     run = c.run_method(system, "baumgarte", "semi_implicit", 0.01, 100, baumgarte=60.0)
     assert np.array_equal(found["spring"], [run.q[-1], run.v[-1]])
+    results = {"spring": {"stopped": None, "max_violation": 0.0}}
+    assert recording.record(args, system, {"spring": run}, results, "", chapter)
+    choice = choosing.choose(chapter, system, 1.0, 0.01, 100, args.knobs)
+    assert {x.method for x in choice.settings} == {"none", "spring"}
 
 
 def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
