@@ -262,6 +262,15 @@ def test_the_first_screen_is_tiles_that_fit_it_in_legible_words(pages, size, the
     shown.wait_for_function("x => ink('ink').includes(x)", arg=palette.INK[theme == "light"])
 
 
+def test_on_paper_it_is_light_and_without_what_only_a_screen_can_do(pages):
+    shown = pages(choice=chosen(), color_scheme="dark")
+    shown.emulate_media(media="print", color_scheme="dark")
+    assert shown.evaluate("ink('ink')") == palette.INK[0]
+    assert not any(x.is_visible() for x in shown.locator("button, input, #say").all())
+    for kept in "#says", "#found tbody", "#ladder", "#title":
+        assert shown.locator(kept).first.is_visible()
+
+
 def test_it_opens_at_the_step_of_the_run_and_says_so(pages):
     for flags, facts in (
         ((), "semi_implicit, steps of 5 ms, the run’s."),
@@ -272,6 +281,10 @@ def test_it_opens_at_the_step_of_the_run_and_says_so(pages):
         assert shown.locator("#facts").inner_text().startswith(facts)
     colors = shown.locator("figcaption b").evaluate_all("all => all.map(x => x.className)")
     assert colors == [f"m{k}" for k, x in enumerate(METHODS) if x != "impulse"], "each its own"
+    assert (
+        shown.locator("#found [scope=row]").evaluate_all("all => all.map(x => x.className)")
+        == colors
+    )
 
 
 def cells(text, table):
@@ -282,10 +295,12 @@ def cells(text, table):
 
 
 def test_terminal_metrics_and_page_say_the_same_of_a_run(tmp_path, capsys):
-    c.main(["--baumgarte", "400", "--no-rerun", f"--out={tmp_path}"])
+    flags = ["--baumgarte", "400", "--dt", "0.004", "--steps", "2500", "--no-rerun"]
+    c.main([*flags, f"--out={tmp_path}"])
     printed = capsys.readouterr().out.splitlines()
     metrics = json.loads((tmp_path / output.METRICS).read_text())
     text = (tmp_path / output.PAGE).read_text()
+    assert "<caption>The run: semi_implicit, 10 s in steps of 4 ms." in text
     for name, found in cells(text, 0).items():
         row = metrics["results"][name]
         [line] = [x for x in printed if x.split(" ")[0] in (name, f"{name}*")]
@@ -413,7 +428,7 @@ def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
 
 
 def test_without_an_answer_stands_the_command_that_finds_one(pages):
-    shown = pages("--system", "triple", "--dt", "0.01", "--out", "elsewhere")
+    shown = pages("--out=one", "--system", "triple", "--out", "two", "--dt", "0.01")
     assert (
         shown.locator("#says code").inner_text().endswith(" --system triple --dt 0.01 --within 1mm")
     )
@@ -475,6 +490,15 @@ def test_a_method_that_is_lost_says_when_and_why_and_what_helps(still):
     assert [x != "" for x in lost.all_inner_texts()] == [x == "baumgarte" for x in METHODS]
     words = f"lost at {when:.2f} s: its rods flew apart. Try a shorter step."
     assert lost.nth(1).inner_text() == words and "baumgarte lost" in told(still)
+    changed = still.evaluate("""() => {
+      const seen = new MutationObserver(() => {});
+      for (const live of document.querySelectorAll("[aria-live=polite]")) {
+        seen.observe(live, {childList: true, characterData: true, subtree: true});
+      }
+      for (let k = 0; k < 9; k++) { run.step(); drawing.draw(); }
+      return seen.takeRecords().length;
+    }""")
+    assert changed == 0, "it is announced once"
     assert still.locator(".tile").nth(1).locator("[inert] .hand").count() == 2, "no longer pulled"
     still.evaluate("run.copies[4].state.set([1e4, 0, 0, 1e4, 0, 0], 6)")  # m/s
     steps(still, 1)
