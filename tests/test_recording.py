@@ -37,6 +37,7 @@ def test_particles_rods_and_curves_are_those_of_the_run_and_rod_errors_have_colo
     seen = chunks(RrdReader(str(lost)))
     system, method = c.build_system("double"), c.make_methods(0.05)[name]
     run = c.run_method(system, name, "semi_implicit", 0.05, 60)
+    force = method.make_force(system)
     tile = {key.rpartition("/")[2]: x for key, x in seen.items() if f"/methods/{name}/" in key}
     assert np.allclose(tile["particles"]["seconds"], 0.05 * np.arange(61))
     assert np.allclose(tile["particles"]["positions"], run.q, atol=1e-6)
@@ -53,7 +54,7 @@ def test_particles_rods_and_curves_are_those_of_the_run_and_rod_errors_have_colo
             strips = tile[entity].get("strips", [[]] * 61)[k] or []
             drawn = [np.linalg.norm(np.subtract(*strip)) for strip in strips]
             assert np.allclose(drawn, expected, atol=1e-6)
-        first = c.tensions(system, q, v, method.w, method.change)[0]
+        first = c.tensions(system, q, v, force)[0]
         assert np.allclose(seen[f"/tension/{name}"]["scalars"][k], first)
     energies = (run.energies - run.energies[0]) / (2.0 * 9.81 * 2.0)
     assert np.allclose(np.ravel(seen[f"/energy/{name}"]["scalars"]), energies)

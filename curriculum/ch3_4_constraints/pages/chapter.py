@@ -23,60 +23,118 @@ from pygments.token import Comment, Keyword, Name, Number, String
 
 import constraints
 from curriculum.ch3_4_constraints.pages.page import as_script, page_file, palette_css, scene_of
+from curriculum.ch3_4_constraints.pictures.make_pictures import still
 
 HERE = Path(__file__).parents[1]
 SOURCE, PAGE = HERE / "README.md", HERE / "chapter.html"
 
 
-def multipliers(system, q, v):
-    """lambda (C,) of a state."""
-    jac, A, b = constraints.constraint_equation(system, q, v)
-    return constraints.solve(system, A, b, v, jac)
+def equation(system, q, v):
+    """J, and A, b and lambda of A lambda = b, without a spring: what constraint_force goes through.
+
+    They are its lines once more, since it returns none of them; a test compares the two.
+    """
+    m = np.repeat(system["m"], 3)
+    f = constraints.external_force(system, q, v).ravel()
+    jac, _, _, jdotv = constraints.constraint_terms(system, q, v)
+    A = (jac / m) @ jac.T
+    b = -(jac @ (f / m) + jdotv)
+    return {"J": jac, "A": A, "b": b, "lambda": constraints.solve(system, A, b, v)}
+
+
+def of_equation(name):
+    """A measure: one of what equation has."""
+    return lambda *state: equation(*state)[name]
+
+
+def pull(system, q, v):
+    """How hard each rod pulls in N, without a spring."""
+    return constraints.tensions(system, q, v, constraints.make_force(system))
 
 
 MEASURES = {  # what figures ask of a state, by system, besides what every page has
     "pendulum": {
         "g": lambda *state: constraints.constraint_terms(*state)[1],
         "gdot": lambda *state: constraints.constraint_terms(*state)[2],
-        "tensions": constraints.tensions,
+        "tensions": pull,
         "weight": constraints.external_force,
     },
-    "double": {
-        "J": lambda *state: constraints.constraint_terms(*state)[0],
-        "A": lambda *state: constraints.constraint_equation(*state)[1],
-        "b": lambda *state: constraints.constraint_equation(*state)[2],
-        "lambda": multipliers,
-    },
+    "double": {name: of_equation(name) for name in ("J", "A", "b", "lambda")},
     "peaucellier": {},
 }
 KNOBS = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02, "impedance": 0.95}
-FOLDED = "setup|the-systems"  # sections that wait behind a button
+KEYS = {  # functions that are folded, and the lines of each that stay in sight, by their beginning
+    "constraint_terms": ("jac.append", "g.append", "gdot.append", "jdotv.append"),
+    "tensions": ("lam = ",),
+    "euler_step": ("return ",),
+    "rk4_step": ("q_next = ",),
+    "energy": ("return ",),
+    "constraint_violation": ("return ",),
+    "Run": (),
+    "Method": (),
+    "project": ("dmu = ", "v = ", "nu = "),
+    "stabilized": ("return method.post_step",),
+}
 CODE = {Comment: "comment", String: "string", Keyword: "keyword", Name.Function: "name"}
 CODE |= {Name.Class: "name", Number: "number"}
 
 
 def mathml(latex, settings):
-    """A formula as MathML; a letter's class is its name, for the colour it has in figures."""
+    """A formula as MathML; a letter's class is its name, for the colour it has in figures.
+
+    In a line it may end before each = sign, since browsers break lines only between formulas.
+    """
     latex = latex.replace(r"\mathrm{dt} ", r"\text{dt}\,").replace(r"\mathrm", r"\text")
-    math = convert(latex, display="block" if settings["display_mode"] else "inline")
+    kind = "block" if settings["display_mode"] else "inline"
+    parts = [latex] if kind == "block" else re.split(r" (?==)", latex)
+    math = "<wbr>".join(convert(part, display=kind) for part in parts)
     math = re.sub("(?<=</mo>)(?<!&#x00029;</mo>)<mo>(?=&#x02212;)", '<mo form="prefix">', math)
     return re.sub("<mi>([^<]+)</mi>", r'<mi class="\1">\1</mi>', math)
 
 
-def fence(tokens, k, *_):
-    """A listing, coloured."""
+def colored(code, language):
+    """The lines of a listing."""
     parts = []
-    for kind, text in lex(tokens[k].content, get_lexer_by_name(tokens[k].info or "text")):
+    for kind, text in lex(code, get_lexer_by_name(language, stripnl=False)):
         name = next((name for of, name in CODE.items() if kind in of), None)
         parts.append(f'<span class="{name}">{escape(text)}</span>' if name else escape(text))
-    return f'<pre class="code {tokens[k].info}" tabindex="0"><code>{"".join(parts)}</code></pre>'
+    return f"<pre><code>{''.join(parts)}</code></pre>"
+
+
+def fence(tokens, k, *_):
+    """A listing; of a region of constraints.py each function that is in KEYS is folded."""
+    language, code = tokens[k].info or "text", tokens[k].content
+    is_region = k > 0 and tokens[k - 1].content.startswith("<!-- region")
+    pieces = re.split(r"(?<=\n\n\n)", code) if is_region else [code]
+    text = "".join(folded(piece, language) for piece in pieces)
+    return f'<div class="code {language}" tabindex="0">{text}</div>'
+
+
+def folded(code, language):
+    """A piece of a region, behind its key lines if it is a function of KEYS."""
+    found = re.search(r"^(?:def|class) (\w+)", code, re.M)
+    whole = colored(code, language)
+    if not found or found[1] not in KEYS:
+        return whole
+    lines = code[found.start() :].splitlines()
+    seen = lines[:2]  # its head, and what it says of itself
+    for line in lines[2:]:
+        if line.lstrip().startswith(KEYS[found[1]]):
+            seen.append(line)
+    more = f'<span class="more">{len(code.strip().splitlines()) - len(seen)} more lines</span>'
+    head = colored("\n".join(seen), language)
+    return f'<details class="fold"><summary>{head}{more}</summary>{whole}</details>'
 
 
 def image(live, tokens, k, *_):
-    """A picture within the page; one whose name is `live` makes place for a figure."""
+    """A picture within the page; one whose name is `live` makes place for a figure.
+
+    Here pictures stand still: what moves is a figure.
+    """
     path = SOURCE.parent / tokens[k].attrs["src"]
     words = escape(" ".join(tokens[k].content.split()))
-    data = quote(path.read_text().replace('"', "'"), safe=" '<>=:/;,()!*@$?+")
+    drawn = still(path.read_text(encoding="utf-8"))
+    data = quote(drawn.replace('"', "'"), safe=" '<>=:/;,()!*@$?+")
     picture = f'<img alt="{words}" src="data:image/svg+xml,{data}">'
     kind = f' data-figure="{path.stem}"' if path.stem in live else ""
     return f"<figure{kind}>{picture}<figcaption>{words}</figcaption></figure>"
@@ -110,15 +168,13 @@ def page():
     heads = re.findall('<h2 id="(.*?)">(.*?) <a', text)
     links = " ".join(f'<a href="#{name}">{title}</a>' for name, title in heads)
     contents = f'<nav aria-label="Contents">{links}</nav>\n'
-    section = f'(<h2 id="(?:{FOLDED})">.*?</h2>)(.*?)(?=<h2)'
-    folded = r"<details><summary>\1</summary>\2</details>\n"
-    text = re.sub(section, folded, text.replace("<h2", contents + "<h2", 1), flags=re.S)
+    text = text.replace("<h2", contents + "<h2", 1)
     blanks = {
         "style": palette_css() + page_file("style.css") + page_file("chapter.css"),
         "text": text,
         "script": f"const traced = {as_script(scenes())};\n" + page_file("parts.js") + figures,
     }
-    return re.sub("{{(.*?)}}", lambda blank: blanks[blank[1]], page_file("chapter.html"))
+    return re.sub("{{(.*?)}}", lambda blank: blanks[blank[1]], page_file("frame.html"))
 
 
 def scenes():

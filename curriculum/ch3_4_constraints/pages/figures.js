@@ -3,11 +3,12 @@
 // for the printer.
 const figures = {};
 const {pendulum, double, peaucellier, seed1} = traced;
-const METHODS = double.methods, STEP = double.knobs.dt;
+const STEP = double.knobs.dt;
 const CIRCLING = [-2.6, -2.5, 2.6, 2.1]; // m: all that a double pendulum reaches
 const STILL = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-const inkOf = method => `m${METHODS.indexOf(method)}`;
+const inkOf = method => `m${double.colors[method]}`;
+const nameOf = method => make("b", {textContent: method, className: inkOf(method)});
 const elements = parts => parts.map(part => part.element ?? part);
 const controls = (...parts) => row("controls", ...elements(parts));
 const panels = (...stages) => row("panels", ...elements(stages));
@@ -17,6 +18,11 @@ const symbol = (name, text = name) => `<var class="${name}">${text}</var>`;
 const pair = ([x, y]) => `(${fixed(x, 2)}, ${fixed(y, 2)})`;
 const angle = (a, b) => Math.atan2(dot(across(a), b), dot(a, b)); // from a to b
 const turned = ([x, y], by) => plus(times([x, y], Math.cos(by)), [-y, x], Math.sin(by));
+const listed = words => words.join(" and ").replace(/ and (?=.* and )/g, ", ");
+function offBy(error) { // of a rod in m, in words
+  if (Math.abs(error) < 5e-7) return "right";
+  return `${metric(Math.abs(error))} too ${error > 0 ? "long" : "short"}`;
+}
 const arc = (at, d, from, to) => Array.from({length: 41}, // d from `at`, turned from angle to angle
   (_, k) => plus(at, turned(d, from + (to - from) * k / 40)));
 
@@ -49,7 +55,7 @@ function makeChart(label, height, box, left, below, paint) {
       chart.words(words, [x, box[1]], "quiet", [0, -12], "center", PLAIN);
     }
     paint(chart);
-  }, [52, 24, 14, 12], true);
+  }, [58, 24, 14, 12], true);
 }
 
 // The reader picks an answer before begin() lets the figure run; reveal() says which it was, and
@@ -87,7 +93,7 @@ class Runs { // a scene under several methods, side by side, and of each a curve
     });
     this.note();
   }
-  get going() { return this.each.filter(({lost, left}) => !lost && !left); }
+  get going() { return this.each.filter(({lost}) => !lost); }
   step() {
     this.time += this.knobs.dt;
     for (const run of this.going) {
@@ -130,11 +136,33 @@ function makeRunner(figure, runs, begin, draw) {
   return {clock, again, end, buttons: [clock.element, ...buttons]};
 }
 
+figures.double = figure => {
+  const runs = new Runs(double, double.methods, 20, run => {
+    run.worst = Math.max(run.worst ?? 0, largest(run.errors));
+    return run.worst;
+  });
+  const stages = runs.methods.map((method, k) =>
+    makeStage(`A double pendulum, ${method}`, 11, CIRCLING, tile => {
+      const run = runs.each[k], far = `off by ${metric(run.worst)}`;
+      if (!run.lost) tile.system(run, inkOf(method));
+      tile.says.replaceChildren(nameOf(method), run.lost ?? far);
+    }));
+  stages[0].canvas.style.height = "min(27rem, 80vw)";
+  const time = make("output");
+  const runner = makeRunner(figure, runs, () => runs.begin(), () => {
+    drawAll(...stages);
+    time.value = `${fixed(runs.time, 1)} s`;
+  });
+  if (STILL) runner.end();
+  const hint = "Red is what a rod has too much. Below each: its worst rod so far.";
+  fill(figure, hint, row("lead", ...elements(stages)), controls(...runner.buttons, time));
+};
+
 figures.question = figure => {
   const bob = new Motion(pendulum, "project", Motion.knobs(pendulum, {dt: 0.0005}));
   const perNewton = 0.03; // m
   let most, held = false;
-  const stage = makeStage("A bob on its rod", 14, [-1.3, -1.45, 1.3, 1.1], () => {
+  const stage = makeStage("A bob on its rod", 19, [-1.2, -1.45, 1.2, 1.1], () => {
     const d = bob.point(0), [pull] = bob.measure("tensions"), [x, y] = across(unit(d));
     stage.circle([0, 0], 1, "quiet");
     if (rod.checked) {
@@ -190,7 +218,7 @@ figures.question = figure => {
 figures.tangent = figure => {
   const bob = new Motion(pendulum, "none", Motion.knobs(pendulum)), perSpeed = 0.6; // m for 1 m/s
   let d = [0.66, -0.88], v = [0.9, 0.3];
-  const stage = makeStage("A bob and its velocity", 14, [-1.3, -1.65, 1.7, 0.4], () => {
+  const stage = makeStage("A bob and its velocity", 20, [-1.3, -1.65, 1.7, 0.3], () => {
     bob.begin([...d, 0, ...v, 0]);
     const [[g], [gdot], [error]] = ["g", "gdot", "errors"].map(name => bob.measure(name));
     const along = unit(d), aside = across(along), tip = plus(d, v, perSpeed);
@@ -203,10 +231,8 @@ figures.tangent = figure => {
     stage.arrow(d, times(v, perSpeed), "v");
     stage.symbol("v", tip, "v", times(unit(v), 16));
     stage.symbol("d", times(along, 0.5), "d", times(aside, 16));
-    const off = `${metric(Math.abs(error))} too ${error > 0 ? "long" : "short"}`;
-    const now = Math.abs(error) < 5e-5 ? "right" : off;
     const then = Math.abs(gdot) < 5e-4 ? "stays so" : gdot > 0 ? "grows" : "shrinks";
-    stage.says.innerHTML = `<p class="whole">The rod is ${now}, and ${then}.</p>
+    stage.says.innerHTML = `<p class="whole">The rod is ${offBy(error)}, and ${then}.</p>
       <p>${symbol("d")} = ${pair(d)} m<br>${symbol("g")} = ${fixed(g, 3)} m²</p>
       <p>${symbol("v")} = ${pair(v)} m/s<br>${symbol("g", "ġ")} = ${fixed(gdot, 3)} m²/s</p>`;
   });
@@ -233,26 +259,30 @@ figures.solve = figure => {
     ${rows.map(row => `<mtr>${cells(row)}</mtr>`).join("")}</mtable><mo>)</mo></mrow>
     <mi>${letter}</mi></munder>`;
   const column = ([x, y]) => [[x], [y]];
-  let drawn = 0;
-  const stage = makeStage("Two bobs on their rods", 24, [-2.2, -2.4, 2.2, 1.5], () => {
+  let drawn = 0, told; // the numbers: those that change at each frame cannot be read
+  const stage = makeStage("Two bobs on their rods", 26, [-2.1, -2.3, 2.1, 1.3], () => {
     const [a, b] = rods.points, d = [a, plus(b, a, -1)], bend = angle(...d);
     const v = [6, 9].map(k => Array.from(rods.state.slice(k, k + 2)));
-    const [jac, A, right, lambda] = ["J", "A", "b", "lambda"].map(x => rods.measure(x, 12));
+    const lambda = rods.measure("lambda", 2);
+    if (!clock.going || drawn % 6 === 0) told = tell(v, lambda);
+    drawn += 1;
     const away = unit(plus(plus(d[0], d[1], -1), across(d[0]), 0.1)); // from rods at bob 0
     stage.system(rods, "quiet", "ink");
     stage.line([a, plus(a, d[0], 0.6)], "A", 1.5, [3, 5]);
     stage.line(arc(a, times(d[0], 0.45), 0, bend), "A");
-    stage.words(fixed(A[1], 2), a, "A", times(away, 34));
+    stage.words(told, a, "A", times(away, 34));
     for (const [k, from, sign] of [[0, a, 1], [1, a, -1], [1, b, 1]]) {
       stage.arrow(from, times(d[k], sign * lambda[k] * perNewton), "lambda");
     }
     d.forEach((along, k) => {
       const aside = times(across(along), dot(across(along), away) > 0 ? -20 : 20);
-      stage.symbol("λ" + "₀₁"[k], plus(rods.point(k), along, -0.5), "lambda", aside);
+      const place = plus(rods.point(k - 1), along, 0.65); // apart, even if the rods are folded
+      stage.symbol("λ" + "₀₁"[k], place, "lambda", aside);
     });
     rods.points.forEach((point, k) => stage.arrow(point, times(v[k], 0.15), "v", 2));
-    drawn += 1;
-    if (clock.going && drawn % 6) return; // numbers that change more often cannot be read
+  });
+  const tell = (v, lambda) => { // and returns what stands beside the bob
+    const [jac, A, right] = ["J", "A", "b"].map(x => rods.measure(x, 12));
     const felt = Math.abs(A[1]) < 0.02 ? "At a right angle neither rod feels the other."
       : `Rod 0 feels so much of ${name("λ", 1)}, and rod 1 of ${name("λ", 0)}.`;
     const rows = [0, 6].map(row => [0, 1, 3, 4].map(k => jac[row + k])); // without the z axis
@@ -263,7 +293,8 @@ figures.solve = figure => {
       <p class="whole"><b class="A">${fixed(A[1], 2)}</b> = −${name("d", 0)} · ${name("d", 1)} /
       <var>m</var>₀. ${felt}</p>
       <p>${name("v", 0)} = ${pair(v[0])}, ${name("v", 1)} = ${pair(v[1])} m/s</p>`;
-  });
+    return fixed(A[1], 2);
+  };
   const path = []; // of the hand: when it was where in s, and the direction of the rod it turns
   const clock = new Clock(figure, () => STEP, () => path[0] || rods.step(), () => stage.draw());
   clock.set(false);
@@ -297,7 +328,7 @@ figures.solve = figure => {
 };
 
 figures.drift = figure => {
-  const seconds = 0.7, ends = new Map(); // g, of each step that was taken to the end
+  const seconds = 0.7, loupe = 0.32, curves = new Map(); // s; m each way; [s, g] of each step tried
   const bob = new Motion(pendulum, "none", Motion.knobs(pendulum));
   const parts = [ // of a step, then of all: what is seen, and what comes next
     ["The step goes dt v along the tangent, at a right angle to the rod.", "Then the circle"],
@@ -306,37 +337,63 @@ figures.drift = figure => {
     ["Each step adds its wedge, and nothing takes it back.", "Next step"],
   ];
   let places, squares, part;
-  const stage = makeStage("Steps of a bob", 22, [0, 0, 1, 1], () => {
-    const [was, now] = places.slice(-2), step = plus(now, was, -1), reach = 0.8 * size(step);
-    const [x, y] = plus(was, step, 0.5), turn = angle(was, now), before = places.slice(0, -1);
-    stage.box = part > 2 ? [-1.5, -1.4, 1.5, 0.2] : [x - reach, y - reach, x + reach, y + reach];
-    stage.aim();
+  const paint = stage => {
+    const [was, now] = places.slice(-2), step = plus(now, was, -1), turn = angle(was, now);
+    const before = part < 2 ? places.slice(0, -1) : places;
     stage.circle([0, 0], 1, "quiet");
-    for (const place of before) stage.line([[0, 0], place], "pale", 1);
-    stage.line(before, "v");
+    for (const place of before.slice(0, -1)) stage.line([[0, 0], place], "pale", 1);
+    stage.line(places, "v", 1.5);
     if (part > 1) {
       for (let share = 0; share <= 1; share += 1 / 64) { // what the step adds
         const outside = plus(was, step, share);
         stage.line([times(unit(outside), size(was)), outside], "long", 3);
       }
-      stage.line([[0, 0], now], "d", 3);
     }
+    for (const place of before) stage.line([unit(place), place], "long", 2); // in all
     if (part > 0) stage.line(arc([0, 0], was, -turn, 2 * turn), "ink", 1.5, [1, 5]);
-    stage.line([[0, 0], was], "d", 3);
+    stage.line([[0, 0], before.at(-1)], "d", 3);
     stage.arrow(was, step, "v", 4);
-    if (part < 3) stage.symbol("dt v", [x, y], "v", times(unit(was), 26));
-    stage.says.innerHTML = `<p class="whole">${parts[part][0]}</p>
-      <p>after step ${before.length}: ${symbol("g")} = ${fixed(bob.measure("g")[0], 6)} m²</p>
+  };
+  const middle = () => times(plus(...places.slice(-2)), 0.5);
+  const whole = makeStage("A pendulum", 19, [-1.2, -1.4, 1.5, 0.25], stage => {
+    const [x, y] = middle(), corners = [[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]];
+    paint(stage);
+    stage.line(corners.map(([a, b]) => [x + a * loupe, y + b * loupe]), "quiet", 1);
+    stage.disc([0, 0], 5, "quiet");
+    stage.disc(part < 2 ? places.at(-2) : places.at(-1), 7);
+    stage.says.innerHTML = `<p class="whole">${parts[part][0]}</p>`;
+  });
+  const near = makeStage("The same step, larger", 19, [0, 0, 1, 1], stage => {
+    const [x, y] = middle(), was = places.at(-2);
+    stage.box = [x - loupe, y - loupe, x + loupe, y + loupe];
+    stage.aim();
+    paint(stage);
+    stage.disc(part < 2 ? was : places.at(-1), 7);
+    stage.symbol("dt v", [x, y], "v", times(unit(was), -22));
+    stage.says.innerHTML = `<p>after step ${places.length - 1}:
+      ${symbol("g")} = ${fixed(bob.measure("g")[0], 6)} m²</p>
       <p>½ Σ (<var>dt</var> ${symbol("v")})² = ${fixed(0.5 * squares, 6)} m²</p>`;
   });
+  const ticks = [[0, "0"], [0.1, "0.1 m²"], [0.2, "0.2 m²"], [0.3, "0.3 m²"]];
+  const total = makeChart("g after each step", 10, [0, 0, seconds + 0.1, 0.4], ticks,
+    [[0.02, "0 s"], [0.35, "0.35 s"], [seconds, `${seconds} s`]], chart => {
+      for (const [step, curve] of curves) {
+        const now = step === dt.value(), color = now ? "long" : "quiet";
+        for (const [s, g] of now ? curve : []) chart.line([[s, 0], [s, g]], "long", 4);
+        chart.line(curve, color, now ? 2 : 1.5, now ? [] : [2, 4]);
+        chart.words(`${step} s`, curve.at(-1), color, [6, 8], "left");
+      }
+      chart.says.textContent = "g after each step, in all. A line for each step that you tried.";
+    });
   const take = () => { // a step; whether it was the last one
     bob.step(dt.value());
     places.push(bob.point(0));
     squares += (dt.value() * size(bob.state.slice(3))) ** 2;
+    curves.get(dt.value()).push([bob.time, bob.measure("g")[0]]);
     if (bob.time < seconds - 1e-9) return false;
-    ends.set(dt.value(), bob.measure("g")[0]);
-    const found = [...ends].sort(([a], [b]) => b - a).map(
-      ([step, g]) => `${fixed(g, 3)} m² in steps of ${step} s`);
+    const done = [...curves].filter(([, curve]) => curve.at(-1)[0] > seconds - 1e-9);
+    const found = done.sort(([a], [b]) => b - a).map(
+      ([step, curve]) => `${fixed(curve.at(-1)[1], 3)} m² in steps of ${step} s`);
     if (found.length > 1) prediction.reveal(`it halves. In the end g is ${found.join(", ")}.`);
     return true;
   };
@@ -344,11 +401,12 @@ figures.drift = figure => {
     part = shown;
     next.textContent = parts[part][1];
     next.disabled = all.disabled = part > 2;
-    stage.draw();
+    drawAll(whole, near, total);
   };
   const begin = () => {
     bob.begin([1, 0, 0, 0, 0, 0]);
     [places, squares] = [[[1, 0]], 0];
+    curves.set(dt.value(), [[0, 0]]);
     take();
     show(0);
   };
@@ -369,7 +427,8 @@ figures.drift = figure => {
   });
   begin();
   fill(figure, "Take a step in its parts, and all of them. Guess, then halve the step.",
-    stage, controls(next, all, makeButton("Again", begin)), prediction, controls(dt));
+    panels(whole, near), total, controls(next, all, makeButton("Again", begin)),
+    prediction, controls(dt));
 };
 
 figures.cliff = figure => {
@@ -426,35 +485,97 @@ figures.cliff = figure => {
   fill(figure, "Make the spring stiffer.", prediction, panels(chart, cliff), controls(z));
 };
 
+figures.one_step = figure => {
+  const knobs = Motion.knobs(pendulum, {dt: 0.2, baumgarte: 2}), {dt} = knobs;
+  const {methods, same_step, posts} = pendulum;
+  const runs = methods.map(method => new Motion(pendulum, method, knobs));
+  const box = [-0.6, -1.6, 1.5, 0.1], color = k => inkOf(methods[k]);
+  let d, v;
+  const stage = makeStage("A bob, and where each method puts it", 24, box, () => {
+    const [bob] = runs, ends = runs.map(run => { // one step of each method from d, v
+      run.begin([...d, 0, ...v, 0]);
+      try {
+        run.step();
+        return {at: run.point(0), words: offBy(run.errors[0])};
+      } catch ({message}) {
+        return {words: message};
+      }
+    });
+    bob.begin([...d, 0, ...v, 0]);
+    stage.circle([0, 0], 1, "quiet");
+    stage.system(bob, "quiet", "ink");
+    stage.arrow(d, times(v, dt), "v", 2.5);
+    stage.symbol("dt v", plus(d, v, dt), "v", [0, -18]);
+    const seen = ends.map((end, k) => ({...end, k})).filter(({at}) => at);
+    for (const {at, k} of seen) {
+      stage.line([[0, 0], at], color(k), 1, [2, 5]);
+      stage.disc(at, 6, color(k));
+    }
+    for (const {at, k} of seen) { // what a method does after its step
+      const from = posts[methods[k]] && ends[methods.indexOf(same_step[methods[k]])].at;
+      if (!from) continue;
+      stage.arrow(from, plus(at, from, -1), "lambda", 3);
+      const half = times(plus(from, at), 0.5);
+      stage.words("−M⁻¹ J₀ᵀ μ", half, "lambda", [-12, 0], "right", ITALIC);
+    }
+    let low = 0; // pixels: the last name, since they stand one below the other, in sight
+    for (const [place, {at, k}] of seen.toSorted((a, b) => b.at[1] - a.at[1]).entries()) {
+      const most = stage.height - 18 * (seen.length - place);
+      low = Math.max(low + 18, Math.min(most, stage.pixels(at)[1]));
+      const beside = stage.metresAt([stage.width, low]);
+      stage.line([at, plus(beside, [-100 / stage.scale[0], 0])], color(k), 1);
+      stage.words(methods[k], beside, color(k), [-8, 0], "right");
+    }
+    const before = make("p", {className: "whole",
+      textContent: `Before the step the rod is ${offBy(size(d) - 1)}. After it:`});
+    const rows = ends.map(({words}, k) => make("p", {}, nameOf(methods[k]), ` ${words}`));
+    stage.says.replaceChildren(before, row("rows", ...rows));
+  });
+  const put = (...state) => {
+    [d, v] = state;
+    stage.draw();
+  };
+  const near = point => Math.abs(size(point) - 1) < 0.02; // so that right is right
+  stage.hand("The bob", () => d,
+    point => size(point) > 0.3 && put(near(point) ? unit(point) : point, v));
+  stage.hand("The end of dt v", () => plus(d, v, dt),
+    point => put(d, times(plus(point, d, -1), 1 / dt)));
+  const both = () => put([0, -1.12], [2, -1]);
+  const buttons = [makeButton("Off its rod, at rest", () => put([0, -1.15], [0, 0])),
+    makeButton("Right, in mid-swing", () => put([0, -1], [2, -1])), makeButton("Both", both)];
+  both();
+  fill(figure, "Drag the bob off its rod, and throw it by the tip of dt v.",
+    stage, controls(...buttons));
+};
+
 figures.flat_pose = figure => {
   const right = peaucellier.start[9]; // m: the last joint stays at this x
   const runs = new Runs(peaucellier, peaucellier.methods, 5, run => {
     const off = run.point(3)[0] - right;
-    if (Math.abs(off) > 0.05) run.left = `left its line at ${fixed(run.time, 1)} s`;
+    if (Math.abs(off) > 0.05) run.left ??= `left its line at ${fixed(run.time, 1)}\u00a0s`;
     return off;
   });
-  const box = [-0.3, -4.3, 4.9, 2.6];
+  const box = [-0.5, -4.3, 5.3, 2.6];
   const stages = runs.methods.map((method, k) =>
-    makeStage(`Peaucellier's linkage, ${method}`, 11, box, tile => {
+    makeStage(`Peaucellier's linkage, ${method}`, 12, box, tile => {
       const run = runs.each[k], joint = run.point(3);
-      if (!run.lost) tile.system(run);
-      tile.line([[right, -4.3], [right, 2.6]], "quiet", 1, [2, 5]);
-      if (run.left) tile.line([joint, [right, joint[1]]], "lambda", 3, [1, 6]);
-      const name = make("b", {textContent: method, className: inkOf(method)});
-      tile.says.replaceChildren(name, " ", run.lost ?? run.left ?? "on its line");
+      tile.line([[right, box[1]], [right, box[3]]], "quiet", 1.5, [2, 5]);
+      if (!run.lost) tile.system(run, inkOf(method));
+      if (run.left && !run.lost) tile.line([joint, [right, joint[1]]], "long", 3);
+      tile.says.replaceChildren(nameOf(method), run.lost ?? run.left ?? "on its line");
     }));
   const runner = makeRunner(figure, runs, () => runs.begin(), () => {
     drawAll(...stages);
     if (!runs.over) return;
-    const kept = runs.going.map(({method}) => method);
-    prediction.reveal(`${kept.join(" and ")} kept it there.`);
+    const kept = runs.going.filter(({left}) => !left).map(({method}) => method);
+    prediction.reveal(`${listed(kept)} kept it there. The gap of each other one is red.`);
   });
   runner.clock.set(false);
   const buttons = controls(...runner.buttons);
   buttons.hidden = true;
   const question = "It falls through a pose in which its rods lie in line. "
     + "Which methods keep its last joint on the dashed line?";
-  const answers = ["all five", "impulse and project", "project alone"];
+  const answers = ["all of them", "some of them", "not one"];
   const prediction = makePrediction(question, answers, answers[1], () => {
     buttons.hidden = false;
     runner.clock.set(!STILL);

@@ -1,6 +1,7 @@
 """Make the pictures, but those drawn by hand and those of a study:
 python -m curriculum.ch3_4_constraints.pictures.make_pictures"""
 
+import re
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -10,15 +11,38 @@ import numpy as np
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics.systems import rod_parts
 from curriculum.ch3_4_constraints.pages import page
+from curriculum.ch3_4_constraints.results import palette
 from curriculum.ch3_4_constraints.results.table import length
 
 FOLDER = Path(__file__).parent
 DT = 0.005  # s
 TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
-METHODS = {name: f"m{k}" for k, name in enumerate(c.make_methods(DT))}  # and their colours
+MINUS = "\N{MINUS SIGN}"
+COLUMNS = 3  # of tiles
+METHODS = {  # and their colours
+    name: f"m{k % len(palette.METHODS)}" for k, name in enumerate(c.make_methods(DT))
+}
 run = partial(c.run_method, integrator="semi_implicit", dt=DT, steps=4000)
 STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
 text {{ font: 30px system-ui, sans-serif }}</style>"""
+MOVING = """<style>.still { display: none }
+@media (prefers-reduced-motion: reduce), print {
+.still { display: inline } .moves { display: none } }</style>"""
+SYMBOLS = """<style>:root { --v: #0a7d46; --lambda: #b35200; }
+@media (prefers-color-scheme: dark) { :root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
+MOVES = re.compile('<path class="moves".*?</path>\n')
+
+
+def larger(width):
+    """A style for a sheet so many units wide: on a phone, its words have 11 px or more."""
+    return (
+        f"<style>@media (max-width: 500px) {{ text {{ font-size: {width / 31:.0f}px }} }}</style>"
+    )
+
+
+def still(picture):
+    """A picture, as text, that moves no more: it is as its motion ends."""
+    return MOVES.sub("", picture.replace(MOVING, "")).replace(' class="still"', "")
 
 
 class Sheet:
@@ -27,7 +51,11 @@ class Sheet:
     def __init__(self, width, height, low, high):
         self.size, self.low = (width, height), low
         self.scale = np.divide(self.size, np.subtract(high, low))
-        self.parts = [STYLE, '<rect width="100%" height="100%" rx="12" fill="var(--paper)"/>']
+        self.parts = [
+            STYLE,
+            larger(width),
+            '<rect width="100%" height="100%" rx="12" fill="var(--paper)"/>',
+        ]
 
     def at(self, point):
         x, y = (np.array(point)[:2] - self.low) * self.scale
@@ -39,9 +67,15 @@ class Sheet:
 
     def path(self, frames, colour, width, more="", dt=0.0):
         style = f"stroke:var(--{colour});stroke-width:{width};{more}".rstrip(";")
+        if len(frames) == 1:
+            self.parts.append(f'<path d="{frames[0]}" style="{style}"></path>')
+            return
+        if MOVING not in self.parts:
+            self.parts.insert(0, MOVING)
         move = f'attributeName="d" values="{";".join(frames)}" dur="{len(frames) * dt:g}s"'
-        move = f'<animate {move} repeatCount="indefinite"/>' if len(frames) > 1 else ""
-        self.parts.append(f'<path d="{frames[0]}" style="{style}">{move}</path>')
+        move = f'<animate {move} repeatCount="indefinite"/>'
+        self.parts.append(f'<path class="still" d="{frames[-1]}" style="{style}"></path>')
+        self.parts.append(f'<path class="moves" d="{frames[0]}" style="{style}">{move}</path>')
 
     def words(self, point, words, colour="ink", anchor="middle", up=0):
         x, y = self.at(point).split()
@@ -59,7 +93,7 @@ def axes(height, x_ticks, y_ticks, upright=False):
     """A sheet with axes over ticks {place: words}; `upright`: lines rise from those below, too."""
     (left, *_, right), (bottom, *_, top) = x_ticks, y_ticks
     wide, high = right - left, top - bottom
-    low, end = (left - 0.16 * wide, bottom - 0.14 * high), (right + 0.07 * wide, top + 0.2 * high)
+    low, end = (left - 0.16 * wide, bottom - 0.14 * high), (right + 0.07 * wide, top + 0.24 * high)
     sheet = Sheet(1200, height, low, end)
     for y, words in y_ticks.items():
         sheet.line([(left, y), (right, y)], "reference", 1)
@@ -76,25 +110,47 @@ def chart(name, curves, x_ticks, y_ticks, y_name):
     (left, *_, right), (bottom, *_, top) = x_ticks, y_ticks
     sheet = axes(600, x_ticks, y_ticks)
     sheet.words((left, top), y_name, "reference", "start", 64)
+    lengths = [len(words) + 2 for words, *_ in curves]
     for k, (words, colour, x, y) in enumerate(curves):
         sheet.line(zip(x, np.clip(y, bottom, top), strict=True), colour)
-        place = left + (k + 0.5) / len(curves) * (right - left)
-        sheet.words((place, top), words, colour, up=18)
+        share = (sum(lengths[:k]) + 0.5 * lengths[k]) / sum(lengths)  # long names have more room
+        sheet.words((left + share * (right - left), top), words, colour, up=18)
     sheet.write(name)
 
 
-def tiles(name, scene, begin, end, every=1):
-    """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps."""
-    system, frames = c.build_system(scene), np.arange(begin / DT, end / DT + 1, every, dtype=int)
+def tiles(name, scene, begin, end, every=1, upright=None):
+    """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps.
+
+    `upright`: a particle that should keep its x, if there is one. A dashed line says where.
+    """
+    system = c.build_system(scene)
+    frames = np.arange(begin / DT, end / DT + 1, every, dtype=int)
     runs = {method: run(system, method, steps=frames[-1]) for method in METHODS}
     seen = np.vstack([*system["anchors"], *(q for x in runs.values() for q in x.q[frames])])
-    low, high = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
-    wide, tall, _ = high - low + [0.0, 0.14 * (high - low)[0], 0.0]  # with a line of words
-    corner = low[:2] - [0.0, tall]
-    sheet = Sheet(1500, round(1000 * tall / wide), corner, corner + [3.0 * wide, 2.0 * tall])
+    low = seen.min(axis=0) - 0.2
+    high = seen.max(axis=0) + 0.2
+    wide, tall, _ = high - low + [0.0, 0.24 * (high - low)[0], 0.0]  # with two lines of words
+    rows = -(-(len(runs) + 1) // COLUMNS)  # the last tile says what is seen
+    corner = low[:2] - [0.0, (rows - 1) * tall]
+    size = 1500, round(500 * rows * tall / wide)
+    sheet = Sheet(*size, corner, corner + [COLUMNS * wide, rows * tall])
+
+    def place(k):
+        return np.array([k % COLUMNS * wide, -(k // COLUMNS) * tall, 0.0])
+
     for k, (method, found) in enumerate(runs.items()):
-        shift, colour = np.array([k % 3 * wide, -(k // 3) * tall, 0.0]), METHODS[method]
-        right, much, missing = (part + shift for part in rod_parts(system, found.q[frames]))
+        shift = place(k)
+        colour = METHODS[method]
+        q = found.q[np.minimum(frames, len(found.q) - 1)]  # a run that is lost stays where it was
+        if upright is not None:
+            line = system["q0"][upright, 0]
+            sheet.line(
+                [(line + shift[0], y + shift[1]) for y in (low[1], high[1])], "ink", 3, "4 12"
+            )
+            gap = [(at + shift, [line + shift[0], at[1] + shift[1]]) for at in q[:, upright]]
+            gaps = [f"M{sheet.at(joint)}L{sheet.at(end)}" for joint, end in gap]
+            sheet.path(gaps, "long", 5, dt=every * DT)
+        right, much, missing = (part + shift for part in rod_parts(system, q))
         for parts, *style in (
             (right, colour, 7, ""),
             (missing[:, :, [0, 0]], colour, 20, "stroke-linecap:round"),  # particles
@@ -105,13 +161,51 @@ def tiles(name, scene, begin, end, every=1):
             sheet.path(data, *style, every * DT)
         for anchor in system["anchors"] + shift:
             sheet.line([anchor, anchor], "reference", 14)
-        words = f"{method}: worst rod {length(found.violations.max())}"
-        sheet.words(low + shift + [0.5 * wide, tall, 0.0], words, colour, up=-50)
-    place = low + [2.5 * wide, 0.0, 0.0]
-    sheet.words(place, f"{scene}, {'to' if begin < end else 'at'} {end:g} s", up=-50)
-    sheet.words(place, "red: too much", "long", up=-90)
-    sheet.words(place, "blue: missing", "short", up=-130)
+        top = low + shift + [0.5 * wide, tall, 0.0]
+        sheet.words(top, method, colour, up=-50)
+        sheet.words(top, f"rods off by {length(found.violations.max())}", colour, up=-100)
+    top = low + place(len(runs)) + [0.5 * wide, tall, 0.0]
+    sheet.words(top, f"{scene}, {'to' if begin < end else 'at'} {end:g} s", up=-50)
+    sheet.words(top, "red: too long", "long", up=-100)
+    sheet.words(top, "blue: too short", "short", up=-150)
     sheet.write(name)
+
+
+def one_step(d, v, dt=0.2, baumgarte=2.0):
+    """What each method makes of a bob at d (2,) in m with v (2,) in m/s, in one long step."""
+    system = c.build_system("pendulum")
+    system["q0"] = np.array([[*d, 0.0]])
+    system["v0"] = np.array([[*v, 0.0]])
+    sheet = Sheet(1200, 850, (-0.6, -1.6), (1.8, 0.1))
+    sheet.parts.append(SYMBOLS)
+    round_ = [(np.cos(x), np.sin(x)) for x in np.linspace(-np.pi, 0.0, 60)]
+    sheet.line(round_, "reference", 3, "2 10")
+    sheet.line([(0, 0), d], "reference", 6)
+    sheet.line([d, np.add(d, dt * np.array(v))], "v", 5)
+    ends = {}
+    for name, method in c.make_methods(dt, baumgarte).items():
+        step = c.stabilized(c.semi_implicit_step, system, method)
+        q, _ = step(system["q0"], system["v0"], system["m"], method.make_force(system), dt)
+        ends[name] = q
+    names = sorted(ends, key=lambda name: -ends[name][0, 1])  # from the top
+    below = np.inf
+    for name in names:
+        x, y, _ = ends[name][0]
+        below = min(below - 0.095, y)
+        error = c.rod_lengths(system, ends[name])[0] - 1.0
+        words = f"{'+' if error > 0.0 else MINUS}{length(abs(error))}"
+        if abs(error) < 1e-9:
+            words = "right"
+        sheet.line([(x, y), (x, y)], METHODS[name], 22)
+        sheet.line([(x, y), (0.85, below)], METHODS[name], 2)
+        sheet.words((0.87, below), f"{name} {words}", METHODS[name], "start", -10)
+    plain = ends[next(iter(ends))][0]
+    for name, method in c.make_methods(dt).items():
+        if method.post_step:  # from where the step ended without it
+            sheet.line([plain, ends[name][0]], "lambda", 7)
+    sheet.line([(0, 0), (0, 0)], "reference", 16)
+    sheet.line([d, d], "ink", 26)
+    sheet.write("one_step")
 
 
 def main():
@@ -139,11 +233,11 @@ def main():
         curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
     ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
     chart("chaos", curves, TIMES, ticks, "distance between the tips")
-    tiles("tiles", "double", 20.0, 20.0)
-    tiles("flat_pose", "peaucellier", 4.0, 4.0)
+    one_step((0.0, -1.12), (2.0, -1.0))
+    tiles("flat_pose", "peaucellier", 4.0, 4.0, upright=3)
     tiles("double", "double", 12.0, 20.0, 10)
     tiles("triple", "triple", 12.0, 20.0, 10)
-    tiles("peaucellier", "peaucellier", 0.0, 6.0, 20)
+    tiles("peaucellier", "peaucellier", 0.0, 6.0, 20, upright=3)
     tiles("jansen_leg", "jansen_leg", 0.0, 5.0, 20)
     tiles("windows", "windows", 0.0, 6.0, 40)
 

@@ -4,8 +4,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from curriculum.common.tracing.ahead import nonzero
 from curriculum.common.tracing.python import NUMBERS, Python, function_of, source_of
+from curriculum.common.tracing.steps import nonzero
 from curriculum.common.tracing.trace import Loop, trace_loop
 
 
