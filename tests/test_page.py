@@ -117,6 +117,27 @@ def test_a_chapter_needs_the_names_that_are_listed_and_the_knobs_that_it_has():
     assert {x.method for x in choice.settings} == {"none", "spring"}
 
 
+def test_a_page_lives_whatever_the_names_in_the_readers_loops_are():
+    def smaller(new, var, let, this, function, const, state, Math, t1):
+        return var, let, this, function, const, state, Math, t1, 0.5 * new
+
+    def is_large(new, *others):
+        return new > 0.1
+
+    def settle(system, q_start, q, v, dt):
+        start = [q[0, 0] * k for k in range(1, 10)]
+        end = c.while_loop(is_large, smaller, *start, most=99, failure="none")
+        return q, v * (1.0 + 1e-3 * end[0] + 1e-3 * end[8])
+
+    own = {"mine": c.Method(c.make_force, "settles", settle)}
+    chapter = edited(make_methods=lambda **knobs: own)
+    system = c.build_system("double")
+    found = states(chapter, system, "semi_implicit", 20)["mine"]
+    step = c.stabilized(c.semi_implicit_step, system, own["mine"])
+    run = c.simulate(step, system, c.make_force(system), 0.005, 20)
+    assert found == pytest.approx(np.array([run.q[-1], run.v[-1]]), abs=1e-12)
+
+
 def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
     def refused(system, force=c.external_force, integrator="semi_implicit"):
         chapter = edited(external_force=force, make_methods=partial(rows, force))
