@@ -162,24 +162,6 @@ def test_a_loaded_pendulum_hangs_aslant_and_swings_about_there():
     assert exact.step * period / 800.0 == pytest.approx(2.0, abs=period) and exact.q is not None
 
 
-def test_mujoco_has_the_loads():
-    mujoco = pytest.importorskip("mujoco", reason="an extra: pip install -e '.[peers]'")
-    from curriculum.ch3_4_constraints.studies import _mujoco
-
-    system = c.build_system("double") | {"load": [[5.0, 0.0, 2.0], [0.0, 12.0, -3.0]]}
-    hard = _mujoco.HARD.format(2e-4)
-    model, data = _mujoco.started(
-        c.systems.check_system(system, c.PIVOT), _mujoco.tendons, hard, 1e-4
-    )
-    for _ in range(5000):
-        mujoco.mj_step(model, data)
-    places = [data.site(f"s{k}").xpos for k in range(2)]
-    exact = c.run_method(system, "project", "gauss", 0.01, 50).q[-1]  # at 0.5 s
-    assert np.max(np.abs(places - exact)) < 1e-3  # m: its rods are soft
-    with pytest.raises(ValueError, match="use tendons"):
-        _mujoco.started(system, _mujoco.linkage, hard, 1e-4)
-
-
 AT = REFERENCE["times"].index(2.0)
 PLACES = {name: np.array(case["positions"][AT]) for name, case in REFERENCE["cases"].items()}
 ORDERS = [  # an integrator, the longest of three steps in s, and the order
