@@ -157,6 +157,12 @@ def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
     assert "in the plane z = 0 only" in refused(system)
 
 
+def test_a_page_begins_with_what_its_scene_is():
+    assert page.about({"about": "A leg of wood. It walks."}) == "A leg of wood"
+    assert page.about(c.build_system("double")) == "2 bobs, 2 kg, on 2 m of rods"
+    assert page.about(c.build_system("pendulum")) == "1 bob, 1 kg, on 1 m of rods"
+
+
 def test_energy_should_stay_where_gravity_and_loads_alone_act():
     def conserves(force, **more):
         system = {**c.build_system("double"), **more}
@@ -265,7 +271,9 @@ def drawn(shown, stage, kind, color=None):
 
 @pytest.mark.parametrize(("size", "theme"), SCREENS)
 def test_the_first_screen_is_tiles_that_fit_it_in_legible_words(pages, size, theme):
-    shown = pages(edited=True, viewport=size, color_scheme=theme, device_scale_factor=2)
+    shown = pages(
+        "--steps", "9", edited=True, viewport=size, color_scheme=theme, device_scale_factor=2
+    )
     boxes = [tile.bounding_box() for tile in shown.locator(".tile").all()]
     seen = sum(x["width"] * (min(size["height"], x["y"] + x["height"]) - x["y"]) for x in boxes)
     assert len(boxes) == len(METHODS) and seen >= 0.4 * size["width"] * size["height"]
@@ -284,7 +292,7 @@ def test_the_first_screen_is_tiles_that_fit_it_in_legible_words(pages, size, the
 
 
 def test_on_paper_it_is_light_and_without_what_only_a_screen_can_do(pages):
-    shown = pages(choice=chosen(), color_scheme="dark")
+    shown = pages("--steps", "9", choice=chosen(), color_scheme="dark")
     shown.emulate_media(media="print", color_scheme="dark")
     assert shown.evaluate("ink('ink')") == palette.INK[0]
     assert not any(x.is_visible() for x in shown.locator("button, input, #say").all())
@@ -298,7 +306,7 @@ def test_it_opens_at_the_step_of_the_run_and_says_so(pages):
         (("--dt", "0.0125"), "semi_implicit, steps of 12.5 ms, the run’s."),
         (("--integrator", "rk4"), "rk4, steps of 5 ms, the run’s. impulse is left out: it is made"),
     ):
-        shown = pages(*flags)
+        shown = pages(*flags, "--steps", "9")
         assert shown.locator("#facts").inner_text().startswith(facts)
     colors = shown.locator("figcaption b").evaluate_all("all => all.map(x => x.className)")
     assert colors == [f"m{k}" for k, x in enumerate(METHODS) if x != "impulse"], "each its own"
@@ -433,7 +441,7 @@ def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why()
 
 
 def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
-    shown = pages(choice=chosen())
+    shown = pages("--steps", "9", choice=chosen())
     tolerances = shown.locator("#tolerances button")
     assert tolerances.all_inner_texts() == ["1 cm", "1 mm", "100 µm", "1 µm"]
     pressed = "all => all.filter(x => x.ariaPressed === 'true').map(x => x.textContent)"
@@ -449,9 +457,9 @@ def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
 
 
 def test_without_an_answer_stands_the_command_that_finds_one(pages):
-    shown = pages("--out=one", "--system", "triple", "--out", "two", "--dt", "0.01")
+    shown = pages("--out=one", "--system", "triple", "--out", "two", "--steps", "9")
     assert (
-        shown.locator("#says code").inner_text().endswith(" --system triple --dt 0.01 --within 1mm")
+        shown.locator("#says code").inner_text().endswith(" --system triple --steps 9 --within 1mm")
     )
     assert shown.locator("#tolerances button, #ladder").count() == 0
 
@@ -469,6 +477,13 @@ def test_as_it_was_has_the_numbers_of_the_run_and_draws_its_pose(still):
         assert still.locator(".off").nth(k).inner_text() == expected
         away = np.max(np.linalg.norm(found.q - fine, axis=-1))
         assert f"{name} {metres(away)}" in told(still)
+    click(still, "Energy")
+    for name in METHODS:
+        energies = run(name, 0.005, 400).energies
+        change = (energies - energies[0]) / (2 * 9.81 * 2)  # of m g L
+        most = change[np.argmax(np.abs(change))]
+        sign = "+" if most > 0 else "−"
+        assert f"{name} {sign}{table.per_cent(abs(most))}" in told(still)
     tile, found = "run.copies[1].view", run("baumgarte", 0.005, 400)
     for color, places in ("ink", found.q[-1]), ("reference", fine[-1]):
         lines = [x["at"] for x in drawn(still, tile, "line", color)]
@@ -564,7 +579,7 @@ def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(still):
 
 def test_a_finger_takes_the_nearest_bob_of_all_and_scrolls_where_none_is_near(pages):
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
-    shown = pages("--system", "windows", **phone)
+    shown = pages("--system", "windows", "--steps", "9", **phone)
     tile = shown.locator(".tile").first
     hands = tile.locator(".hand")
     many = len(c.build_system("windows")["m"])
@@ -580,7 +595,9 @@ def test_a_finger_takes_the_nearest_bob_of_all_and_scrolls_where_none_is_near(pa
 
 
 def test_sliders_set_exact_values_say_them_and_begin_again_if_they_must(pages):
-    shown = pages("--dt", "0.0033", "--baumgarte", "17.3", "--time-constant", "0.0271")
+    shown = pages(
+        "--steps", "9", "--dt", "0.0033", "--baumgarte", "17.3", "--time-constant", "0.0271"
+    )
     steps(shown, 1)
     shown.locator("#baumgarte input").fill("11")
     assert shown.evaluate("[knobs.baumgarte, run.taken]") == [320, 1]
@@ -611,7 +628,7 @@ def test_a_question_has_its_slider_beside_it_and_stands_where_it_is_true(still, 
     def braked(system, q, v=None):
         return c.external_force(system, q, v) - 0.5 * v
 
-    shown = pages("--dt", "0.02", chapter=edited(external_force=braked))
+    shown = pages("--steps", "99", chapter=edited(external_force=braked))
     assert shown.locator("#questions").get_by_text("energy").count() == 0
     energies = shown.locator("#found td:nth-child(4)").all_inner_texts()
     assert {*energies} == {"–"}
