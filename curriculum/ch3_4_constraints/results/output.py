@@ -12,15 +12,20 @@ from curriculum.ch3_4_constraints.mechanics.choice import count_operations
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
-# What page and recording take of a chapter, which main hands to write as a namespace of its names.
+# What page, recording and --within take of a chapter: main hands them a namespace of its names, as
+# its reader has edited them. A knob is an argument of make_methods that args.knobs has.
 CHAPTER = {
     "GRAVITY": "(3,) in m/s^2",
     "INTEGRATORS": "{name: step(q, v, m, force, dt) -> (q, v)}",
     "make_methods": "(dt, **knobs) -> {name: Method}: make_force, words, post_step, integrator",
     "external_force": "(system, q, v) -> (N, 3) in N: the page asks whether energy should stay",
     "energy": "(system, q, v) -> J",
-    "rod_lengths": "(system, q) -> (C,) in m, what is to be `lengths` of the system",
-    "tensions": "(system, q, v, force) -> (C,) in N, for the recording",
+    "rod_lengths": "(system, q) -> (..., C) in m, which the page compares with lengths",
+    "tensions": "(system, q, v, force) -> (C,) in N, which the recording plots",
+    "make_force": "(system) -> force(q, v), which --within takes for the true motion, and",
+    "project": "(system, q_start, q, v, dt) -> (q, v), too",
+    "stabilized": "(step, system, method) -> step: --within takes steps of all integrators",
+    "constraint_violation": "(system, q) -> (...) in m, of many states at once",
 }
 METRICS = "metrics.json"
 PAGE = "play.html"
