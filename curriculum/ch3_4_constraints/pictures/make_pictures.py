@@ -65,6 +65,14 @@ class Sheet:
         style = f"stroke-dasharray:{dash}" if dash else "stroke-linecap:round"
         self.path(["M" + "L".join(map(self.at, points))], colour, width, style)
 
+    def arrow(self, start, end, colour):
+        along = np.subtract(end, start)[:2]
+        back = -22 / np.linalg.norm(along * self.scale) * along
+        aside = 0.5 * np.array([-back[1], back[0]])
+        left = end[:2] + back + aside
+        right = end[:2] + back - aside
+        self.line([start, end, left, end, right], colour)
+
     def path(self, frames, colour, width, more="", dt=0.0):
         style = f"stroke:var(--{colour});stroke-width:{width};{more}".rstrip(";")
         if len(frames) == 1:
@@ -181,7 +189,7 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
     round_ = [(np.cos(x), np.sin(x)) for x in np.linspace(-np.pi, 0.0, 60)]
     sheet.line(round_, "reference", 3, "2 10")
     sheet.line([(0, 0), d], "reference", 6)
-    sheet.line([d, np.add(d, dt * np.array(v))], "v", 5)
+    sheet.arrow(d, np.add(d, dt * np.array(v)), "v")
     ends = {}
     for name, method in c.make_methods(dt, baumgarte).items():
         step = c.stabilized(c.semi_implicit_step, system, method)
@@ -202,7 +210,7 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
     plain = ends[next(iter(ends))][0]
     for name, method in c.make_methods(dt).items():
         if method.post_step:  # from where the step ended without it
-            sheet.line([plain, ends[name][0]], "lambda", 7)
+            sheet.arrow(plain, ends[name][0], "lambda")
     sheet.line([(0, 0), (0, 0)], "reference", 16)
     sheet.line([d, d], "ink", 26)
     sheet.write("one_step")
