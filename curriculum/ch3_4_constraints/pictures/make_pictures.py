@@ -126,15 +126,16 @@ def chart(name, curves, x_ticks, y_ticks, y_name):
     sheet.write(name)
 
 
-def tiles(name, scene, begin, end, every=1, upright=None):
+def tiles(name, scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps.
 
     `upright`: a particle that should keep its x, if there is one. A dashed line says where.
     """
     system = c.build_system(scene)
     frames = np.arange(begin / DT, end / DT + 1, every, dtype=int)
-    runs = {method: run(system, method, steps=frames[-1]) for method in METHODS}
-    seen = np.vstack([*system["anchors"], *(q for x in runs.values() for q in x.q[frames])])
+    runs = [run(system, method, steps=frames[-1]) for method in methods]
+    places = [found.q[frames[frames < len(found.q)]].reshape(-1, 3) for found in runs]
+    seen = np.vstack([system["anchors"], *places])
     low = seen.min(axis=0) - 0.2
     high = seen.max(axis=0) + 0.2
     wide, tall, _ = high - low + [0.0, 0.24 * (high - low)[0], 0.0]  # with two lines of words
@@ -146,7 +147,7 @@ def tiles(name, scene, begin, end, every=1, upright=None):
     def place(k):
         return np.array([k % COLUMNS * wide, -(k // COLUMNS) * tall, 0.0])
 
-    for k, (method, found) in enumerate(runs.items()):
+    for k, (method, found) in enumerate(zip(methods, runs, strict=True)):
         shift = place(k)
         colour = METHODS[method]
         q = found.q[np.minimum(frames, len(found.q) - 1)]  # a run that is lost stays where it was
