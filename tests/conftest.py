@@ -42,27 +42,38 @@ def refused(capsys):
     return line
 
 
+TROUBLE = []  # what pages in a browser complained about, or asked for, since the last test
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call():
+    """A test fails, in its own body, if a page of its complains."""
+    result = yield
+    trouble = [x for x in TROUBLE if not x.startswith("data:")]
+    TROUBLE.clear()
+    assert trouble == []
+    return result
+
+
 @pytest.fixture(scope="module")
 def visit():
     """visit(path, **context): a file in Chromium. What it complains about or asks for, fails."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = shutil.which("chromium") or pytest.skip("chromium is not installed")
-    trouble = []
 
     def opened(path, **context):
         usual = {"reduced_motion": "reduce", "viewport": {"width": 1100, "height": 820}}
         page = browser.new_page(**usual | context)
-        page.on("pageerror", lambda error: trouble.append(str(error)))
-        page.on("console", lambda message: trouble.append(message.text))
-        page.on("request", lambda request: trouble.append(request.url))
+        page.on("pageerror", lambda error: TROUBLE.append(str(error)))
+        page.on("console", lambda message: TROUBLE.append(message.text))
+        page.on("request", lambda request: TROUBLE.append(request.url))
         page.goto(path.as_uri())
-        trouble.remove(path.as_uri())
+        TROUBLE.remove(path.as_uri())
         return page
 
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield opened
-    assert [x for x in trouble if not x.startswith("data:")] == []
 
 
 def click(shown, name):

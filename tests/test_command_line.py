@@ -1,6 +1,7 @@
 """The command line: a mistake is one line; whatever ends a run, nothing is lost."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from conftest import ROOT, python
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import scene_files
+from curriculum.ch3_4_constraints.mechanics.systems import SceneError
 from curriculum.ch3_4_constraints.results import output
 
 WRONG = {  # flags: what the line names
@@ -19,7 +21,6 @@ WRONG = {  # flags: what the line names
     "--steps 2.5": "--steps: '2.5' must be a whole number",
     "--steps 4166667": "4166667 steps take more than 4 GB; 4166666 fit",
     "--links 301": "--links: '301' must be a whole number from 1 to 300",
-    "--impedance 1": "--impedance: '1' must be a finite number >= 1e-09 and < 1",
     "--out=": "--out: '' must be a name",
     "--out=a\udcff": r"--out: 'a\udcff' must be a name in characters that can be printed",
     "--system=\x1b[31m": r"'\x1b[31m': must be a name in characters that can be printed",
@@ -34,11 +35,19 @@ def test_a_wrong_flag_is_one_line_that_names_flag_and_value(flags, words, refuse
     assert words in refused(*flags.split())
 
 
-def test_scenes_lists_all_systems_that_have_a_name(capsys):
+def test_help_and_the_error_of_a_wrong_name_list_all_systems_that_have_one(capsys, refused):
     with pytest.raises(SystemExit, match="0"):
-        c.main(["--scenes"])
-    listed = {line.split()[0] for line in capsys.readouterr().out.splitlines()}
-    assert listed == {*c.CHAINS, "chain", *scene_files.SHIPPED}
+        c.main(["--help"])
+    helped = re.split(r"[\s,]+", capsys.readouterr().out)
+    said = re.split(r"[\s,]+", refused("--system", "nosuch"))
+    names = {*c.CHAINS, "chain", *scene_files.SHIPPED}
+    assert names <= {*helped} and names <= {*said}
+
+
+def test_a_wrong_name_from_python_blames_no_flag():
+    with pytest.raises(SceneError) as error:
+        c.build_system("doubel")
+    assert str(error.value) == "'doubel': no scene and no file; did you mean 'double'?"
 
 
 def test_the_entry_point_is_the_package_and_its_function_is_there():
@@ -94,9 +103,16 @@ def test_the_shortest_runs_and_the_longest_steps_are_runs(flags, tmp_path):
 
 
 def test_a_readers_mistake_is_a_traceback_that_ends_in_their_line(tmp_path):
-    text = (ROOT / "constraints.py").read_text()
-    mine = tmp_path / "constraints.py"
-    mine.write_text(text.replace('return system["m"] * GRAVITY', "return np.linalg.inv(0.0 * q)"))
+    mine = tmp_path / "mine.py"
+    mine.write_text(
+        """import constraints
+import numpy as np
+def external_force(system, q, v=None):
+    return np.linalg.inv(np.zeros((3, 3)))
+constraints.external_force = external_force
+constraints.command()
+"""
+    )
     done = python(mine, "--steps", "20", "--out", tmp_path, variables={"PYTHONPATH": str(ROOT)})
     *_, shown, _, last = [x for x in done.stderr.splitlines() if set(x) - {" ", "^", "~"}]
     assert done.returncode == 1 and last.startswith("numpy.linalg.LinAlgError")

@@ -8,21 +8,23 @@ import pytest
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
-from curriculum.ch3_4_constraints.mechanics.xpbd import xpbd_step
+from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 
 PACKAGE = "curriculum.ch3_4_constraints.exercises"
 NAMES = sorted(path.stem for path in Path(checks.__file__).parent.glob("ex*.py"))
 CHECKS = {name: getattr(checks, name.partition("_")[2]) for name in NAMES}
 MISTAKES = [
-    ("ex1_drift", "guess", lambda: {"rod": "oscillates", "factor": 16}),
+    ("ex1_drift", "guess", lambda: {"rod": "grows", "factor": 16}),
+    ("ex1_drift", "guess", lambda: {"rod": "shrinks", "factor": 4}),
     ("ex1_drift", "expected_g", lambda speeds, dt: 0.5 * dt**2 * np.sum(speeds[:-1] ** 2)),
     ("ex1_drift", "expected_g", lambda speeds, dt: [0.5 * dt**2 * np.sum(speeds**2)] * 2),
     ("ex2_solve", "jdotv", lambda d, d_dot: d @ d_dot),
     ("ex2_solve", "target", lambda g, gdot, w: -w * gdot - w**2 * g),
     ("ex3_chaos", "guess", lambda: {1e-12: 27.2, 1e-24: 60.0}),
     ("ex3_chaos", "guess", lambda: {1e-12: 34.4, 1e-24: 120.0}),
-    ("ex4_cliff", "guess", lambda: {"euler": "later", "semi_implicit": "later", "rk4": "sooner"}),
-    ("ex4_cliff", "step_matrix", lambda name, z: np.array([[0.0, 1.0], [-(z**2), -z]])),
+    ("ex4_cliff", "guess", lambda: ["semi_implicit", "euler"]),
+    ("ex4_cliff", "guess", lambda: "semi_implicit"),
+    ("ex4_cliff", "step_matrix", lambda step_fn, z: np.array([[0.0, 1.0], [-(z**2), -z]])),
     ("ex5_xpbd", "substep", lambda system, q, v, h: (xpbd_step(system, q, v, h)[0], v)),
     ("ex5_xpbd", "substep", lambda system, q, v, h: xpbd_step(system, q + h * v, v, h)),
 ]
@@ -60,7 +62,8 @@ def test_a_solution_is_right_under_a_drag_of_ones_own(solved, monkeypatch, capsy
 
 def test_xpbd_keeps_the_length_of_a_free_rod_and_the_momentum_of_its_ends():
     chain = checks.random_chain(np.random.default_rng(0), 2)
-    rod, m = chain | {"pairs": [(1, 0)], "lengths": chain["lengths"][1:]}, chain["m"]
+    m = chain["m"]
+    rod = chain | {"pairs": [(1, 0)], "lengths": chain["lengths"][1:]}
     q, v = xpbd_step(rod, rod["q0"], rod["v0"], 0.01)
     assert np.allclose(c.rod_lengths(rod, q), rod["lengths"], rtol=1e-14)
     assert np.allclose(np.sum(m * v, axis=0), np.sum(m * (rod["v0"] + 0.01 * c.GRAVITY), axis=0))

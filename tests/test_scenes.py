@@ -10,7 +10,7 @@ import pytest
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import scene_files
-from curriculum.ch3_4_constraints.mechanics.scene_files import LARGEST, MOST, parse_scene
+from curriculum.ch3_4_constraints.mechanics.scene_files import LARGEST, MOST_ENTRIES, parse_scene
 from curriculum.ch3_4_constraints.mechanics.statics import refusal
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError, check_system
 
@@ -22,10 +22,16 @@ ENDS = "; must be a particle 0..1, then another or an anchor -1, -2, ... (1 in a
 WRONG = [  # what stands there, what is put there, and what is said of it
     ("}]}", '}], "about": "\\ud800"}', r'about is "\ud800"; must be text in characters'),
     ("}]}", '}], "by": 1}', 'a key of the file is "by"; must be one of about, anchors'),
-    ("[2, 0, 0]}", "[2, 0, 0]}" + MOST * ", {}", "; must be a list of 1 to 1000 entries"),
+    ("[2, 0, 0]}", "[2, 0, 0]}" + MOST_ENTRIES * ", {}", "; must be a list of 1 to 1000 entries"),
+    ("[2, 0,", 41 * "[" + "2" + 40 * "]" + ", 0,", "particles[1].position is [[[[[["),
+    (": 2}", ": " + 40 * "[" + "2" + 40 * "]" + "}", "the shape of particles[0].mass is [1, 1, 1"),
     ("[2, 0,", "[NaN, 0,", "particles[1].position is [NaN, 0, 0]; must be three finite numbers"),
     ('y": [0,', 'y": [true,', "particles[0].velocity is [true, 0, 0]; must be three finite"),
     ('y": [0,', 'y": [1e-5,', "stretch rods[0] at 1e-05 m/s; must be 0, for a rod can only turn"),
+    (": 2}", ': 2, "load": [0, 1]}', "particles[0].load is [0, 1]; must be three finite numbers"),
+    (": 2}", ': 2, "load": [0, 1, Infinity]}', "particles[0].load is [0, 1, Infinity]; must be"),
+    (": 2}", ': 2, "load": [0, 1, 1e12]}', "[0, 1, 1000000000000.0]; must be three finite numbers"),
+    (": 2}", ': 2, "load": 40}', "particles[0].load is 40; must be three finite numbers [x, y, z]"),
     (": 2}", ": 0}", "particles[0].mass is 0; must be a finite number of kilograms > 0"),
     ("[1, 0],", "[2, 0],", "rods[1].pair is [2, 0]" + ENDS),
     ("[1, 0],", "[0, -1],", "rods[1].pair is [0, -1]; must be given once; rods[0] ties the same"),
@@ -42,6 +48,13 @@ def test_a_wrong_value_in_a_file_is_named_with_what_is_allowed(old, new, words, 
     assert words in refused("--system", tmp_path / "scene.json")
 
 
+def test_a_file_may_load_its_particles(tmp_path):
+    (tmp_path / "scene.json").write_text(GOOD.replace(": 2}", ': 2, "load": [3, -4, 0.5]}'))
+    system = c.build_system(tmp_path / "scene.json")
+    assert system["load"].tolist() == [[3.0, -4.0, 0.5], [0.0, 0.0, 0.0]]
+    assert "load" not in c.build_system("braced")
+
+
 STAR = {"pairs": [(k, 0) for k in range(1, 101)], "lengths": np.ones(100)}
 TYPED = {  # what is said of a typed system, and what is wrong in it
     "must be a dict with q0, v0, m, anchors, pairs, lengths": {"v0": None},
@@ -50,6 +63,8 @@ TYPED = {  # what is said of a typed system, and what is wrong in it
     "lengths[1] is 1.5; must be 1 m, to 10 %; that is how far": {"lengths": [1.0, 1.5]},
     "the shape of m[0] is []; must be (1,)": {"m": np.ones(2)},
     "m is [[1], [1]]; must be a list or an array of floats": {"m": np.ones((2, 1), int)},
+    "the number of rows of load is 1; must be 2": {"load": [[0.0, 1.0, 0.0]]},
+    "load[1] is [0.0, NaN, 0.0]; must be three finite": {"load": [[0, 0, 0], [0.0, math.nan, 0.0]]},
     "pairs[0] is [-1, 0]; must be a particle 0..1": {"pairs": [(-1, 0), (1, 0)]},
     "v0[0] is [NaN, NaN, NaN]; must be three finite": {"v0": np.full((2, 3), np.nan)},
     "pairs[0] is [0.0, -1]; must be two whole": {"pairs": [[0.0, -1], [1, 0]]},
@@ -128,6 +143,29 @@ STARTS = {  # points, rods, anchors, speeds upward, and whether finite tensions 
     "a straight bar with a joint": (*BAR, [0, 0], False),
     "one that a particle beside its line keeps straight": (*HELD, [0, 0, 0], True),
 }
+
+
+CABLE = {  # loads on the two bobs of a level cable, in N, and whether finite tensions hold it
+    "weights and no more": ([[0, 0, 0], [0, 0, 0]], False),
+    "weights that are lifted": ([[0, 9.81, 0], [0, 9.81, 0]], True),
+    "one that is lifted": ([[0, 9.81, 0], [0, 0, 0]], False),
+    "lifted, and pulled along the cable": ([[-50, 9.81, 0], [70, 9.81, 0]], True),
+    "lifted, and pushed aside": ([[0, 9.81, 0], [0, 9.81, 3]], False),
+}
+
+
+@pytest.mark.parametrize("name", CABLE)
+def test_a_start_is_judged_under_gravity_and_load(name):
+    load, holds = CABLE[name]
+    scene = {
+        "anchors": [[0, 0, 0], [3, 0, 0]],
+        "particles": [
+            {"position": [1, 0, 0], "load": load[0]},
+            {"position": [2, 0, 0], "load": load[1]},
+        ],
+        "rods": [{"pair": [0, -1]}, {"pair": [1, 0]}, {"pair": [1, -2]}],
+    }
+    assert (refusal(parse_scene(scene), c.GRAVITY) is None) == holds
 
 
 @pytest.mark.parametrize("name", STARTS)

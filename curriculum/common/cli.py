@@ -11,6 +11,8 @@ from pathlib import Path
 
 from curriculum.common.tracing.tape import StepChanged
 
+Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
+DEEP = 100  # folders: Python makes a thousand at once, and no more
 LIBRARY = "curriculum/common/", "site-packages", "<"  # whose lines are not the reader's
 
 
@@ -35,6 +37,13 @@ class Parser(argparse.ArgumentParser):
             formatter_class=WithDefaults,
             allow_abbrev=False,
         )
+
+    def parse_args(self, words=None, namespace=None):
+        """The flags; and, as `words`, how the program was called."""
+        args = super().parse_args(words, namespace)
+        started = ["python", self.prog] if self.prog.endswith(".py") else [self.prog]
+        args.words = started + list(sys.argv[1:] if words is None else words)
+        return args
 
     def error(self, message):
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
@@ -74,25 +83,48 @@ def whole(low, high=10**12):
 
 
 def folder(text):
-    if not text or not text.isprintable():
-        allowed = "a name in characters that can be printed"
-        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
-    return Path(text)
+    path = Path(text)
+    if not text or not text.isprintable() or len(path.parts) > DEEP:
+        allowed = f"a name in characters that can be printed, at most {DEEP} folders deep"
+        raise argparse.ArgumentTypeError(f"{text[:80]!r} must be {allowed}")
+    return path
 
 
 def run_script(main):
     """Exit with main's status. Ctrl-C is one line; a traceback ends in a line of the reader's."""
-    for stream in filter(None, (sys.stdout, sys.stderr)):
-        stream.reconfigure(errors="backslashreplace")  # a console may lack a letter of a name
-    if hasattr(signal, "SIGPIPE"):
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it in silence
-    sys.excepthook = show
-    warnings.simplefilter("ignore", RuntimeWarning)  # numpy's: the table says what diverged
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError):  # there may be none, or one of an editor's
+            stream.reconfigure(errors="backslashreplace")  # a console may lack a letter of a name
+    if sys.excepthook is sys.__excepthook__:
+        sys.excepthook = show
     try:
-        sys.exit(main())
+        with signals(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # the table says what diverged
+            status = main()
     except (OSError, StepChanged, argparse.ArgumentTypeError) as why:  # such as a full disk
         print(f"error: {why}", file=sys.stderr)
-        sys.exit(2)
+        status = 2
+    if status:  # else an editor goes on, and so may whoever calls
+        sys.exit(status)
+
+
+@contextlib.contextmanager
+def signals():
+    """A block that `| head` ends in silence; SIGTERM ends it with what `with` and finally tidy."""
+    own = {signal.SIGTERM: lambda *_: sys.exit(128 + signal.SIGTERM)}
+    if hasattr(signal, "SIGPIPE"):  # Windows has none
+        own[signal.SIGPIPE] = signal.SIG_DFL
+    before = {}
+    with contextlib.suppress(ValueError):  # an editor's thread may not set any
+        for number, handler in own.items():
+            before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        if sys.stdout is sys.__stdout__:
+            print(end="", flush=True)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def show(kind, error, trace):
@@ -100,6 +132,10 @@ def show(kind, error, trace):
         print("\ninterrupted: no file is half written", file=sys.stderr)
         return
     shown = traceback.TracebackException(kind, error, trace)
-    own = [x for x in shown.stack if not any(part in x.filename for part in LIBRARY)]
+    own = list(filter(is_readers, shown.stack))
     shown.stack[:] = own or shown.stack
     print("".join(shown.format()), end="", file=sys.stderr)
+
+
+def is_readers(frame):
+    return not any(part in frame.filename for part in LIBRARY)

@@ -25,7 +25,14 @@ def neighbours(pairs):
     for k, pair in enumerate(pairs):
         for i in pair:
             at.setdefault(i, set()).add(k)
-    return [set().union(*(at[i] for i in pair if i >= 0)) - {k} for k, pair in enumerate(pairs)]
+    near = []
+    for k, pair in enumerate(pairs):
+        others = set()
+        for i in pair:
+            if i >= 0:
+                others |= at[i]
+        near.append(others - {k})
+    return near
 
 
 @cached
@@ -40,7 +47,8 @@ def uncoupled(pairs):
 @cached
 def elimination_order(pairs):
     """The pairs' numbers by minimum degree (A. George, J. Liu, SIAM Review 31 (1989) 1)."""
-    near, order = neighbours(pairs), []
+    near = neighbours(pairs)
+    order = []
     queue = sorted((len(others), k) for k, others in enumerate(near))  # which is a heap
     while queue:
         degree, k = heappop(queue)
@@ -57,14 +65,19 @@ def elimination_order(pairs):
 @cached
 def components(pairs):
     """[(the numbers of pairs that are coupled, however indirectly; whether they close a loop)]."""
-    near, left, found = neighbours(pairs), set(range(len(pairs))), []
+    near = neighbours(pairs)
+    left = set(range(len(pairs)))
+    found = []
     while left:
-        part, todo = set(), {min(left)}
+        part = set()
+        todo = {min(left)}
         while todo:
             part |= todo
             todo = set().union(*(near[k] for k in todo)) - part
         left -= part
-        ends = {max(i, -1) for k in part for i in pairs[k]}  # all anchors are one: the ground
+        ends = set()
+        for k in part:
+            ends |= {max(i, -1) for i in pairs[k]}  # all anchors are one: the ground
         found.append((sorted(part), len(part) >= len(ends)))  # a tree has one point more than pairs
     return found
 

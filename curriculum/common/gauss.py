@@ -100,7 +100,8 @@ def step_in_parts(stages, tol, q, v, m, force, dt):
 
     def next_part(q, v, left, part):  # what is left of the step, and how long the next part is
         q_next, v_next, converged = attempt(stages, tol, q, v, m, force, part * dt)
-        q, v = np.where(converged, q_next, q), np.where(converged, v_next, v)
+        q = np.where(converged, q_next, q)
+        v = np.where(converged, v_next, v)
         left = np.where(converged, left - part, left)
         part = np.where(converged, part, 0.5 * part)
         return q, v, left, part

@@ -9,7 +9,8 @@ SOON = 0.5  # s: what is done sooner needs no word
 def each(names, always=False):
     """Each of the names; on a terminal in a line that the next replaces, or `always` in its own."""
     begun = time.monotonic()
-    seen = sys.stderr and sys.stderr.isatty() and not always  # 2>&- leaves no stderr
+    terminal = sys.__stderr__  # None, where 2>&- has closed it; not what an editor shows
+    seen = terminal and terminal is sys.stderr and terminal.isatty() and not always
     for name in names:
         if always:
             print(name, flush=True)

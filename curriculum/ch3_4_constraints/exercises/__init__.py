@@ -1,1 +1,1 @@
-"""Five scripts with blanks. A blank says what belongs there; checks.py says whether it does."""
+"""Scripts with blanks. A blank says what belongs there; checks.py says whether it does."""

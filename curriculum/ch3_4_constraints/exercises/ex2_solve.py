@@ -24,9 +24,12 @@ def rod_force(system, q, v, f, w):
     jac, g, gdot, _ = c.constraint_terms(system, q, v)
     jdot_v = np.zeros(len(system["pairs"]), like=q)
     for k, (i, j) in enumerate(system["pairs"]):
-        d, d_dot = q[i], v[i]  # from the pivot, which stands still at the origin
-        if j >= 0:
-            d, d_dot = q[i] - q[j], v[i] - v[j]
+        if j < 0:  # the pivot, which stands still at the origin
+            d = q[i]
+            d_dot = v[i]
+        else:
+            d = q[i] - q[j]
+            d_dot = v[i] - v[j]
         jdot_v[k] = jdotv(d, d_dot)
     m = np.repeat(system["m"], 3)
     A = (jac / m) @ jac.T

@@ -8,7 +8,8 @@ import numpy as np
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
 
-DT, STEPS = 0.005, 8000  # s; 40 s in all
+DT = 0.005  # s
+STEPS = 8000  # 40 s in all
 
 
 def guess():
@@ -21,13 +22,15 @@ def guess():
 
 def turned(system, angle):
     """The same system, launched `angle` rad higher."""
-    cos, sin = np.cos(angle), np.sin(angle)
+    cos = np.cos(angle)
+    sin = np.sin(angle)
     return system | {"q0": system["q0"] @ [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]}
 
 
 def main():
     """Equal starts, two seeds, and launch angles ever nearer to each other: {rad: seconds}."""
-    system, times = c.build_system("double"), {}
+    system = c.build_system("double")
+    times = {}
 
     def tip(system):
         return c.run_method(system, "baumgarte", "rk4", DT, STEPS).tip

@@ -42,7 +42,30 @@ def distance(q, other):
 
 
 def find_reference(system, force, project, runs):
-    """The Reference for runs of a system: after HORIZON or, if they end sooner, at their end.
+    """The Reference for runs of a system: after HORIZON or, if they end sooner, at their end."""
+    dt = next(run.dt for run in runs)
+    steps = max(1, max(len(run.q) for run in runs) - 1)
+    last = horizon(system, force, dt, steps)
+    return true_motion(system, force, project, dt, last, why_unknown(runs))
+
+
+def why_unknown(runs):
+    """Why steps of one's own would not show where runs should be, in words, or ""."""
+    if any(run.step.edited for run in runs):
+        return "the loop edits what its steps take"
+    if not all(run.step.is_compiled for run in runs):
+        return "steps are not compiled, and it would take long"
+    return ""
+
+
+def horizon(system, force, dt, steps):
+    """After how many of `steps` of dt s places are compared."""
+    swing, _ = time_scales(system, force)
+    return min(steps, max(1, round(min(HORIZON, 20.0 * swing) / dt)))
+
+
+def true_motion(system, force, project, dt, last, why=""):
+    """The Reference after the `last` step of dt s; unknown if there is a reason `why`.
 
     project(system, q_start, q, v, dt) puts the end of a step back onto the rods. The steps get
     shorter until two ends agree, or until rounding keeps them apart. Gauss's rule halves a step
@@ -50,15 +73,11 @@ def find_reference(system, force, project, runs):
     parts, and agree.
     """
     q, v, rods = system["q0"], system["v0"], len(system["pairs"])
-    dt, steps = next(run.dt for run in runs), max(1, max(len(run.q) for run in runs) - 1)
     shortest = float(np.min(system["lengths"]))
     swing, turn = time_scales(system, force)
-    last = min(steps, max(1, round(min(HORIZON, 20.0 * swing) / dt)))
     unknown = Reference(last, f"at {last * dt:.3g} s")
-    if any(run.step.edited for run in runs):
-        return unknown._replace(why="the loop edits what its steps take")
-    if not all(run.step.is_compiled for run in runs):
-        return unknown._replace(why="steps are not compiled, and it would take long")
+    if why:
+        return unknown._replace(why=why)
     if rods > MAX_RODS:
         return unknown._replace(why=f"it would take long for more than {MAX_RODS} rods")
     if math.isnan(swing):

@@ -2,10 +2,12 @@
 
     {"about": "what it shows",
      "anchors": [[0, 0, 0]],                                                            m
-     "particles": [{"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 1}],          m, m/s, kg
+     "particles": [{"position": [1, 0, 0], "velocity": [0, 0, 0],                       m, m/s
+                    "mass": 1, "load": [0, 0, 0]}],                                     kg, N
      "rods": [{"pair": [0, -1], "length": 1}]}                                          m
 
-By default there are no anchors, velocities are 0, masses 1, and lengths as the positions say.
+By default there are no anchors, velocities are 0, masses 1, and lengths as the positions say. A
+load, 0 by default, is a constant force beside gravity.
 A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -2 the second.
 """
 
@@ -18,7 +20,7 @@ from curriculum.ch3_4_constraints.mechanics import systems
 from curriculum.ch3_4_constraints.mechanics.statics import refusal
 
 LARGEST = 1e7  # bytes of a file
-MOST = 1000  # particles, rods or anchors in it
+MOST_ENTRIES = 1000  # particles, rods or anchors in it
 FIT = 1e-6  # the share by which a length in it may differ from the distance of its rod's ends
 SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("scenes/*.json"))}
 
@@ -69,18 +71,20 @@ def only(x, field, keys):
 
 def entries(data, field, *keys):
     """The list data[field], of objects with no keys but `keys`; without any it may be empty."""
-    rows, least = data.get(field, None if keys else []), int(bool(keys))
-    fits = isinstance(rows, list) and least <= len(rows) <= MOST
-    systems.need(fits, field, rows, f"a list of {least} to {MOST} entries")
-    for k, row in enumerate(rows if keys else ()):
-        only(row, f"{field}[{k}]", keys)
+    rows = data.get(field, None if keys else [])
+    least = 1 if keys else 0
+    fits = isinstance(rows, list) and least <= len(rows) <= MOST_ENTRIES
+    systems.need(fits, field, rows, f"a list of {least} to {MOST_ENTRIES} entries")
+    if keys:
+        for k, row in enumerate(rows):
+            only(row, f"{field}[{k}]", keys)
     return rows
 
 
 def parse_scene(data):
     """The system that a scene's JSON describes, checked; raises SceneError."""
     only(data, "the file", ("about", "anchors", "particles", "rods"))
-    particles = entries(data, "particles", "position", "velocity", "mass")
+    particles = entries(data, "particles", "position", "velocity", "mass", "load")
     rods = entries(data, "rods", "pair", "length")
     rows = {
         "q0": [particle.get("position") for particle in particles],
@@ -91,6 +95,8 @@ def parse_scene(data):
         "lengths": [rod.get("length", 1) for rod in rods],
         "about": data.get("about", ""),
     }
+    if any("load" in particle for particle in particles):
+        rows["load"] = [particle.get("load", [0, 0, 0]) for particle in particles]
     about = rows["about"]
     shown = isinstance(about, str) and "".join(about.split()).isprintable()
     systems.need(shown, "about", about, "text in characters that can be printed")

@@ -12,9 +12,10 @@ TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelli
 def refusal(system, gravity):
     """Why a start cannot move without breaking a rod, in a sentence; None if nothing proves that.
 
-    gravity (3,) in m/s^2 is all that pulls beside the rods.
+    gravity (3,) in m/s^2 and the system's load are all that pulls beside the rods.
     """
-    pairs, lengths = system["pairs"], system["lengths"]
+    pairs = system["pairs"]
+    lengths = system["lengths"]
     unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
     rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)
     slow = STILL * (1.0 + np.abs(rate).max())
@@ -23,7 +24,10 @@ def refusal(system, gravity):
     if abs(stretch[k]) > slow:
         found = f"the velocities stretch rods[{k}] at {stretch[k]:.3g} m/s"
         return f"{found}; must be 0, for a rod can only turn"
-    stress = impossible_stress(system, gravity, unit, rate, slow) if has_loop(system) else None
+    if not has_loop(system):
+        return None
+    pull = system["m"] * gravity + system.get("load", 0.0)
+    stress = impossible_stress(system, pull, unit, rate, slow)
     if stress is None:
         return None
     k = int(np.argmax(np.abs(stress)))
@@ -32,10 +36,11 @@ def refusal(system, gravity):
     return f"{pose}; {remedies}"
 
 
-def impossible_stress(system, gravity, unit, rate, slow):
+def impossible_stress(system, pull, unit, rate, slow):
     """A self-stress (C,) that shows that no finite tensions hold the rods; None if there is none.
 
-    `unit` (C, 3): rods as vectors, 1 long. `rate` (C, 3) in m/s: their change; under `slow`, rest.
+    `pull` (N, 3) in N: what acts beside the rods. `unit` (C, 3): rods as vectors, 1 long. `rate`
+    (C, 3) in m/s: their change; under `slow`, they are at rest.
 
     A self-stress u is of tensions that cancel at every particle: J^T u = 0. Rods that move from
     d to d + e and keep their lengths have d . e + e . e / 2 = 0. Summed up with u the first terms
@@ -45,8 +50,11 @@ def impossible_stress(system, gravity, unit, rate, slow):
     is left, though the linear system then has a solution: a level cable falls, which no rigid one
     can. One that sags by over LOST of its span has no self-stress, but a large tension.
     """
-    lengths, pairs, fixed = (system[key] for key in ("lengths", "pairs", "anchors"))
-    ends = differences(np.eye(len(system["m"])), np.zeros((len(fixed), len(system["m"]))), pairs)
+    lengths = system["lengths"]
+    pairs = system["pairs"]
+    m = system["m"]
+    fixed = np.zeros_like(system["anchors"])  # of what moves, at an anchor
+    ends = differences(np.eye(len(m)), np.zeros((len(fixed), len(m))), pairs)
     rows = (ends[..., None] * unit[:, None]).reshape(len(unit), -1)  # J of unit vectors
     bend = np.sum(rate**2, axis=1) / lengths
     still = 3.0 * len(bend) * slow * slow / lengths.min()  # more than rods at rest make of it
@@ -54,13 +62,14 @@ def impossible_stress(system, gravity, unit, rate, slow):
     rest = np.abs(rate).max(axis=1) < slow
     if stress is not None or not rest.any():
         return stress
-    root = np.sqrt(np.repeat(system["m"], 3))
-    scaled, free = rows / root, root * np.tile(gravity, len(system["m"]))  # J M^-1/2, M^-1/2 f
+    root = np.sqrt(np.repeat(m, 3))
+    scaled = rows / root  # J M^-1/2
+    free = np.ravel(pull) / root  # M^-1/2 f
     size = np.linalg.norm(scaled, axis=1)
     wanted = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
     held = np.linalg.lstsq(scaled / size[:, None], wanted, rcond=LOST)[0]
-    accel = differences(((free + held) / root).reshape(-1, 3), np.zeros_like(fixed), pairs)
-    floor = 1e-12 * (np.abs(gravity).max() + bend.max()) ** 2 + still * still  # of rounding
+    accel = differences(((free + held) / root).reshape(-1, 3), fixed, pairs)
+    floor = 1e-12 * (np.abs(pull / m).max() + bend.max()) ** 2 + still * still  # of rounding
     bend = np.sum(accel**2, axis=1) / lengths
     return stress_along(rows * rest[:, None], bend * rest, floor / lengths.min())
 

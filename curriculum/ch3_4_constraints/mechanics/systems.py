@@ -4,9 +4,7 @@ import json
 import math
 from argparse import ArgumentTypeError
 from decimal import Decimal, localcontext
-from itertools import accumulate
 from numbers import Integral, Real
-from operator import mul
 
 import numpy as np
 
@@ -26,7 +24,10 @@ COLUMNS = {  # a row's type, shape and bound, its name in a file, and what it is
     "anchors": (float, (3,), -HUGE, "anchors[{}]", POINT),
     "pairs": (int, (2,), -HUGE, "rods[{}].pair", "two whole numbers [i, j]"),
     "lengths": (float, (), 1 / HUGE, "rods[{}].length", POSITIVE.format("metres")),
+    "load": (float, (3,), -HUGE, "particles[{}].load", POINT),
 }
+PARTICLES = ("q0", "v0", "m", "load")  # the columns that have a row for each
+OPTIONAL = ("load",)
 
 
 class SceneError(ArgumentTypeError, ValueError):
@@ -36,10 +37,12 @@ class SceneError(ArgumentTypeError, ValueError):
 def cos_sin(angle):
     """cos and sin of an angle in rad, a few turns at most: libm's depend on the processor."""
     with localcontext(prec=50):  # for the series of exp(i angle), whose terms turn by i
-        steps = (Decimal(angle) / k for k in range(1, 100))
-        terms = list(accumulate(steps, mul, initial=Decimal(1)))
-        cosine, sine = (sum(terms[k::4]) - sum(terms[k + 2 :: 4]) for k in (0, 1))
-        return float(cosine), float(sine)
+        term = Decimal(1)
+        sums = [Decimal(0)] * 4
+        for k in range(100):
+            sums[k % 4] += term
+            term = term * Decimal(angle) / (k + 1)
+        return float(sums[0] - sums[2]), float(sums[1] - sums[3])
 
 
 def shorten(text):
@@ -93,92 +96,153 @@ def rod_parts(system, q):
     head, tail = np.moveaxis(nodes(q, system["anchors"])[..., system["pairs"], :], -2, 0)
     d = head - tail
     share = system["lengths"] / np.maximum(np.linalg.norm(d, axis=-1), 1 / HUGE)
-    right, farther = (tail + x[..., None] * d for x in (np.minimum(share, 1), np.maximum(share, 1)))
-    return [np.stack(x, axis=-2) for x in ((tail, right), (right, head), (head, farther))]
+    share = share[..., None]
+    right = tail + np.minimum(share, 1.0) * d
+    farther = tail + np.maximum(share, 1.0) * d
+    return [
+        np.stack([tail, right], axis=-2),
+        np.stack([right, head], axis=-2),
+        np.stack([head, farther], axis=-2),
+    ]
 
 
-def check_system(rows, pivot, *functions, fit=ROUGH, name="{}[{}]".format, bare=()):
+def check_system(rows, pivot, fit=ROUGH, name="{}[{}]".format, bare=()):
     """A system as a run needs it: arrays of float64, pairs as a list; other keys are kept.
 
     `rows` is a dict of lists or arrays; `pivot` (3,) the anchor of one without. Lengths may be off
     by a share `fit`; those of the rods `bare` are measured. name(key, k) is what row k is called.
-    `functions`, if given, are those of check_functions. Raises SceneError.
+    Raises SceneError.
     """
     system = {"anchors": [pivot], **rows}
-    need({*COLUMNS} <= {*system}, "a system", [*system], f"a dict with {', '.join(COLUMNS)}")
-    for key, (dtype, shape, low, _, allowed) in COLUMNS.items():
-        table = system[key]
-        kind, kinds = (Integral, "iu") if dtype is int else (Real, "f")
-        is_array = isinstance(table, np.ndarray) and table.ndim and table.dtype.kind in kinds
-        fits = isinstance(table, list | tuple) or is_array
-        need(fits, key, table, f"a list or an array of {dtype.__name__}s")
-        for k, row in enumerate(table):
-            row = np.array(row, object)  # as it stands there: true is no number
-            right = all(isinstance(x, kind) and low < x < HUGE for x in row.flat)
-            right = right and bool not in map(type, row.flat) and row.size == math.prod(shape)
-            need(right, name(key, k), np.squeeze(row), allowed)
-            need(row.shape == shape, f"the shape of {name(key, k)}", row.shape, shape)
-        system[key] = np.array(table, dtype).reshape(-1, *shape)
-        if key in ("q0", "v0", "m"):
-            system[key] = ordered(system[key])
-
-    def refuse(key, bad, allowed):  # for the first bad row k of system[key]; allowed(k): words
-        if np.any(bad):
-            k = int(np.argmax(bad))
-            need(False, name(key, k), np.squeeze(system[key][k]), allowed(k))
-
-    q0, v0, m, anchors, pairs, lengths = (system[key] for key in COLUMNS)
-    n, fixed, rods = len(q0), len(anchors), len(pairs)
-    need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
-    for key, count in ("v0", n), ("m", n), ("lengths", rods):
-        need(len(system[key]) == count, f"the number of rows of {key}", len(system[key]), count)
-    refuse("m", m[:, 0] > HUGE * m.min(), lambda _: f"at most {HUGE:g} times {m.min():g} kg")
-    i, j = pairs.T
-    wrong = (i < 0) | (i >= n) | (j < -fixed) | (j >= n) | (i == j)
-    ends = f"a particle 0..{n - 1}, then another or an anchor -1, -2, ... ({fixed} in all)"
-    refuse("pairs", wrong, lambda _: ends)
-    _, first, which = np.unique(np.sort(pairs), axis=0, return_index=True, return_inverse=True)
-    first = first[which]  # the first rod that ties the same two
-    once = "given once; rods[{}] ties the same two"
-    refuse("pairs", first < np.arange(rods), lambda k: once.format(first[k]))
-    shared = int((np.bincount(pairs.ravel() + fixed)[fixed:] ** 2).sum())
-    what = "the number of entries of A, two for rods that meet,"
-    need(shared <= FILLED, what, shared, f"{FILLED} at most")
-    found = np.linalg.norm(differences(q0, anchors, pairs), axis=-1)
-    refuse("pairs", found <= 1 / HUGE, lambda _: "two points apart, or it is no rod")
-    lengths[[*bare]] = found[[*bare]]
-    off = abs(lengths - found) > fit * found
-    apart = "{:.9g} m, to {:g} %; that is how far apart its ends are"
-    refuse("lengths", off, lambda k: apart.format(found[k], 100 * fit))
-    system["pairs"] = list(zip(i.tolist(), j.tolist(), strict=True))
-    if functions:
-        check_functions(system, *functions)
+    wanted = [key for key in COLUMNS if key not in OPTIONAL]
+    need({*wanted} <= {*system}, "a system", [*system], f"a dict with {', '.join(wanted)}")
+    for key in COLUMNS:
+        if key in system:
+            system[key] = checked_column(key, system[key], name)
+    check_counts(system, name)
+    check_pairs(system["pairs"], len(system["q0"]), len(system["anchors"]), name)
+    check_lengths(system, fit, name, bare)
+    system["pairs"] = [(int(i), int(j)) for i, j in system["pairs"]]
     return system
 
 
-def check_functions(system, external_force, constraint_violation, energy):
-    """Raise SceneError where one has a wrong shape, or does not measure each of several states."""
+def checked_column(key, table, name):
+    """The column `key` of a system as an array; SceneError if it is none."""
+    dtype, shape, low, _, allowed = COLUMNS[key]
+    kind = Integral if dtype is int else Real
+    kinds = "iu" if dtype is int else "f"
+    is_array = isinstance(table, np.ndarray) and table.ndim and table.dtype.kind in kinds
+    fits = isinstance(table, list | tuple) or is_array
+    need(fits, key, table, f"a list or an array of {dtype.__name__}s")
+    for k, row in enumerate(table):
+        check_row(row, name(key, k), kind, shape, low, allowed)
+    column = np.array(table, dtype).reshape(-1, *shape)
+    return ordered(column) if key in PARTICLES else column
+
+
+def check_row(row, field, kind, shape, low, allowed):
+    """Raise SceneError unless a row has numbers of a kind, above low, in that shape."""
+    row = np.array(row, object)  # as it stands there: true is no number
+    right = row.size == math.prod(shape)
+    for x in row.ravel().tolist():
+        right = right and isinstance(x, kind) and not isinstance(x, bool) and low < x < HUGE
+    need(right, field, np.squeeze(row), allowed)
+    need(row.shape == shape, f"the shape of {field}", row.shape, shape)
+
+
+def refuse(bad, key, column, name, allowed):
+    """Raise SceneError for the first row k of a column that is bad; allowed(k) in words."""
+    if np.any(bad):
+        k = int(np.argmax(bad))
+        need(False, name(key, k), np.squeeze(column[k]), allowed(k))
+
+
+def check_counts(system, name):
+    """Raise SceneError where columns have other rows than particles or rods, or masses differ."""
+    n = len(system["q0"])
+    rods = len(system["pairs"])
+    need(n and rods, "the number of particles and rods", [n, rods], "at least one of each")
+    for key in COLUMNS:
+        count = n if key in PARTICLES else rods
+        if key in system and key != "anchors":
+            need(len(system[key]) == count, f"the number of rows of {key}", len(system[key]), count)
+    m = system["m"]
+    least = m.min()
+    refuse(m[:, 0] > HUGE * least, "m", m, name, lambda _: f"at most {HUGE:g} times {least:g} kg")
+
+
+def check_pairs(pairs, n, anchors, name):
+    """Raise SceneError unless pairs (C, 2) tie n particles, or one and an anchor, once each."""
+    i, j = pairs.T
+    wrong = (i < 0) | (i >= n) | (j < -anchors) | (j >= n) | (i == j)
+    ends = f"a particle 0..{n - 1}, then another or an anchor -1, -2, ... ({anchors} in all)"
+    refuse(wrong, "pairs", pairs, name, lambda _: ends)
+    _, first, which = np.unique(np.sort(pairs), axis=0, return_index=True, return_inverse=True)
+    first = first[which]  # the first rod that ties the same two
+    once = "given once; rods[{}] ties the same two"
+    refuse(first < np.arange(len(i)), "pairs", pairs, name, lambda k: once.format(first[k]))
+    meeting = np.bincount(pairs.ravel() + anchors)[anchors:]  # rods at each particle
+    entries = int((meeting**2).sum())
+    what = "the number of entries of A, two for rods that meet,"
+    need(entries <= FILLED, what, entries, f"{FILLED} at most")
+
+
+def check_lengths(system, fit, name, bare):
+    """Measure the rods `bare`, and raise SceneError where others are off by more than `fit`."""
+    pairs = system["pairs"]
+    lengths = system["lengths"]
+    found = np.linalg.norm(differences(system["q0"], system["anchors"], pairs), axis=-1)
+    apart = "two points apart, or it is no rod"
+    refuse(found <= 1 / HUGE, "pairs", pairs, name, lambda _: apart)
+    lengths[[*bare]] = found[[*bare]]
+    off = abs(lengths - found) > fit * found
+    right = "{:.9g} m, to {:g} %; that is how far apart its ends are"
+    refuse(off, "lengths", lengths, name, lambda k: right.format(found[k], 100 * fit))
+
+
+def check_run(system, pivot, dt, steps, external_force, constraint_violation, energy):
+    """The system as check_system returns it, for so many steps of dt s; raises SceneError.
+
+    The functions are the chapter's. Each must have the right shape, and measure each of several
+    states.
+    """
+    need(isinstance(dt, Real) and 1 / HUGE <= dt < HUGE, "dt", dt, POSITIVE.format("seconds"))
+    need(isinstance(steps, Integral) and steps >= 1, "steps", steps, "a whole number >= 1")
+    system = check_system(system, pivot)
     found = np.shape(external_force(system, system["q0"], system["v0"]))
     need(found == system["q0"].shape, "the shape of external_force", found, system["q0"].shape)
     scale = np.arange(1.0, 4.0)[:, None, None]
-    q, v = scale * (system["q0"] + 1.0), scale * (system["v0"] + 1.0)
-    measures = ("constraint_violation", constraint_violation, q), ("energy", energy, q, v)
-    for name, measure, *states in measures:
-        found = measure(system, *states)
-        each = [float(measure(system, *state)) for state in zip(*states, strict=True)]
-        right = np.shape(found) == (3,) and np.allclose(found, each, 1e-9, 0.0)
-        allowed = "those of each: q[..., i, :] for q[i], and sums over axis=(-2, -1)"
-        need(right, f"{name} of three states at once", found, allowed)
+    q = scale * (system["q0"] + 1.0)
+    v = scale * (system["v0"] + 1.0)
+    check_measure("constraint_violation", constraint_violation, system, q)
+    check_measure("energy", energy, system, q, v)
+    return system
 
 
-def checked_step(step_fn, name):
-    """The integrator step_fn, called `name`; SceneError if it returns no q and v of a shape."""
+def check_measure(name, measure, system, *states):
+    """Raise SceneError unless a measure of three states at once is that of each."""
+    found = measure(system, *states)
+    each = [float(measure(system, *state)) for state in zip(*states, strict=True)]
+    right = np.shape(found) == (3,) and np.allclose(found, each, 1e-9, 0.0)
+    allowed = "those of each: q[..., i, :] for q[i], and sums over axis=(-2, -1)"
+    need(right, f"{name} of three states at once", found, allowed)
+
+
+def checked_step(step_fn, integrator, method):
+    """step_fn, which raises SceneError where it returns anything but q and v of their shape.
+
+    Raises SceneError if the method is made for another integrator.
+    """
+    fits = method.integrator in (None, integrator)
+    need(fits, "the integrator", integrator, f"{method.integrator}, which the method is made for")
+    who = f"{integrator} and post_step" if method.post_step else integrator
 
     def step(q, v, m, force, dt):
         end = step_fn(q, v, m, force, dt)
-        found = [np.shape(x) for x in end] if isinstance(end, tuple | list) else np.shape(end)
+        many = isinstance(end, tuple | list)
+        found = list(map(np.shape, end)) if many else np.shape(end)
         wanted = f"q and v, {q.shape} each"
-        need(found == [q.shape, q.shape], f"the shape of what {name} returns", found, wanted)
+        need(found == [q.shape, q.shape], f"the shape of a step's end ({who})", found, wanted)
         return end
 
     return step

@@ -1,7 +1,7 @@
-"""The page of a scene: all methods side by side, in any browser, under sliders and a hand.
+"""The page of a scene: what Python found, and all methods side by side, under sliders and a hand.
 
 The page has no formula of its own: the chapter's lines run once, on symbols, and what they did is
-written as JavaScript, with the same bits. What an editor knows stands beside this file.
+written as JavaScript, with the same bits. What a chapter is to have is said in results/output.py.
 """
 
 import json
@@ -13,6 +13,7 @@ import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
 from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
+from curriculum.ch3_4_constraints.pages import answer
 from curriculum.ch3_4_constraints.results import palette
 from curriculum.common.tracing import Untraceable
 from curriculum.common.tracing.arrays import zero
@@ -23,28 +24,35 @@ HERE = Path(__file__).parent
 MOST = 40  # rods: more are too slow for a browser
 DAMPING = 0.1  # s: the hand's spring resists 1 m/s as it does a stretch of so many metres
 HARDEST = 30.0  # m/s^2: times the mass of all, it is the hand's largest force
-KNOBS = ("dt", "baumgarte", "time_constant")  # what steps take after their arrays
 
 
 class NoPage(ValueError):
     """A scene that no page can hold; the message says why."""
 
 
-def play(chapter, args, system, edited=False):
-    """The text of the page of a run: its scene under each method. Same arguments, same bytes.
+def play(chapter, args, system, results, reference, choice=None, edited=False):
+    """The text of the page of a run: what was found, and its scene under each method.
 
-    `chapter`: the module constraints, as its reader has edited it. `edited`: whether the run's loop
-    changed its states, which the page does not. Raises NoPage.
+    `chapter`: the script as its reader has edited it (see results/output.py). `results`: what
+    metrics.json says of each method. `choice`: what --within found, or None. `edited`: whether the
+    run's loop changed its states, which the page does not. Same arguments, same bytes. Raises
+    NoPage.
     """
     scene = scene_of(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})
-    script = page_file("parts.js") + page_file("play.js")
+    answers = answer.answers(choice, scene)
+    about_edits = "The run's loop was edited; this page moves without those edits."
+    energies = [row["energy_rel_max"] for row in results.values() if not row["stopped"]]
     parts = {
         "name": escape(Path(args.system).stem),
         "about": escape(about(system)),
-        "edited": "The run's loop was edited; this page moves without those edits." * edited,
+        "edited": about_edits if edited else "",
         "integrator": args.integrator,
         "style": palette_css() + page_file("style.css"),
-        "script": f"const scene = {as_script(scene)};\n{script}",
+        "script": page_file("parts.js") + page_file("play.js"),
+        "scene": as_script(scene),
+        "found": as_script({"answers": answers, "energy": max(energies, default=0.0)}),
+        **answer.of_the_run(args, results, reference, scene),
+        **answer.at_first(args, choice, answers),
     }
     return re.sub("{{(.*?)}}", lambda blank: parts[blank[1]], page_file("play.html"))
 
@@ -54,8 +62,8 @@ def about(system):
     if "about" in system:
         first, _, _ = system["about"].partition(". ")
         return first.rstrip(".")
-    bobs, mass, length = len(system["m"]), np.sum(system["m"]), np.sum(system["lengths"])
-    return f"{bobs} bob{'s' * (bobs > 1)}, {mass:g} kg, on {length:g} m of rods"
+    bobs = "1 bob" if len(system["m"]) == 1 else f"{len(system['m'])} bobs"
+    return f"{bobs}, {np.sum(system['m']):g} kg, on {np.sum(system['lengths']):g} m of rods"
 
 
 def page_file(name):
@@ -68,16 +76,18 @@ def palette_css():
     colors = {f"m{k}": pair for k, pair in enumerate(palette.METHODS)}
     colors |= {"reference": palette.REFERENCE, "ink": palette.INK, "paper": palette.PAPER}
     colors |= {"long": palette.TOO_LONG, "short": palette.TOO_SHORT}
-    light, dark = ("".join(f"--{x}: {colors[x][k]}; " for x in colors) for k in (0, 1))
-    return f":root {{ {light}}}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}\n"
+    light = "".join(f"--{name}: {color}; " for name, (color, _) in colors.items())
+    dark = "".join(f"--{name}: {color}; " for name, (_, color) in colors.items())
+    at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
+    return f":root {{ {light}}}\n{at_night}\n"
 
 
 def scene_of(chapter, system, integrator, knobs, measures):
     """What a Motion of parts.js knows of a scene, a dict: data, and a Program for each function.
 
-    `chapter`: the module constraints. `knobs`: dt, baumgarte and time_constant, with which the page
-    begins, and impedance, which stays. `measures`: {name: function(system, q, v) -> array}, to be
-    added to those that every page has. Raises NoPage.
+    `chapter`: the script, or its module. `knobs`: dt, then those arguments of make_methods that the
+    page may change, with the values it begins with. `measures`: {name: function(system, q, v) ->
+    array}, to be added to those that every page has. Raises NoPage.
     """
     if len(system["pairs"]) > MOST:
         raise NoPage(f"more than {MOST} rods are too slow for a browser")
@@ -87,7 +97,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
         raise NoPage("a page shows scenes in the plane z = 0 only")
     every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
-    tracer = Tracer(chapter, system, integrator)
+    tracer = Tracer(chapter, system, integrator, list(knobs))
     measures = {"energy": tracer.energy, "errors": tracer.errors, **measures}
     try:
         steps = {name: tracer.step(name) for name in rows}
@@ -97,19 +107,21 @@ def scene_of(chapter, system, integrator, knobs, measures):
     except Untraceable as why:
         raise NoPage(f"a step cannot be written as JavaScript: {why}") from None
     operations = {name: work(step.tape, 1) for name, step in steps.items()}
-    for name, post in posts.items():  # in which a loop takes as many turns as it needs
+    for name, post in posts.items():
         operations[name] += work(post.tape, 1)
     limit = stability_limit(chapter.INTEGRATORS[integrator])
-    first, same_step = {}, {}  # of methods whose steps are the same, the first one has it
+    first = {}  # {source: method}: of methods whose steps are the same, the first one has it
+    same_step = {}
     for name, step in steps.items():
         same_step[name] = first.setdefault(javascript_of(step), name)
     return {
-        "takes": KNOBS,
+        "takes": list(knobs),
         "integrator": integrator,
         "methods": list(rows),
+        "words": {name: row.words for name, row in rows.items()},
         "colors": {name: k % len(palette.METHODS) for k, name in enumerate(every)},
         "made_for": {name: row.integrator for name, row in every.items() if name not in rows},
-        "knobs": {key: knobs[key] for key in KNOBS},
+        "knobs": knobs,
         "limit": limit if np.isfinite(limit) else None,
         "start": np.ravel([system["q0"], system["v0"]]).tolist(),
         "masses": system["m"].ravel().tolist(),
@@ -128,21 +140,30 @@ def scene_of(chapter, system, integrator, knobs, measures):
 class Tracer:
     """The chapter's functions of a scene, each as a Program."""
 
-    def __init__(self, chapter, system, integrator):
-        self.chapter, self.system = chapter, system
+    def __init__(self, chapter, system, integrator, knobs):
+        self.chapter = chapter
+        self.system = system
         self.step_fn = chapter.INTEGRATORS[integrator]
+        self.knobs = knobs  # names: what make_methods is given
         self.live = np.broadcast_to([True, True, False], system["q0"].shape)  # z is always zero
+
+    def method(self, name, numbers):
+        """A method, made with so many knobs as there are, of all `numbers`; and the others."""
+        many = len(self.knobs)
+        knobs = dict(zip(self.knobs, numbers[:many], strict=True))
+        return self.chapter.make_methods(**knobs)[name], knobs["dt"], numbers[many:]
 
     def step(self, name):
         """One step of a method, before its post_step.
 
-        Inputs: the state; KNOBS; and a hand, which is at x, y in m and pulls each particle by a
+        Inputs: the state; the knobs; and a hand, which is at x, y in m and pulls each particle by a
         spring in N/m, though never too hard.
         """
 
-        def step(q, v, dt, baumgarte, time_constant, x, y, *springs):
-            method = self.chapter.make_methods(dt, baumgarte, time_constant)[name]
-            hand, m = np.array([x, y, 0.0], object), self.system["m"]
+        def step(q, v, *numbers):
+            method, dt, (x, y, *springs) = self.method(name, numbers)
+            hand = np.array([x, y, 0.0], object)
+            m = self.system["m"]
 
             def force(q, v):
                 pull = np.array(springs, object)[:, None] * (hand - q - DAMPING * v)
@@ -153,26 +174,29 @@ class Tracer:
 
             return in_plane(self.step_fn(q, v, m, force, dt))
 
-        return Program(step, *[self.live] * 2, knobs=len(KNOBS) + 2 + len(self.live))
+        names = ["q", "v", *self.knobs, "x", "y"] + ["spring"] * len(self.live)
+        return Program(step, *[self.live] * 2, knobs=len(names) - 2, names=names)
 
     def post_step(self, name):
-        """What follows a step: of its end, its start, and KNOBS."""
+        """What follows a step: of its end, its start, and the knobs."""
 
-        def post_step(q, v, q_start, dt, baumgarte, time_constant):
-            method = self.chapter.make_methods(dt, baumgarte, time_constant)[name]
+        def post_step(q, v, q_start, *numbers):
+            method, dt, _ = self.method(name, numbers)
             return in_plane(method.post_step(self.system, q_start, q, v, dt))
 
-        return Program(post_step, *[self.live] * 3, knobs=len(KNOBS))
+        names = ["q", "v", "q_start", *self.knobs]
+        return Program(post_step, *[self.live] * 3, knobs=len(self.knobs), names=names)
 
     def measure(self, function):
         """function(system, q, v) of a state."""
         return Program(lambda q, v: function(self.system, q, v), *[self.live] * 2)
 
     def conserves(self):
-        """Whether gravity alone acts, so that energy should stay as it is."""
+        """Whether gravity and the load alone act, so that energy should stay as it is."""
 
         def others(system, q, v):
-            return self.chapter.external_force(system, q, v) - system["m"] * self.chapter.GRAVITY
+            known = system["m"] * self.chapter.GRAVITY + system.get("load", 0.0)
+            return self.chapter.external_force(system, q, v) - known
 
         return all(x == 0.0 for x in self.measure(others).results)
 
@@ -181,13 +205,15 @@ class Tracer:
         return self.chapter.energy(system, q, v) / m_g_L(system, self.chapter.GRAVITY)
 
     def errors(self, system, q, v):
+        """By how much each rod is too long, in m."""
         return self.chapter.rod_lengths(system, q) - system["lengths"]
 
 
 def in_plane(state):
     """q, v as they are, if their z is zero for certain."""
-    if any(not zero(z) for x in state for z in x[:, 2]):
-        raise ValueError("it leaves the plane z = 0")
+    for x in state:
+        if not all(zero(z) for z in x[:, 2]):
+            raise ValueError("it leaves the plane z = 0")
     return state
 
 

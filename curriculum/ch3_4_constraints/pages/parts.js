@@ -7,7 +7,7 @@
 //   make(tag, settings, ...inside), row(className, ...inside), makeButton(text, onclick)
 //   new Motion(scene, method, knobs)     under a method; begin(state), step(), measure(name)
 //   new Stage(label, box, paint, pad)    a canvas that shows a box of metres; draw(), hand(...)
-//       in paint(stage): line, disc, words, arrow, rod, system
+//       in paint(stage): line, disc, words, arrow, rods, system
 //   makePlot(label, axis, curves)        curves over time; axis: logarithmic(...) or linear(...)
 //   new Clock(figure, dt, step, draw)    takes steps as time goes by; set(going)
 //   makeSlider(name, values, index, words, changed)     over exact values
@@ -43,7 +43,7 @@ function make(tag, settings = {}, ...inside) {
 const row = (className, ...inside) => make("div", {className}, ...inside);
 const makeButton = (textContent, onclick) => make("button", {type: "button", textContent, onclick});
 const styles = getComputedStyle(document.documentElement), inks = new Map();
-const dark = matchMedia("(prefers-color-scheme: dark)");
+const dark = matchMedia("screen and (prefers-color-scheme: dark)"); // paper is white
 dark.addEventListener("change", () => inks.clear());
 function ink(color) { // kept, since each look into styles may lay out the page
   if (!inks.has(color)) inks.set(color, styles.getPropertyValue(`--${color}`));
@@ -176,13 +176,8 @@ class Stage {
     this.pen.clearRect(0, 0, this.width, this.height);
     this.paint(this);
     if (!placesHands) return;
-    const taken = []; // by a finger: no two are nearer to each other than one, so a page scrolls
-    for (const {hand, where} of this.hands.toReversed()) {
-      const at = this.pixels(where());
-      const crowded = taken.some(other => size(plus(at, other, -1)) < FINGER);
-      if (!crowded) taken.push(at);
-      hand.classList.toggle("crowded", crowded);
-      hand.style.translate = at.map(x => `${x.toFixed(1)}px`).join(" ");
+    for (const {hand, where} of this.hands) {
+      hand.style.translate = this.pixels(where()).map(x => `${x.toFixed(1)}px`).join(" ");
     }
   }
   pixels([x, y]) {
@@ -230,10 +225,7 @@ class Stage {
     const [left, right] = [0.5, -0.5].map(side => plus(plus(tip, back), across(back), side));
     this.line([from, tip, left, tip, right], color, lineWidth);
   }
-  rod(from, to, length, color, lineWidth) { // solid red is too much of it, dashed blue is missing
-    this.rods([[from, to, length]], color, lineWidth);
-  }
-  rods(each, color, lineWidth) {
+  rods(each, color, lineWidth) { // [from, to, length]: too much is solid red, too little dashed blue
     const parts = each.map(([from, to, length]) => {
       const along = plus(to, from, -1), right = plus(from, unit(along), length);
       return {from, to, right, more: size(along) - length};
@@ -255,7 +247,7 @@ class Stage {
     const rods = pairs.map(([i, j], k) => [motion.point(j), motion.point(i), lengths[k]]);
     this.rods(rods, color, Math.max(1.2, bob / 2.5));
   }
-  followPointers() { // a mouse takes the nearest point, a finger those that are not crowded
+  followPointers() { // they take the nearest point; a finger that is near none scrolls the page
     const {element} = this;
     let held = null;
     element.onpointerdown = event => {
@@ -328,7 +320,7 @@ function linear(most) { // shares from -most to most
 }
 const decades = logarithmic(-12, 0);
 
-// curves(): a list of {color, points: [[s, value], ...], words, dash}; the words stand where the
+// curves(): a list of {color, points: [[s, value], ...], words, dash, width}; the words stand where the
 // line ends, with a mark if it has left the axis. It shows 5, 10 or 20 s, and then the last 20.
 function makePlot(label, axis, curves) {
   const plot = new Stage(label, [0, 0, 1, 1], () => {
@@ -354,9 +346,9 @@ function makePlot(label, axis, curves) {
     pen.beginPath();
     pen.rect(0, top, plot.width, bottom - top);
     pen.clip();
-    for (const {color, points, dash} of lines) {
+    for (const {color, points, dash, width = 2} of lines) {
       const seen = points.filter(([s]) => s >= left).map(([s, value]) => [s, up(value)]);
-      plot.line(seen, color, 2, dash);
+      plot.line(seen, color, width, dash);
     }
     pen.restore();
     const ends = lines.filter(({words}) => words).map(({points, ...line}) => {
@@ -382,7 +374,7 @@ function makePlot(label, axis, curves) {
 
 // A slider over a list, so that each value is exact.
 function makeSlider(name, values, index, words, changed) {
-  const output = make("output");
+  const output = make("output", {ariaLive: "off"}); // the slider says the same
   const input = make("input", {type: "range", min: 0, max: values.length - 1, value: index});
   const value = () => values[input.value];
   const say = () => { output.value = input.ariaValueText = words(value()); };

@@ -8,11 +8,22 @@ import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
 
+from curriculum.ch3_4_constraints.mechanics.choice import count_operations
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
+# What page and recording take of a chapter, which main hands to write as a namespace of its names.
+CHAPTER = {
+    "GRAVITY": "(3,) in m/s^2",
+    "INTEGRATORS": "{name: step(q, v, m, force, dt) -> (q, v)}",
+    "make_methods": "(dt, **knobs) -> {name: Method}: make_force, words, post_step, integrator",
+    "external_force": "(system, q, v) -> (N, 3) in N: the page asks whether energy should stay",
+    "energy": "(system, q, v) -> J",
+    "rod_lengths": "(system, q) -> (C,) in m, what is to be `lengths` of the system",
+    "tensions": "(system, q, v, force) -> (C,) in N, for the recording",
+}
 METRICS, PAGE, RECORDING = "metrics.json", "play.html", "constraints.rrd"
-ALWAYS = {"system", "integrator", "dt", "steps", "seed", "baumgarte", "results"}  # keys of METRICS
+ALWAYS = {"system", "integrator", "dt", "steps", "seed", "results"}  # keys of METRICS
 MOST = 4e9  # bytes of states
 STATE = 96  # bytes of a particle: its q and v, and once more where they are computed
 
@@ -38,9 +49,13 @@ def is_ours(folder):
         return False
 
 
-def write(args, system, runs, results, reference, chapter):
-    """Write the files that are asked for, remove those of an earlier run, and say so."""
-    text = metrics(args, system, results, reference)
+def write(args, system, runs, results, reference, choice, chapter):
+    """Write the files that are asked for, remove those of an earlier run, and say so.
+
+    `choice`: what metrics.json says of it, or None.
+    """
+    count_operations(chapter, args, system, runs, results)
+    text = metrics(args, system, results, reference, choice)
     files = {METRICS: text, PAGE: None, RECORDING: None}
     edited = any(run.step.edited for run in runs.values())
     left_out = {}
@@ -50,7 +65,8 @@ def write(args, system, runs, results, reference, chapter):
         from curriculum.ch3_4_constraints.pages import page  # here: a run without one is quicker
 
         try:
-            files[PAGE] = page.play(chapter, args, system, edited)
+            shown = page.play(chapter, args, system, results, reference, choice, edited)
+            files[PAGE] = shown
         except page.NoPage as why:
             left_out[PAGE] = why
     if args.rerun:
@@ -68,9 +84,11 @@ def write(args, system, runs, results, reference, chapter):
         say(f"{name} is left out: {why}")
     if files[RECORDING]:
         print(look(args.out / RECORDING))
+    if args.within is None:
+        print("which step is right to 1 mm? add --within 1mm")
 
 
-def metrics(args, system, results, reference):
+def metrics(args, system, results, reference, choice=None):
     """The text of metrics.json. It has no times, and nothing about the machine: equal arguments
     give equal bytes. So does the page; recordings are equal but for a header."""
     used = {name: getattr(args, name) for name in ("integrator", "dt", "steps", "seed")}
@@ -83,6 +101,7 @@ def metrics(args, system, results, reference):
         name: {key: rounded(x, 6 if key == "tip_final" else 12) for key, x in row.items()}
         for name, row in results.items()
     }
+    used["choice"] = choice
     return json.dumps(used, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 

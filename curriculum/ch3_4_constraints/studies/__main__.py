@@ -20,8 +20,9 @@ def main(argv=None):
     parser = Parser(__doc__)
     parser.add_argument("name", choices=STUDIES, help="a question each; its own flags follow")
     name = parser.parse_args(words[:1]).name
+    asks_for_help = not {"-h", "--help"}.isdisjoint(words)
     for peer in STUDIES[name]:
-        if not find_spec(peer):
+        if not find_spec(peer) and not asks_for_help:
             parser.error(f"{peer} is not installed: pip install -e '.[fast,peers]'")
     sys.argv[0] = f"studies {name}"  # as its help and its errors name it
     return import_module(f"{__package__}.{name}").main(words[1:])

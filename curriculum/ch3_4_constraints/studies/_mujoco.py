@@ -1,7 +1,10 @@
 """Systems of rods as models of MuJoCo: particles with tendons, or bodies with hinges.
 
-Sites s0, s1, ... are the particles, and s-1, s-2, ... the anchors, as pairs have them.
+Sites s0, s1, ... are the particles, and s-1, s-2, ... the anchors, as pairs have them. Bodies p0,
+p1, ... are where the loads of the particles pull.
 """
+
+import argparse
 
 import numpy as np
 
@@ -10,6 +13,7 @@ from curriculum.ch3_4_constraints.mechanics.systems import differences
 
 HARD = 'solref="{} 1" solimp="0.9999 0.9999 0.001 0.5 2"'  # for a constraint; {} is two steps in s
 point = "{} {} {}".format  # (3,) as a file has it
+AT_ITS_PLACE = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'  # of a body that bears a load
 
 
 def started(system, model_of, constraint, dt, options=""):
@@ -20,23 +24,33 @@ def started(system, model_of, constraint, dt, options=""):
     """
     import mujoco
 
+    load = np.zeros_like(system["q0"]) + system.get("load", 0.0)
+    known = system["m"] * c.GRAVITY + load
+    if not np.allclose(c.external_force(system, system["q0"], np.ones_like(load)), known):
+        allowed = "gravity and the system's load"
+        raise argparse.ArgumentTypeError(f"external_force: MuJoCo's peers have {allowed} only")
     parts, qpos, qvel = model_of(system, constraint)
     model = mujoco.MjModel.from_xml_string(f"""<mujoco>
-        <option gravity="0 {c.GRAVITY[1]} 0" timestep="{dt}" {options}/>{parts}</mujoco>""")
+        <option gravity="{point(*c.GRAVITY)}" timestep="{dt}" {options}/>{parts}</mujoco>""")
     data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = qpos, qvel
+    data.qpos[:] = qpos
+    data.qvel[:] = qvel
+    for k, force in enumerate(load):
+        data.xfrc_applied[model.body(f"p{k}").id, :3] = force
     return model, data
 
 
 def tendons(system, constraint):
     """Particles that slide along each axis from where they start, and rods as tendons."""
     slides = "".join(f'<joint type="slide" axis="{x}"/>' for x in ("1 0 0", "0 1 0", "0 0 1"))
-    bodies = ropes = equalities = ""
+    bodies = ""
+    ropes = ""
+    equalities = ""
     for k, anchor in enumerate(system["anchors"]):
         bodies += f'<site name="s{-1 - k}" pos="{point(*anchor)}"/>'
     for k, (q, m) in enumerate(zip(system["q0"], system["m"][:, 0], strict=True)):
         bob = f'<inertial pos="0 0 0" mass="{m}" diaginertia="1 1 1"/><site name="s{k}"/>'
-        bodies += f'<body pos="{point(*q)}">{slides}{bob}</body>'
+        bodies += f'<body name="p{k}" pos="{point(*q)}">{slides}{bob}</body>'
     missing = system["lengths"] - c.rod_lengths(system, system["q0"])  # MuJoCo adds it to those
     for k, (i, j) in enumerate(system["pairs"]):
         ropes += f'<spatial name="t{k}"><site site="s{j}"/><site site="s{i}"/></spatial>'
@@ -52,13 +66,19 @@ def linkage(system, constraint):
     A particle's mass is shared by the ends of the rods that meet in it, so that the whole moves as
     the particles would.
     """
-    pairs, lengths = system["pairs"], system["lengths"]
-    share = [m / sum(i in pair for pair in pairs) for i, m in enumerate(system["m"][:, 0])]
+    pairs = system["pairs"]
+    lengths = system["lengths"]
+    ends = np.ravel(pairs)
+    meet = np.bincount(ends[ends >= 0])  # how many rods do, in each particle
+    share = system["m"][:, 0] / meet
     x, y, _ = differences(system["q0"], system["anchors"], pairs).T
     x_dot, y_dot, _ = differences(system["v0"], 0.0 * system["anchors"], pairs).T
-    turns = np.array([np.arctan2(y, x), (x * y_dot - y * x_dot) / (x * x + y * y)]).T
+    angles = np.arctan2(y, x)  # rad
+    rates = (x * y_dot - y * x_dot) / (x * x + y * y)  # rad/s
+    turns = np.stack([angles, rates], axis=1)
     first = {i: k for k, (i, _) in reversed([*enumerate(pairs)])}  # what bears a particle
-    state, equalities = [], []
+    state = []
+    equalities = []
 
     def body(k, place, near, turn):
         """Rod k along its own x axis, and the rods that hang on its end.
@@ -69,18 +89,21 @@ def linkage(system, constraint):
         whole = near + share[i]
         spread = max(near * share[i] / whole * lengths[k] ** 2, 1e-14)  # kg m^2
         state.append(turns[k] - turn)
-        site, rest = f"s{i}", ""
+        end = f"{lengths[k]} 0 0"
         if k != first[i]:
             site = f"end{k}"
+            rest = ""
             equalities.append(f'<connect site1="{site}" site2="s{i}" {constraint}/>')
         else:
+            site = f"s{i}"
+            rest = f'<body name="p{i}" pos="{end}">{AT_ITS_PLACE}</body>'
             for other, (_, j) in enumerate(pairs):
                 if j == i:
-                    rest += body(other, f"{lengths[k]} 0 0", share[i], turns[k])
+                    rest += body(other, end, share[i], turns[k])
         return f"""<body pos="{place}"><joint type="hinge" axis="0 0 1"/>
             <inertial pos="{share[i] / whole * lengths[k]} 0 0" mass="{whole}"
                 diaginertia="1e-14 {spread} {spread}"/>
-            <site name="{site}" pos="{lengths[k]} 0 0"/>{rest}</body>"""
+            <site name="{site}" pos="{end}"/>{rest}</body>"""
 
     bodies = ""
     for k, (_, j) in enumerate(pairs):

@@ -22,7 +22,10 @@ SETTINGS = {  # m: stages, rounds and steps of Gauss's rule, and heyoka's tolera
     1e-9: (6, 6, 88, 1e-9),
     1e-12: (6, 6, 138, 1e-11),
 }
-SYSTEM, SECONDS = c.build_system("double"), SCENES["double"]
+TURNS = 25
+RUNS = 20  # of a turn, one after the other, so that caches are warm
+SYSTEM = c.build_system("double")
+SECONDS = SCENES["double"]
 FREE = c.make_force(SYSTEM)
 G = -c.GRAVITY[1]  # m/s^2
 
@@ -57,25 +60,33 @@ def gauss(stages, rounds):
     return ours(SYSTEM, SECONDS, partial(racing_step, stages, rounds), coasting)
 
 
-def heyoka(tol):
-    """run() -> seconds, q at the end, of heyoka, which chooses its steps.
+def taylor(tol):
+    """heyoka's integrator: its state is both rods' angles, in rad from +x, and their rates.
 
-    It has Lagrange's equations in the rods' angles, in rad from +x. Rods are 1 m, bobs 1 kg.
+    It has Lagrange's equations for rods of 1 m and bobs of 1 kg, and chooses its steps.
     """
     import heyoka as hy
 
     th1, th2, w1, w2 = hy.make_vars("th1", "th2", "w1", "w2")
-    sin, cos = hy.sin(th1 - th2), hy.cos(th1 - th2)
+    sin = hy.sin(th1 - th2)
+    cos = hy.cos(th1 - th2)
     first = -sin * w2 * w2 - 2.0 * G * hy.cos(th1)
     second = sin * w1 * w1 - G * hy.cos(th2)
     share = 2.0 - cos * cos
-    a1, a2 = (first - cos * second) / share, (2.0 * second - cos * first) / share
+    a1 = (first - cos * second) / share
+    a2 = (2.0 * second - cos * first) / share
     equations = [(th1, w1), (th2, w2), (w1, a1), (w2, a2)]
-    flow = hy.taylor_adaptive(equations, np.zeros(4), tol=tol, fast_math=True)
-    x, y, _ = SYSTEM["q0"][0]  # both rods begin in line
+    return hy.taylor_adaptive(equations, np.zeros(4), tol=tol, fast_math=True)
+
+
+def heyoka(tol):
+    """run() -> seconds, q at the end, of heyoka."""
+    flow = taylor(tol)
+    x, y, _ = SYSTEM["q0"][0]
 
     def run():
-        flow.state[:] = np.arctan2(y, x), np.arctan2(y, x), 0.0, 0.0
+        angle = np.arctan2(y, x)  # of both rods, which begin in line
+        flow.state[:] = angle, angle, 0.0, 0.0
         clock = time.perf_counter()
         flow.propagate_for(SECONDS)
         took = time.perf_counter() - clock
@@ -86,27 +97,25 @@ def heyoka(tol):
     return run
 
 
+def turn(run):
+    """How many µs a run takes."""
+    return 1e6 * median(run()[0] for _ in range(RUNS))
+
+
 def main(argv=None):
     """Race, and print who took how long."""
     parser = cli.Parser(__doc__)
-    parser.add_argument("--quick", action="store_true", help="coarse: few turns")
-    args = parser.parse_args(argv)
-    turns = 25
-    if args.quick:
-        turns = 3
-        print("coarse: few turns")
+    parser.parse_args(argv)
     known, _ = reference(SYSTEM, SECONDS)
     for goal, (stages, rounds, steps, tol) in SETTINGS.items():
-        racers = partial(gauss(stages, rounds), steps), heyoka(tol)
-        for run in racers:
+        mine = partial(gauss(stages, rounds), steps)
+        theirs = heyoka(tol)
+        for run in mine, theirs:
             _, q = run()
             if distance(q, known) > goal:
                 parser.error(f"a setting is no longer within {goal:g} m: change SETTINGS")
-        times = [], []
-        for _ in range(turns):
-            for run, mine in zip(racers, times, strict=True):
-                mine.append(1e6 * median(run()[0] for _ in range(20)))  # as caches allow
-        ours_us, theirs_us = map(median, times)
-        first = f"ours gauss({stages}), {rounds} rounds, {steps} steps: {ours_us:.1f} us"
-        second = f"heyoka tol {tol:.0e}: {theirs_us:.1f} us"
-        print(f"{goal:.0e} m  {first}  {second}  ratio {ours_us / theirs_us:.2f}")
+        times = [(turn(mine), turn(theirs)) for _ in range(TURNS)]
+        mine_us, theirs_us = np.median(times, axis=0)
+        first = f"ours gauss({stages}), {rounds} rounds, {steps} steps: {mine_us:.1f} µs"
+        second = f"heyoka tol {tol:.0e}: {theirs_us:.1f} µs"
+        print(f"{goal:.0e} m  {first}  {second}  ratio {mine_us / theirs_us:.2f}")

@@ -15,9 +15,9 @@ import numpy as np
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics.reference import distance
 from curriculum.ch3_4_constraints.mechanics.systems import has_loop
-from curriculum.ch3_4_constraints.mechanics.xpbd import xpbd_step
 from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.studies import _mujoco
+from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli, progress
 from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps

@@ -1,238 +1,195 @@
 """compiled: a step that runs ahead of the loop around it."""
 
-import time
 from itertools import count, takewhile
 
 import numpy as np
 
-from curriculum.common.tracing import llvm, python
-from curriculum.common.tracing.arrays import viewed
-from curriculum.common.tracing.symbols import LIBRARY
-from curriculum.common.tracing.tape import StepChanged, Untraceable, current
-from curriculum.common.tracing.trace import reason, several, split, trace_loop, work
+from curriculum.common.tracing.compare import Comparisons, check
+from curriculum.common.tracing.plainly import (
+    OwnLines,
+    Report,
+    copied,
+    in_range,
+    nan_like,
+    numbers,
+)
+from curriculum.common.tracing.steps import CompiledSteps
+from curriculum.common.tracing.tape import Untraceable, current
+from curriculum.common.tracing.trace import several
 
 BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
-FIRST, EVERY = 16, 2_000  # the steps that are compared: the first ones, then every so many-th
-FASTER = 8  # a stretch is so many times as long as the one before, and ends at a comparison
-LARGE = 1e100  # a number beyond has diverged
-SAME, ROUNDING = 1e-9, 1e-15  # of what a step changes, and of a number: as sines may differ
-CHANGED = (
-    "step {} gives something else than when it was compiled. What it reads beside its arguments "
-    "must stay as it is, and an array of its own that it sums must be ordered(x); "
-    "or run it plainly (--plain, or `with plain():`)"
-)
+FASTER = 8  # a stretch is so many times as long as the one before
 
 
 class Step:
-    """The function step(*state, *others) -> state, compiled where that can be.
+    """The function step(*state, *others) -> state, which hands out what is ready.
 
-    By name: `how` steps are taken and whether that `is_compiled`, in how many `seconds` in all;
-    the `source` of what is compiled; the `failure`, why a step had no finite result: it is NaN, and
-    so is all after it; and `edited`, whether a state came in that had not gone out, or new others.
+    Each step that is ready has its number, the bytes that come in if the loop goes on from its
+    result, and this result. `report`, a Report, says how the steps were taken.
     """
 
     def __init__(self, step, steps):
-        self.step, self.steps = step, steps
-        self.how, self.source, self.failure = "plain numpy", "", None
-        self.seconds, self.edited = 0.0, False
-        self.width, self.single = None, None  # how many arrays a state is; if it is one, by itself
-        self.others, self.known = (), ()  # copies of those to compile with; their contents
-        self.many, self.tail = 0, np.zeros(0)  # first arguments, compared at once; others of them
-        self.look, self.rest = None, ()  # how to compare those after them, and with what
-        self.run, self.compiles, self.builds = None, True, 0
-        self.number, self.stretch = -1, 0  # of the last step; how many were computed at once
-        self.ahead, self.expected = iter(()), None  # steps computed; the bytes to come in
-
-    @property
-    def is_compiled(self):
-        return self.compiles and self.run is not None
+        self.report = Report()
+        self.own = OwnLines(step)
+        self.builder = Builder(step, steps, self.report)
+        self.comparisons = Comparisons(steps)
+        self.others = Others((), 0)
+        self.ready = iter(())
+        self.stretch = 0  # so many were made ready at once
+        self.number = -1  # of the last step
+        self.expected = None  # the bytes that come in, if the loop goes on from it
 
     def __call__(self, *arguments):
-        many = self.many
+        others = self.others
+        many = others.many
         try:
             goes_on = b"".join(arguments[:many]) == self.expected and not current.plain
         except TypeError:  # a float, or an array whose entries do not lie side by side
             goes_on = False
         rest = arguments[many:]
-        if goes_on and self.rest == (self.look(rest) if self.look else rest):
-            for number, expected, state in self.ahead:  # the next, if there is one
-                self.number, self.expected = number, expected
-                return state
+        if goes_on and others.rest == others.look(rest):
+            step = next(self.ready, None)
+            if step:
+                self.number, self.expected, result = step
+                return result
         return self.begin(arguments)
 
     def begin(self, arguments):
-        """Begin a stretch, and give its first step."""
-        number, last, result = self.number + 1, self.steps - 1, None
-        if self.width is None:
-            result = self.by_its_own_lines(arguments)
-        state, others = arguments[: self.width], arguments[self.width :]
-        if not in_range(state):
-            self.failure = self.failure or "a state that came in is not a number below 1e100"
+        """Take a step that is not ready, or does not look like it; make those after it ready."""
+        number = self.number + 1
+        result = self.own(arguments) if number == 0 else None  # only it tells what is a state
+        state = arguments[: self.own.width]
+        others = arguments[self.own.width :]
+        row = numbers(state)
+        if not in_range(row):
+            self.report.fail("a state that came in is not a number below 1e100")
             return self.hand_out(number, nan_like(state))
-        goes_on = numbers([*state, self.tail]).tobytes() == self.expected
-        changed = contents(others) != self.known
-        self.edited |= number > 0 and (changed or not goes_on)
-        if changed or self.run is None or not self.run.fits(state):
-            self.know(others)
-        compared = self.run is None or number < FIRST or number % EVERY == 0 or number == last
-        ends = EVERY * (number // EVERY + 1), last, self.steps  # a comparison, or all that is asked
-        end = number + 1 if number < FIRST else min(x for x in ends if x > number)
-        self.stretch = min(FASTER * self.stretch if goes_on and self.run else 1, end - number)
-        self.ahead = self.run_ahead(state, number)
-        self.number, self.expected, ahead = next(self.ahead, (number, None, None))
-        if ahead is not None and not compared:
-            return ahead
-        clock = time.perf_counter()
+        goes_on = row.tobytes() + self.others.tail == self.expected
+        changed = number == 0 or contents(others) != self.others.contents
+        self.report.edited |= number > 0 and (changed or not goes_on)
+        if changed:
+            self.others = Others(others, self.own.width)
+        before = self.builder.run
+        run = self.builder.run_for(state, self.others.copies, changed)
+        if run is None:
+            return self.take(number, arguments, result)
+        goes_on = goes_on and run is before
+        step = next(self.ready, None) if goes_on else None
+        if step is None:
+            self.stretch = min(
+                FASTER * self.stretch if goes_on else 1, self.comparisons.end(number) - number
+            )
+            self.ready = self.computed(run, state, number)
+            step = next(self.ready, None)
+        if step is None:  # it has failed: only its own lines can tell why
+            return self.take(number, arguments, result)
+        self.number, self.expected, ahead = step
+        if run is not before or self.comparisons.is_due(number):
+            result = result or self.own(arguments)
+            check(number, several(ahead), result, state, run.exact)
+            self.report.compared += 1
+        return ahead
+
+    def computed(self, run, state, number):
+        """A stretch of steps from a state, as they are to be ready; none if the first one fails."""
+        columns = [x[1:] for x in run(state, self.stretch)]
+        self.report.time(len(columns[0]), run.seconds)
+        bytes_in = bytes_of_rows(run.rows[1:], self.others.tail)
+        results = columns[0] if self.own.single else zip(*columns, strict=True)
+        return zip(count(number), bytes_in, results)
+
+    def take(self, number, arguments, result):
+        """Take a step by its own lines, unless that has been done."""
         if result is None:
-            result = self.by_its_own_lines(arguments)
-        if ahead is None:  # only its own lines can tell
-            self.seconds += time.perf_counter() - clock
-        elif self.same(state, several(ahead), result):
-            return ahead
-        elif number >= FIRST:
-            raise StepChanged(CHANGED.format(number))
-        else:  # so far, each step was compared before it was handed out
-            self.how, self.compiles = f"plain numpy: {CHANGED.format(number)}", False
-            self.ahead = iter(())
+            result = self.own(arguments)
+        self.report.time(1, self.own.seconds)
+        if self.own.failure:
+            self.report.fail(self.own.failure)
         return self.hand_out(number, result)
 
     def hand_out(self, number, state):
-        self.number, self.expected = number, numbers([*state, self.tail]).tobytes()
-        return state[0] if self.single else state
+        self.number = number
+        self.expected = numbers(state).tobytes() + self.others.tail
+        self.ready = iter(())
+        return state[0] if self.own.single else state
 
-    def know(self, others):
-        """Note what to compile with. Arrays that come first are compared at once with the state."""
+
+class Others:
+    """The arguments after the state: what a step is compiled with, and how later ones are known."""
+
+    def __init__(self, others, width):
+        self.copies = list(map(copied, others))
+        self.contents = contents(others)
         first = len([*takewhile(lambda x: getattr(x, "dtype", 0) == "float64", others)])
-        self.others, self.known = list(map(copied, others)), contents(others)
-        self.many, self.tail = self.width + first, np.frombuffer(b"".join(self.known[:first]))
-        arrays = any(isinstance(x, np.ndarray) for x in others[first:])
-        self.look, self.rest, self.run = contents if arrays else None, self.known[first:], None
+        self.many = width + first  # the state and these are compared at once, by their bytes
+        self.tail = b"".join(self.contents[:first])
+        self.rest = self.contents[first:]  # the rest as `look` has it
+        self.look = contents if any(isinstance(x, np.ndarray) for x in others[first:]) else tuple
 
-    def run_ahead(self, state, number):
-        """Compute a stretch: of each step its number, what comes next, state; none if it cannot."""
-        if current.plain or not self.compiles:
-            return iter(())
-        try:
-            if self.run is None:
-                self.builds += 1
-                if self.builds > BUILDS:
-                    raise Untraceable("its arguments keep changing")
-                self.run = CompiledSteps(self.step, state, self.steps, others=self.others)
-                self.how, self.source = self.run.how, self.run.source
-        except Untraceable as why:
-            self.how, self.compiles = f"plain numpy: {why}", False
-            return iter(())
-        columns = [x[1:] for x in self.run(state, self.stretch)]
-        self.seconds += self.run.seconds
-        states = columns[0] if self.single else zip(*columns, strict=True)
-        rows = self.run.rows[1:]
-        rows = np.concatenate([rows, np.tile(self.tail, (len(rows), 1))], axis=1)
-        expected = rows.view(f"V{8 * rows.shape[1]}").ravel().tolist()
-        return zip(count(number), expected, states)
 
-    def by_its_own_lines(self, arguments):
-        """The arrays of the next state, as numpy computes them; NaN if one has diverged."""
-        current.failure = None
-        with np.errstate(all="ignore"):
-            result = self.step(*map(copied, arguments))
-        if self.width is None:
-            self.width, self.single = len(several(result)), not isinstance(result, tuple | list)
-        result = tuple(np.asarray(x, float)[()] for x in several(result))
-        if in_range(result):
-            return result
-        self.failure = self.failure or current.failure or self.why(arguments, result)
-        return nan_like(result)
+def contents(arguments):
+    """What arguments are compared by: the bytes of an array; what else there is, as it is."""
+    return tuple(map(content, arguments))
 
-    def why(self, arguments, result):
-        """Why its result is not a state, and where numpy first met what is not a number."""
-        try:
-            with np.errstate(divide="raise", invalid="raise", over="raise", under="ignore"):
-                self.step(*map(copied, arguments))
-        except FloatingPointError as error:
-            return "diverged" if "overflow" in str(error) else f"not a number: {reason(error)}"
-        return "not a number" if np.isnan(numbers(result)).any() else "diverged"
 
-    def same(self, state, ahead, result):
-        """Whether the arrays that were computed ahead are right."""
-        for a, b, x in zip(ahead, result, state, strict=True):
-            allowed = 0.0
-            if not self.run.exact and np.size(b):
-                allowed = SAME * np.max(abs(b - x)) + ROUNDING * np.max(abs(b))
-            if not np.all(abs(a - b) <= allowed):
-                return False
-        return True
+def content(x):
+    return x.tobytes() if isinstance(x, np.ndarray) else x
+
+
+def bytes_of_rows(rows, tail):
+    """The bytes of each row, and those of a tail."""
+    tail = np.frombuffer(tail)
+    rows = np.hstack([rows, np.broadcast_to(tail, (len(rows), tail.size))])
+    return rows.view((np.void, rows.itemsize * rows.shape[1])).ravel().tolist()
+
+
+class Builder:
+    """Compiles a step, and again where its arguments change: BUILDS times at most."""
+
+    def __init__(self, step, steps, report):
+        self.step = step
+        self.steps = steps
+        self.report = report
+        self.run = None  # the CompiledSteps of today
+        self.builds = 0
+        self.can = True
+
+    def run_for(self, state, others, changed):
+        """The CompiledSteps that fit, with these others; None if nothing is or can be compiled."""
+        if self.run and (changed or not self.run.fits(state)):
+            self.run = None
+        if current.plain or not self.can:
+            return None
+        if self.run is None:
+            try:
+                self.run = self.build(state, others)
+            except Untraceable as why:
+                self.can = False
+                self.report.how = f"plain numpy: {why}"
+                self.report.is_compiled = False
+        return self.run
+
+    def build(self, state, others):
+        self.builds += 1
+        if self.builds > BUILDS:
+            raise Untraceable("its arguments keep changing")
+        alike = current.alike  # of a block: whether its steps are machine code, once that is known
+        chosen = alike[0] if alike else None
+        run = CompiledSteps(self.step, state, self.steps, others=others, machine_code=chosen)
+        if alike == []:
+            alike.append(run.machine_code)
+        self.report.how = run.how
+        self.report.source = run.source
+        self.report.is_compiled = True
+        return run
 
 
 def compiled(step, steps):
     """The function step(*state, *others) -> state, made fast for about so many steps: a Step.
 
-    As many of its first arguments as it returns are the state. The others are compared at each
+    As many of the first arguments as `step` returns are the state. The others may be new at each
     call, and where one changes, the step is compiled for it. What it reads besides must stay as it
-    is: steps are compared with its own lines, the first 16 before they are handed out, then every
-    2,000th and the last. Raises StepChanged where one of these differs.
+    is: the first 16 steps, the last, and one in each fortieth of the run are compared with the
+    step's own lines. Raises StepChanged where one of these differs.
     """
     return Step(step, steps)
-
-
-class CompiledSteps:
-    """run(state, steps, *knobs) -> columns, of step(*state, *others, *knobs) -> state.
-
-    The columns hold every state, from the first on, to where a step fails or numbers get LARGE; so
-    do `rows`. It is machine code if `steps` repay that, for states it `fits`. Raises Untraceable.
-    """
-
-    def __init__(self, step, state, steps, knobs=0, others=()):
-        live = nonzero(state)
-        self.shapes, self.mask = list(map(np.shape, state)), numbers(live) != 0.0
-        program, loop = trace_loop(step, live, knobs, others)
-        self.exact = program.tape.signs.isdisjoint(LIBRARY)
-        self.source = python.source_of(program)
-        self.how, self.write = "machine code", None
-        operations = work(program.tape, steps)
-        if llvm.repays(operations, self.source.count("\n")):
-            self.write = llvm.written(program, operations)
-        if self.write is None:
-            self.how, self.write = "compiled to Python", python.written(self.source, loop.places)
-
-    def __call__(self, state, steps, *knobs):
-        rows = np.full((steps + 1, self.mask.size), 0.0)  # touched now, not while it is timed
-        rows[0] = numbers(state)
-        done, self.seconds = self.write(np.append(rows[0, self.mask], knobs), rows[1:])
-        self.rows = rows[: done + 1]
-        if not np.max(np.abs(self.rows)) < LARGE:
-            self.rows = rows[: np.argmin(np.all(np.abs(self.rows) < LARGE, axis=1))]
-        return split(self.rows, self.shapes)
-
-    def fits(self, state):
-        return list(map(np.shape, state)) == self.shapes and not numbers(state)[~self.mask].any()
-
-
-def nonzero(state):
-    """Which numbers of a state are not always zero; a coordinate that all points lack is."""
-    if min(map(np.ndim, state)) < 2 or len({np.shape(x)[1:] for x in state}) > 1:
-        return [np.ones(np.shape(x), bool) for x in state]
-    along = np.any([np.any(x, axis=0) for x in state], axis=0)
-    return [np.broadcast_to(along, np.shape(x)) for x in state]
-
-
-def numbers(state):
-    """All numbers of a state, in a row."""
-    return np.concatenate([np.ravel(x) for x in state]).astype(float)
-
-
-def in_range(arrays):
-    return all(np.all(np.abs(x) < LARGE) for x in arrays)
-
-
-def nan_like(arrays):
-    return tuple(np.full(np.shape(x), np.nan)[()] for x in arrays)
-
-
-def contents(arguments):
-    """What arguments are compared by: the bytes of an array; what else there is, as it is."""
-    return tuple([x.tobytes() if isinstance(x, np.ndarray) else x for x in arguments])
-
-
-def copied(x):
-    """A copy of an array, which a step may edit, and whose sums are ordered if it is of floats."""
-    return viewed(x.copy()) if isinstance(x, np.ndarray) else x

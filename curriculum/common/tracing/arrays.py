@@ -1,31 +1,14 @@
-"""Arrays whose products and sums add from first to last, of floats or of symbols.
+"""Sums and products whose terms are added from first to last, and what is made of them.
 
 numpy adds eight numbers at a time and leaves products of matrices to a library, which adds in
 whatever order suits the processor. So the last digit differs from machine to machine; not here.
+What comes in are plain arrays, of floats or of symbols, and so is what goes out.
 """
 
 import numpy as np
 
 TERMS = 1 << 20  # of a product that is computed at once
-KINDS = {}  # {dtype: the class of ordered arrays of it}
-
-
-def ordered(x):
-    """x as such an array."""
-    x = np.asarray(x)
-    if isinstance(x, Ordered):
-        return x
-    x = x if x.dtype == object else x.astype(float, copy=False)
-    return x.view(KINDS[x.dtype.type])
-
-
-def viewed(x):
-    """What numpy computed of ordered arrays, as one; a number, or whole ones, as they are."""
-    if not isinstance(x, np.ndarray):
-        return x
-    if x.ndim == 0:
-        return x[()]
-    return ordered(x) if x.dtype in (float, object) else x
+SHORT = 8  # numbers: such a sum is done sooner by Python
 
 
 def zero(x):  # for certain, which no symbol is
@@ -39,34 +22,76 @@ def nonzero(x):
     return np.array([not zero(entry) for entry in x.flat], bool).reshape(x.shape)
 
 
+def total(x, axis=None, keepdims=False):
+    """np.sum of an array that is not empty."""
+    if axis is None:
+        sums = np.add.accumulate(x.ravel())[-1]
+        return np.reshape(sums, (1,) * x.ndim) if keepdims else sums
+    axes = np.atleast_1d(axis)
+    x = np.moveaxis(x, axes, range(len(axes)))
+    x = x.reshape(-1, *x.shape[len(axes) :])
+    sums = np.add.accumulate(x, axis=0)[-1]
+    return np.expand_dims(sums, tuple(axes)) if keepdims else sums
+
+
+def dot(a, b):
+    """a @ b of two vectors of floats, equally long."""
+    if a.size > SHORT:
+        return np.add.accumulate(np.asarray(a) * np.asarray(b))[-1]
+    sums = np.float64(0.0)
+    for x, y in zip(a.tolist(), b.tolist(), strict=True):
+        sums += x * y
+    return sums
+
+
 def product(a, b):
-    """a @ b of vectors and matrices, its terms added in order; what is zero may be left out."""
-    a, b = np.asarray(a), np.asarray(b)
-    if a.ndim == 0 or b.ndim not in (1, 2) or a.shape[-1] != len(b) or not a.size * b.size:
-        return viewed(a @ b)  # or numpy's error
-    if a.ndim == b.ndim == 1 and a.dtype == b.dtype == float:
-        return np.add.accumulate(a * b)[-1]  # the same, sooner
-    rows, columns = a.reshape(-1, len(b)), b.reshape(len(b), -1)
-    if object in (a.dtype, b.dtype):
-        right = [[(j, x) for j, x in enumerate(row) if not zero(x)] for row in columns]
-        sums = np.zeros((len(rows), columns.shape[1]), object)
-        for i, row in enumerate(rows):
-            for x, others in zip(row, right, strict=True):
-                for j, y in () if zero(x) else others:
-                    sums[i, j] = sums[i, j] + x * y
-    elif rows.size * columns.shape[1] > TERMS:
-        sums = np.zeros((len(rows), columns.shape[1]))
-        for column, row in zip(rows.T, columns, strict=True):
-            i, j = np.flatnonzero(column)[:, None], np.flatnonzero(row)
-            sums[i, j] += column[i] * row[j]
-    else:
-        sums = np.add.accumulate(rows[:, :, None] * columns, axis=1)[:, -1]
-    return viewed(sums.reshape(a.shape[:-1] + b.shape[1:]))
+    """a @ b of vectors and matrices; terms that are zero may be left out."""
+    fit = a.ndim > 0 and 0 < b.ndim < 3 and a.shape[-1] == len(b)
+    if not fit or not a.size or not b.size:
+        return a @ b  # or numpy's error
+    if a.dtype.char == "O" or b.dtype.char == "O":
+        return by_matrices(product_of_symbols, a, b)
+    if b.ndim == 1:
+        return np.add.accumulate(a * b, axis=-1)[..., -1]
+    if a.size * b.shape[1] > TERMS:
+        return by_matrices(product_by_columns, a, b)
+    terms = a[..., None] * np.ascontiguousarray(b)
+    return np.add.accumulate(terms, axis=-2)[..., -1, :]
+
+
+def by_matrices(product, a, b):
+    """The product of vectors and matrices, by one for matrices only."""
+    sums = product(a.reshape(-1, len(b)), b.reshape(len(b), -1))
+    return sums.reshape(a.shape[:-1] + b.shape[1:])
+
+
+def product_of_symbols(rows, columns):
+    sums = np.zeros((len(rows), columns.shape[1]), object)
+    right = list(map(entries, columns.tolist()))
+    for i, row in enumerate(rows.tolist()):
+        for k, x in entries(row):
+            for j, y in right[k]:
+                sums[i, j] = sums[i, j] + x * y
+    return sums
+
+
+def entries(row):
+    """[(place, number)] of what is not zero in a row."""
+    return [(k, x) for k, x in enumerate(row) if not zero(x)]
+
+
+def product_by_columns(rows, columns):
+    """The same as the others, in less memory: one column of the first matrix after the other."""
+    sums = np.zeros((len(rows), columns.shape[1]))
+    for column, row in zip(rows.T, columns, strict=True):
+        i = np.flatnonzero(column)[:, None]
+        j = np.flatnonzero(row)
+        sums[i, j] += column[i] * row[j]
+    return sums
 
 
 def solve(a, b):
-    """np.linalg.solve of ordered arrays, by `eliminated`: A (n, n), b (n,) or (n, columns)."""
-    a, b = np.asarray(a), np.asarray(b)
+    """np.linalg.solve, by `eliminated`: A (n, n), b (n,) or (n, columns)."""
     if a.ndim != 2 or a.shape != (len(b), len(b)) or b.ndim > 2:
         raise ValueError(f"solve takes A (n, n), b (n,) or (n, columns), not {a.shape}, {b.shape}")
     return eliminated(a)(b)
@@ -78,69 +103,36 @@ def eliminated(a, order=None):
     It does not pivot: its accuracy is promised for positive definite matrices only, and a pivot of
     zero leaves nothing finite. What is zero costs nothing, and the `order` says how much stays so.
     """
-    a, left, done = np.array(a, np.result_type(a, 1.0)), np.arange(len(a)), []
-    for k in order or range(len(a)):
-        left = left[left != k]
-        rest = left[nonzero(a[left, k]) | nonzero(a[k, left])].tolist()
+    kind = np.result_type(a, 1.0)
+    rows = np.array(a, kind).tolist()  # numbers, which Python handles sooner than numpy
+    left = list(range(len(rows)))
+    done = []  # of each pivot, the rows and columns that are changed by it
+    for k in order or range(len(rows)):
+        left.remove(k)
+        pivot = rows[k]
+        rest = [i for i in left if not (zero(pivot[i]) and zero(rows[i][k]))]
         for i in rest:
-            a[i, k] = a[i, k] / a[k, k]  # minus so much of row k, row i is free of x[k]
-            a[i, rest] = a[i, rest] - a[i, k] * a[k, rest]
+            row = rows[i]
+            row[k] = divide(row[k], pivot[k])  # minus so much of row k, row i is free of x[k]
+            for j in rest:
+                row[j] = row[j] - row[k] * pivot[j]
         done.append((k, rest))
 
     def solve(b):
-        x = np.array(b, np.result_type(a, b))
+        x = np.array(b, np.result_type(kind, b))
+        x = x.tolist() if x.ndim == 1 else list(x)
         for k, rest in done:
             for i in rest:
-                x[i] = x[i] - a[i, k] * x[k]
+                x[i] = x[i] - rows[i][k] * x[k]
         for k, rest in reversed(done):
             for j in rest:
-                x[k] = x[k] - a[k, j] * x[j]
-            x[k] = x[k] / a[k, k]
-        return ordered(x)
+                x[k] = x[k] - rows[k][j] * x[j]
+            x[k] = divide(x[k], rows[k][k])
+        return np.array(x, np.result_type(kind, b))
 
     return solve
 
 
-def implementation(function):  # of numpy's, whatever the class of its arguments
-    return getattr(function, "_implementation", function)
-
-
-def norm(x, ord=None, axis=None, keepdims=False):
-    """np.linalg.norm, whose squares are added in order."""
-    if ord is not None:
-        return viewed(np.linalg.norm(np.asarray(x), ord, axis, keepdims))
-    x = ordered(x)
-    return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
-
-
-class Ordered(np.ndarray):
-    __array_priority__ = 1.0  # what is computed of this and others is one, too
-
-    def __matmul__(self, other):
-        return product(self, other)
-
-    def __rmatmul__(self, other):
-        return product(other, self)
-
-    def dot(self, other):
-        return self @ other if np.ndim(other) else self * other
-
-    def sum(self, axis=None, dtype=None, out=None, keepdims=False, **others):
-        if dtype or out is not None or others or not self.size or self.dtype == bool:
-            return super().sum(axis, dtype, out, keepdims, **others)
-        axes = range(self.ndim) if axis is None else np.atleast_1d(axis)
-        x = np.moveaxis(np.asarray(self), axes, range(len(axes)))
-        x = x.reshape(-1, *x.shape[len(axes) :])
-        total = np.add.accumulate(x, axis=0)[-1]
-        return viewed(np.expand_dims(total, tuple(axes)) if keepdims else total)
-
-    def mean(self, axis=None, dtype=None, out=None, **others):
-        total = self.sum(axis, dtype, out, **others)
-        return total / (self.size / np.size(total))
-
-    def __array_function__(self, function, types, args, how):
-        return viewed(ADDING.get(function, implementation(function))(*args, **how))
-
-
-KINDS[np.float64] = Ordered
-ADDING = {np.linalg.norm: norm, np.linalg.solve: solve, np.dot: lambda a, b: ordered(a).dot(b)}
+def divide(x, y):
+    """x / y, which is not finite where Python would refuse."""
+    return x / np.float64(y) if type(y) is float and y == 0.0 else x / y

@@ -46,7 +46,8 @@ def javascript_of(program):
     Its results, as many, are left there; what it records is there when record(state) is called.
     Where Python's loop gives NaN since it does not end, it throws an Error, which says why.
     """
-    js, knobs = JavaScript(), program.inputs[len(program.places) :]
+    js = JavaScript()
+    knobs = program.inputs[len(program.places) :]
     js.lines.append(f"function f({', '.join(['state', 'steps', 'record', *knobs])}) {{")
     for name, place in zip(program.inputs, program.places, strict=False):
         js.write("define", name=name, value=f"state[{place}]")

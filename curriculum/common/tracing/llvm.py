@@ -19,15 +19,16 @@ from curriculum.common.tracing.writer import Writer
 ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 COMPARED = {"<": "olt", "<=": "ole"}
 INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "max": "maximum", "min": "minimum"}
-START, BUILD = 1_500_000, 2_000  # operations of Python that take as long as a build; and each line
+START = 1_500_000  # operations of Python that take as long as to load llvmlite
+BUILD = 2_000  # and as long as to build a line
 LONG = 10_000  # lines: more are not optimized, which takes seconds and grows as their square
 MANY = 100_000  # operations a line, so many repay that it is optimized to the full
-FAILED = []  # why llvmlite, though installed, cannot be used: it may be of another version
+FAILED = []  # why llvmlite, though installed, cannot be used, in words
 
 
 def repays(operations, lines):
     """Whether so many operations, of so many lines of Python, repay being built, and can be."""
-    return operations >= START + BUILD * lines and not FAILED and find_spec("llvmlite")
+    return operations >= START + BUILD * lines and find_spec("llvmlite") is not None
 
 
 def padded(rows):
@@ -49,7 +50,9 @@ class Llvm(Writer):
     """Lines of a function; what changes from turn to turn is in memory, reserved at its `top`."""
 
     def __init__(self):
-        self.top, self.lines, self.count = [], [], count()
+        self.top = []
+        self.lines = []
+        self.count = count()
         self.done = None  # where the number of turns is that have been recorded
 
     def new(self, text):
@@ -81,7 +84,8 @@ class Llvm(Writer):
     def packed(self, texts):
         if len(texts) == 1:
             return texts[0]
-        vector, of = "poison", kind(len(texts))
+        of = kind(len(texts))
+        vector = "poison"
         for k, x in enumerate(texts):
             vector = self.new(f"insertelement {of} {vector}, double {x}, i32 {k}")
         return vector
@@ -102,7 +106,8 @@ class Llvm(Writer):
 
     def operation(self, sign, operands, name):
         lanes = max(x.lanes for x in operands)
-        of, x = kind(lanes), [self.widened(x, lanes) for x in operands]
+        of = kind(lanes)
+        x = [self.widened(x, lanes) for x in operands]
         if sign in LIBRARY:  # which is called lane by lane
             results = []
             for k in range(lanes):
@@ -126,13 +131,16 @@ class Llvm(Writer):
 
     def choice(self, truth, a, b, lanes):
         """a where that is true, else b."""
-        of, flags = kind(lanes), kind(lanes, "i1")
+        of = kind(lanes)
+        flags = kind(lanes, "i1")
         return Value(self.new(f"select {flags} {truth}, {of} {a}, {of} {b}"), lanes)
 
     def loops(self, loop, env):
         """Write a loop, in all rows at once: rows that are done wait; what never ends is NaN."""
-        k, lanes = next(self.count), padded(loop.rows)
-        of, flags = kind(lanes), kind(lanes, "i1")
+        k = next(self.count)
+        lanes = padded(loop.rows)
+        of = kind(lanes)
+        flags = kind(lanes, "i1")
         turn = self.variable("0", "i64")
         done = self.variable("zeroinitializer", flags)
         places = {}
@@ -143,7 +151,8 @@ class Llvm(Writer):
             return {name: [Value(self.load(x, of), lanes)] for name, x in places.items()}
 
         self.begin(f"head{k}")
-        turned, inner = self.load(turn, "i64"), env | now()
+        turned = self.load(turn, "i64")
+        inner = env | now()
         most = "%steps" if loop.most is None else loop.most
         more = self.new(f"icmp slt i64 {turned}, {most}")
         self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
@@ -169,14 +178,16 @@ class Llvm(Writer):
         self.begin(f"end{k}", f"label %head{k}")
         ends = now()
         if loop.going is not None:
-            good, nan = self.load(done, flags), self.widened(self.constant(np.nan), lanes)
+            good = self.load(done, flags)
+            nan = self.widened(self.constant(np.nan), lanes)
             for name, (end,) in ends.items():
                 ends[name] = [self.choice(good, end.text, nan, lanes)]
         env |= ends
 
     def record(self, loop, turn, turned, row, k):
         """Leave a row in %out if it is finite; else this was one turn too many, and the last."""
-        self.done, good = turn, "true"
+        self.done = turn
+        good = "true"
         for x, _ in row:
             nothing = self.new(f"fsub double {x}, {x}")  # NaN, unless it is finite
             good = self.new(f"and i1 {good}, {self.new(f'fcmp oeq double {nothing}, 0.0')}")
@@ -188,7 +199,8 @@ class Llvm(Writer):
 
 def assembly(program):
     """i64 run(ptr in, ptr out, i64 steps) of inputs and the rows that it records: how many."""
-    w, env = Llvm(), {}
+    w = Llvm()
+    env = {}
     for k, name in enumerate(program.inputs):
         env[name] = [Value(w.load(w.entry("%in", k), "double"))]
     w.walk(program.tape, program.results, env)
@@ -219,22 +231,26 @@ def machine_code(lines, operations):
         builder.getModulePassManager().run(module, builder)
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
-    pointer, number = ctypes.c_void_p, ctypes.c_int64
-    function = ctypes.CFUNCTYPE(number, pointer, pointer, number)(
-        engine.get_function_address("run")
-    )
+    pointer = ctypes.c_void_p
+    number = ctypes.c_int64
+    prototype = ctypes.CFUNCTYPE(number, pointer, pointer, number)
+    function = prototype(engine.get_function_address("run"))
     function.engine = engine  # which keeps it in memory
     return function
 
 
 def written(program, operations):
-    """write(numbers, rows) -> how many of the rows it has written, in how many s; None if llvmlite
-    fails."""
+    """write(numbers, rows) -> how many of the rows it has written, in how many s.
+
+    None if llvmlite fails, or has failed before.
+    """
+    if FAILED:
+        return None
     lines = assembly(program)
     try:
         run = machine_code(lines, operations)
     except Exception as why:
-        FAILED.append(why)
+        FAILED.append(" ".join(f"{type(why).__name__}: {why}".split())[:100])
         return None
 
     def write(numbers, rows):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from curriculum.common.tracing.arrays import ordered
 from curriculum.common.tracing.python import COLUMNS, Columns, function_of, source_of
+from curriculum.common.tracing.symbols import ordered
 from curriculum.common.tracing.tape import Untraceable, current
 from curriculum.common.tracing.trace import Program, one_or_several, side_by_side, split
 

@@ -34,7 +34,8 @@ class Python(Writer):
     }
 
     def __init__(self):
-        self.lines, self.margin = [], ""
+        self.lines = []
+        self.margin = ""
 
     def constant(self, x):
         return repr(x)
@@ -60,7 +61,8 @@ class Python(Writer):
 
     def loop(self, loop, env, k):
         own = {x: numbered(x, loop.rows)[k] for x in loop.carry}
-        names, going = [*own.values()], None
+        names = [*own.values()]
+        going = None
         words = {"names": ", ".join(names), "first": names[0], "failure": json.dumps(loop.failure)}
         words["most"] = "steps" if loop.most is None else loop.most
         begins = [self.values(env, begin)[0] for begin, _ in loop.carry.values()]

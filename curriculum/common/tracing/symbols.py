@@ -5,10 +5,11 @@ left has the operands and the order of the function's own lines, and so the same
 """
 
 import math
+from types import BuiltinFunctionType
 
 import numpy as np
 
-from curriculum.common.tracing.arrays import ADDING, KINDS, Ordered, implementation, viewed
+from curriculum.common.tracing import arrays
 from curriculum.common.tracing.tape import Untraceable, note
 
 # As C, Python's math and JavaScript's Math call them. The last digit of those in LIBRARY is the C
@@ -60,7 +61,8 @@ def signed(size, minus):
 
 
 def add(a, b):
-    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
+    x, minus = size_and_sign(a)
+    y, other = size_and_sign(b)
     if x == 0.0:
         return b
     if y == 0.0:
@@ -73,7 +75,8 @@ def add(a, b):
 
 
 def multiply(a, b):
-    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
+    x, minus = size_and_sign(a)
+    y, other = size_and_sign(b)
     if x == 0.0 or y == 0.0:
         size = 0.0
     elif x == 1.0:
@@ -86,7 +89,8 @@ def multiply(a, b):
 
 
 def divide(a, b):
-    (x, minus), (y, other) = size_and_sign(a), size_and_sign(b)
+    x, minus = size_and_sign(a)
+    y, other = size_and_sign(b)
     size = x if x == 0.0 or y == 1.0 else note("/", x, y)
     return signed(size, minus != other)
 
@@ -103,7 +107,7 @@ class Traced:
 
     def __array_function__(self, function, types, args, how):
         try:
-            return viewed(OWN.get(function, implementation(function))(*args, **how))
+            return applied(function, OWN, args, how)
         except Exception as why:
             raise cannot(function) from why
 
@@ -137,7 +141,8 @@ class Symbol(Traced):
     __slots__ = "name", "minus"
 
     def __init__(self, name, minus=False):
-        self.name, self.minus = name, minus
+        self.name = name
+        self.minus = minus
 
     def __neg__(self):
         return Symbol(self.name, not self.minus)
@@ -153,28 +158,110 @@ class Symbol(Traced):
     __lt__, __gt__ = operators(lambda a, b: operation("<", a, b))
     __le__, __ge__ = operators(lambda a, b: operation("<=", a, b))
     __bool__ = refusal("it branches on a value; np.where, np.maximum and np.minimum do not")
-    __eq__ = __ne__ = refusal("it asks whether numbers are equal; < and <= can be compiled")
-    __float__ = __int__ = refusal(
+    __eq__ = refusal("it asks whether numbers are equal; < and <= can be compiled")
+    __ne__ = __eq__
+    __float__ = refusal(
         "it wants a plain number; an array that takes others begins as np.zeros(shape, like=q) or "
         "with + 0.0 * q, as f = m * g + 0.0 * q"
     )
+    __int__ = __float__
 
 
 class Truth(Traced):
     """What a comparison of symbols gives, on the tape 1 or 0: for np.where and loops only."""
 
     __slots__ = ("name",)
-    __bool__, __eq__ = Symbol.__bool__, Symbol.__eq__
+    __bool__ = Symbol.__bool__
+    __eq__ = Symbol.__eq__
 
     def __init__(self, name):
         self.name = name
 
 
+class Ordered(np.ndarray):
+    """An array of floats whose products and sums add from first to last."""
+
+    __slots__ = ()
+    __array_priority__ = 1.0  # what is computed of this and others is one, too
+
+    def __matmul__(self, other):
+        if self.ndim == 1 and type(other) is Ordered and self.shape == other.shape:
+            return arrays.dot(self, other)  # what follows does the same, only later
+        return product(self, other)
+
+    def __rmatmul__(self, other):
+        return product(other, self)
+
+    def dot(self, other):
+        return self @ other if np.ndim(other) else self * other
+
+    def sum(self, axis=None, dtype=None, out=None, keepdims=False, **others):
+        if dtype or out is not None or others or not self.size or self.dtype == bool:
+            return super().sum(axis, dtype, out, keepdims, **others)
+        return viewed(arrays.total(np.asarray(self), axis, keepdims))
+
+    def mean(self, axis=None, dtype=None, out=None, **others):
+        sums = self.sum(axis, dtype, out, **others)
+        return sums / (self.size / np.size(sums))
+
+    def __array_function__(self, function, types, args, how):
+        return applied(function, ADDING, args, how)
+
+
 class Symbols(Traced, Ordered):
     """An array of symbols and floats."""
 
+    __slots__ = ()
 
-KINDS[np.object_] = Symbols
+
+def ordered(x):
+    """x as an array whose products and sums add from first to last."""
+    x = np.asanyarray(x)
+    if x.dtype.char not in ARRAYS:
+        x = x.astype(float)
+    return x if isinstance(x, Ordered) else x.view(ARRAYS[x.dtype.char])
+
+
+def viewed(x):
+    """What numpy computed of ordered arrays, as one; a number, or whole ones, as they are."""
+    if not isinstance(x, np.ndarray):
+        return x
+    if x.ndim == 0:
+        return x[()]
+    return x.view(ARRAYS[x.dtype.char]) if x.dtype.char in ARRAYS else x
+
+
+def applied(function, own, args, how):
+    """What a function of numpy gives, or one of our `own` that takes its place."""
+    if function in own:
+        return viewed(own[function](*args, **how))
+    if isinstance(function, BuiltinFunctionType):  # as np.array(..., like=x)
+        return viewed(function(*args, **how))
+    # numpy's own way, whatever the class of the arguments
+    return viewed(np.ndarray.__array_function__(NO_NUMBERS, function, (), args, how))
+
+
+def product(a, b):
+    """a @ b."""
+    return viewed(arrays.product(np.asarray(a), np.asarray(b)))
+
+
+def solve(a, b):
+    """np.linalg.solve."""
+    return ordered(arrays.solve(np.asarray(a), np.asarray(b)))
+
+
+def norm(x, ord=None, axis=None, keepdims=False):
+    """np.linalg.norm."""
+    if ord is not None:
+        return viewed(np.linalg.norm(np.asarray(x), ord, axis, keepdims))
+    x = ordered(x)
+    return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
+
+
+def add_up(a, *args, **how):
+    """np.sum."""
+    return ordered(a).sum(*args, **how)
 
 
 def elementwise(sign, many):
@@ -206,6 +293,10 @@ ENTRIES |= {np.arctan2: elementwise("atan2", 2), np.power: power}
 ENTRIES |= {np.less: elementwise("<", 2), np.less_equal: elementwise("<=", 2)}
 ENTRIES[np.greater] = lambda a, b: ENTRIES[np.less](b, a)
 ENTRIES[np.greater_equal] = lambda a, b: ENTRIES[np.less_equal](b, a)
+ARRAYS = {"d": Ordered, "O": Symbols}  # by the character that numpy has for what is in them
+NO_NUMBERS = np.zeros(0)
+ADDING = {np.linalg.norm: norm, np.linalg.solve: solve, np.dot: lambda a, b: ordered(a).dot(b)}
+ADDING |= {np.sum: add_up}
 OWN = ADDING | {np.where: where}
 OWN |= {np.zeros: lambda shape, dtype=object: np.zeros(shape, dtype)}  # np.zeros(shape, like=q)
 OWN |= {np.nan_to_num: refusal("np.nan_to_num cannot be compiled")}  # numpy's overlooks symbols

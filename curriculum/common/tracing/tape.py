@@ -19,6 +19,7 @@ class Current(local):
 
     tape = None
     plain = False
+    alike = None  # in a block, whether its steps are machine code: [], as soon as one is, [answer]
     failure = None  # of the first loop that did not end, since a step began
 
 
@@ -27,12 +28,18 @@ current = Current()
 
 @contextmanager
 def plain(really=True):
-    """A block in which nothing is compiled: every line of a function meets numbers."""
-    before, current.plain = current.plain, current.plain or really
+    """A block in which nothing is compiled: every line of a function meets numbers.
+
+    If not `really`, all that is compiled in it is of one kind, that of the first: Python or machine
+    code. So what steps take in the same block can be compared.
+    """
+    before = current.plain, current.alike
+    current.plain = current.plain or really
+    current.alike = [] if current.alike is None else current.alike
     try:
         yield
     finally:
-        current.plain = before
+        current.plain, current.alike = before
 
 
 class Op(NamedTuple):
@@ -46,14 +53,17 @@ class Tape:
     """Operations in order: nodes {name: Op or Loop}, in so many `rows` side by side."""
 
     def __init__(self, outer=None, used=()):
-        self.nodes, self.known, self.outer = {}, {}, outer  # outer: around this one, a loop's body
-        self.numbers, self.used, self.signs, self.rows = count(), {*used}, set(), 1
-        if outer:
-            self.numbers, self.used, self.signs = outer.numbers, outer.used, outer.signs
-            self.rows = outer.rows
+        self.nodes = {}
+        self.known = {}  # {(sign, operands): name}
+        self.outer = outer  # the tape around this one, which is of a loop's body
+        self.numbers = outer.numbers if outer else count()  # of the names that it gives
+        self.used = outer.used if outer else {*used}  # other names
+        self.signs = outer.signs if outer else set()  # of all operations
+        self.rows = outer.rows if outer else 1
 
     def trace(self, function, *args):
-        before, current.tape = current.tape, self
+        before = current.tape
+        current.tape = self
         try:
             return function(*args)
         finally:
@@ -75,15 +85,18 @@ class Tape:
 
     def fresh(self, name):
         """The name, with a number if it is in use: q, q2, q3."""
-        found, number = name, 2
+        found = name
+        number = 2
         while found in self.used:
-            found, number = f"{name}{number}", number + 1
+            found = f"{name}{number}"
+            number += 1
         self.used.add(found)
         return found
 
     def needed(self, names):
         """Those and the operations that they come from, in order."""
-        found, order = {*names}, []
+        found = {*names}
+        order = []
         for name, node in reversed(self.nodes.items()):
             if name in found:
                 found.update(node.operands)

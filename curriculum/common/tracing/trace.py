@@ -4,39 +4,56 @@ import inspect
 import math
 import os
 import traceback
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
-from curriculum.common.tracing.arrays import viewed, zero
-from curriculum.common.tracing.symbols import FLOATS, Symbol, operand
+from curriculum.common.tracing.arrays import zero
+from curriculum.common.tracing.symbols import FLOATS, Symbol, operand, viewed
 from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, note
 
 LANES = 16  # rows at most that go in step
 TURNS = 2  # of a while_loop, as a guess
-TAKEN = "f", "steps", "record", "state", "inf", "nan", "any", "_", "range", *FLOATS
+# Names for which what is written has a use, and words that JavaScript keeps for itself
+TAKEN = {"f", "steps", "record", "state", "inf", "nan", "any", "_", "range", *FLOATS}
+WORDS = """
+    Error Infinity Math NaN arguments case catch const debugger default delete do enum eval export
+    extends false function implements instanceof interface let new null package private protected
+    public static super switch this throw true typeof undefined var void
+"""
+TAKEN |= {*WORDS.split()}
 INSIDE = os.path.dirname(__file__), os.path.dirname(np.__file__)
 
 
 def flat(arrays):
-    return [x for array in arrays for x in np.asarray(array, object).flat]
+    """All numbers of arrays."""
+    return list(chain.from_iterable(np.asarray(array, object).flat for array in arrays))
 
 
 def shaped(numbers, like):
     """All numbers as arrays of the shapes of others; their names as Symbols."""
-    numbers, arrays = iter(numbers), []
+    numbers = map(symbol, numbers)
+    arrays = []
     for shape in map(np.shape, like):
         array = np.empty(shape, object)
-        array.flat = [Symbol(x) if type(x) is str else x for x in islice(numbers, array.size)]
+        array.flat = list(islice(numbers, array.size))
         arrays.append(viewed(array))
     return arrays
 
 
+def symbol(x):
+    return Symbol(x) if type(x) is str else x
+
+
 def split(rows, shapes):
     """Rows of numbers as arrays of these shapes, with one axis more in front."""
-    ends = np.cumsum([math.prod(shape) for shape in shapes])
-    parts = np.split(rows, ends[:-1], axis=1)
-    return [x.reshape(len(rows), *shape) for x, shape in zip(parts, shapes, strict=True)]
+    arrays = []
+    end = 0
+    for shape in shapes:
+        begin = end
+        end += math.prod(shape)
+        arrays.append(rows[:, begin:end].reshape(len(rows), *shape))
+    return arrays
 
 
 def several(result):
@@ -59,17 +76,20 @@ def parameters(function, many):
         found = inspect.signature(function).parameters
     except (TypeError, ValueError):  # it is not Python's
         found = ()
-    found = [x + "_" * x[-1].isdigit() for x in found]  # x_1 is an entry of x, and t1 an operation
-    return (found + ["x"] * many)[:many]
+    return [*map(unlike_ours, found), *["x"] * many][:many]
+
+
+def unlike_ours(name):  # x_1 is an entry of x, t1 and loop2 are operations
+    return f"{name}_" if name[-1].isdigit() or name in ("t", "loop") else name
 
 
 def names_of(names, live):
     """The names of the numbers of arrays, as q_0_1; and 0.0 where they are not live."""
-    return [
-        "_".join([name, *map(str, k)]) if alive else 0.0
-        for name, mask in zip(names, live, strict=False)
-        for k, alive in np.ndenumerate(mask)
-    ]
+    numbers = []
+    for name, mask in zip(names, live, strict=False):
+        for k, alive in np.ndenumerate(mask):
+            numbers.append("_".join([name, *map(str, k)]) if alive else 0.0)
+    return numbers
 
 
 def reason(why):
@@ -104,7 +124,8 @@ class Program:
 
 def side_by_side(function, rows):
     """[function(*row)] of rows of arrays: when traced, once, with the rows as lanes."""
-    tape, many = current.tape, len(rows)
+    tape = current.tape
+    many = len(rows)
     if tape is None or tape.rows > 1 or not 1 < many <= LANES:
         return [several(function(*row)) for row in rows]
     tape.rows = many
@@ -113,7 +134,11 @@ def side_by_side(function, rows):
         results = several(function(*shaped(map(stacked, columns), rows[0])))
     finally:
         tape.rows = 1
-    return [shaped([lane(x, k) for x in flat(results)], results) for k in range(many)]
+    return [row_of(results, k) for k in range(many)]
+
+
+def row_of(results, k):
+    return shaped([lane(x, k) for x in flat(results)], results)
 
 
 def stacked(column):  # one name for a number in each of several rows
@@ -123,6 +148,35 @@ def stacked(column):  # one name for a number in each of several rows
 
 def lane(x, k):  # the number in row k
     return Symbol(note("lane", x.name, k), x.minus) if type(x) is Symbol else x
+
+
+class Turn:
+    """A turn of a loop, traced with arrays of such shapes: (condition and) body of what is live."""
+
+    def __init__(self, outer, names, live, arrays, body, condition):
+        self.tape = Tape(outer)
+        self.live = live
+        self.numbers = names_of(names, shaped(live, arrays))  # as they are when it begins
+        self.tape.nodes |= dict.fromkeys(filter(None, self.numbers), Op("carried"))
+        now = shaped(self.numbers, arrays)
+        self.going = None  # the name of what the condition says
+        if condition:
+            _, (self.going,) = traced(self.tape, condition, now)
+        result, self.after = traced(self.tape, body, now)
+        self.tape.outer = None  # which will have the loop on it: a circle would live on
+        if list(map(np.shape, result)) != list(map(np.shape, arrays)):
+            raise Untraceable("it returns other shapes than it takes")
+
+
+def trace_turn(outer, names, arrays, body, condition):
+    """The Turn that fits all turns: what begins as zero need not stay zero."""
+    live = None
+    grown = [not zero(x) for x in flat(arrays)]
+    while live != grown:
+        live = grown
+        turn = Turn(outer, names, live, arrays, body, condition)
+        grown = [a or x != 0.0 for a, x in zip(live, turn.after, strict=True)]
+    return turn
 
 
 class Loop:
@@ -136,40 +190,38 @@ class Loop:
     sign = "loop"
 
     def __init__(self, body, arrays, most, condition=None, failure=None, names=None):
-        outer, start = current.tape, flat(arrays)
+        outer = current.tape
         names = list(map(outer.fresh, names or parameters(body, len(arrays))))
-        live, grown = None, [not zero(x) for x in start]
-        while live != grown:  # what begins as zero need not stay zero
-            live, tape, going = grown, Tape(outer), None
-            numbers = names_of(names, shaped(live, arrays))
-            tape.nodes |= dict.fromkeys(filter(None, numbers), Op("carried"))
-            now = shaped(numbers, arrays)
-            if condition:
-                _, (going,) = traced(tape, condition, now)
-            result, after = traced(tape, body, now)
-            if list(map(np.shape, result)) != list(map(np.shape, arrays)):
-                raise Untraceable("it returns other shapes than it takes")
-            grown = [a or x != 0.0 for a, x in zip(live, after, strict=True)]
-        tape.outer = None  # which will have this loop on it: a circle would live on
-        self.tape, self.rows, self.outputs = tape, tape.rows, shaped(numbers, arrays)
-        self.most, self.going, self.failure = most, going, failure
-        self.size, self.places = len(live), [k for k, alive in enumerate(live) if alive]
-        self.carry = {numbers[k]: (operand(start[k]), after[k]) for k in self.places}
-        self.following = [after[k] for k in self.places]
-        found = [going, *self.following]
-        used = found + [x for name in tape.needed(found) for x in tape.nodes[name].operands]
-        free = [x for x in used if type(x) is str and x not in tape.nodes]  # names from around it
-        self.operands = (*(begin for begin, _ in self.carry.values()), *free)
+        turn = trace_turn(outer, names, arrays, body, condition)
+        self.tape = turn.tape
+        self.rows = turn.tape.rows
+        self.outputs = shaped(turn.numbers, arrays)
+        self.most = most
+        self.going = turn.going
+        self.failure = failure
+        self.size = len(turn.live)
+        self.places = np.flatnonzero(turn.live).tolist()
+        self.following = [turn.after[k] for k in self.places]
+        begins = list(map(operand, flat(arrays)))
+        self.carry = {turn.numbers[k]: (begins[k], turn.after[k]) for k in self.places}
+        self.operands = [begins[k] for k in self.places] + self.names_from_around()
         name = f"loop{next(outer.numbers)}"
         outer.nodes[name] = self
         outer.nodes |= dict.fromkeys(self.carry, Op("carried", (name,)))
 
+    def names_from_around(self):
+        found = [self.going, *self.following]
+        nodes = self.tape.nodes
+        used = [found, *(nodes[name].operands for name in self.tape.needed(found))]
+        return [x for x in chain.from_iterable(used) if type(x) is str and x not in nodes]
+
 
 def trace_loop(step, live, knobs=0, others=()):
     """The Program of many steps, step(*state, *others, *knobs) -> state, and its Loop."""
-    many, loops = len(live), []
+    many = len(live)
     names = parameters(step, many + len(others) + knobs)
-    own, known = names[:many], names[many + len(others) :]
+    own = names[:many]
+    loops = []
 
     def steps(*numbers):
         def body(*state):
@@ -178,7 +230,7 @@ def trace_loop(step, live, knobs=0, others=()):
         loops.append(Loop(body, numbers[:many], None, names=own))
         return tuple(loops[0].outputs)
 
-    names = [f"{name}_start" for name in own] + known
+    names = [f"{name}_start" for name in own] + names[many + len(others) :]
     return Program(steps, *live, knobs=knobs, names=names), loops[0]
 
 

@@ -1,5 +1,5 @@
 def guess():
-    return {"rod": "grows", "factor": 16}
+    return {"rod": "shrinks", "factor": 16}
 
 
 def expected_g(speeds, dt):

@@ -1,3 +1,3 @@
-from curriculum.ch3_4_constraints.mechanics import xpbd
+from curriculum.ch3_4_constraints.studies import xpbd
 
 substep = xpbd.xpbd_step  # the chapter's: it takes one sub-step, unless it is told more

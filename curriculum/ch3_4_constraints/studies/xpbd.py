@@ -13,7 +13,8 @@ def xpbd_step(system, q, v, dt, substeps=1):
     takes the velocity from the move. Rods are rigid: their compliance is zero. M. Macklin, M.
     Mueller, N. Chentanez, XPBD (MIG 2016); in sub-steps: M. Macklin et al., Small Steps (SCA 2019).
     """
-    m, h = system["m"], dt / substeps
+    m = system["m"]
+    h = dt / substeps
     anchors = system.get("anchors", [c.PIVOT])
 
     def substep(q, v):
@@ -21,9 +22,13 @@ def xpbd_step(system, q, v, dt, substeps=1):
         v = v + h * c.external_force(system, q, v) / m
         q = q + h * v
         for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
-            d = q[i] - (anchors[-1 - j] if j < 0 else q[j])
             w_i = 1.0 / m[i]  # 1/kg
-            w_j = 0.0 if j < 0 else 1.0 / m[j]  # an anchor does not move
+            if j < 0:
+                d = q[i] - anchors[-1 - j]
+                w_j = 0.0  # an anchor does not move
+            else:
+                d = q[i] - q[j]
+                w_j = 1.0 / m[j]
             now = np.sqrt(d @ d)
             move = (now - length) / (w_i + w_j) * d / now  # kg m
             q[i] = q[i] - w_i * move

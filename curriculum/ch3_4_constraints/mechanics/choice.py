@@ -1,0 +1,363 @@
+"""Which method, at which step: what each costs and how far it is off, on a ladder of steps.
+
+A `chapter` is whatever has the chapter's INTEGRATORS, make_methods, make_force, project,
+stabilized, constraint_violation, energy and GRAVITY, as its reader has edited them.
+"""
+
+import math
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from curriculum.ch3_4_constraints.mechanics import reference as truth
+from curriculum.ch3_4_constraints.mechanics.outcome import FAR
+from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
+from curriculum.common.tracing import CompiledSteps, Untraceable, ordered
+from curriculum.common.tracing.counting import Counter, counter_of
+from curriculum.common.tracing.tape import current
+
+LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
+LAST = ("gauss",)  # integrators that are tried where no other is right: a step costs so much
+SWING = 0.2  # of sqrt(L/g): the longest step that is tried
+RUNGS = 6  # steps of different lengths, each half of the one before
+LEAST = 2  # rungs: of a single one nothing can be said
+MANY = 30_000  # steps of a pair: they repay machine code
+BUDGET = 4e8  # operations of all pairs: some 5 s without llvmlite
+QUICK, TURNS = 2e-3, 3  # s: what took less is timed as often again
+SAMPLE = 32  # states of a run whose steps are counted
+TIE, BETTER = 1.05, 0.1  # so much more work is as cheap; an error so much smaller comes first
+HALVED = 3  # times at most that the time of the reference is halved until there is one
+KEYS = ("error", "rods")  # of a Setting: what must be within
+
+
+class Setting(NamedTuple):
+    """An integrator and a method at one step, over the span; None is what is not known."""
+
+    integrator: str
+    method: str
+    dt: float  # s
+    rods: float | None  # m, the worst, over the span
+    energy: float | None  # the largest change, as a share of m g L
+    error: float | None  # m, of the worst particle, at the reference's time
+    operations: float  # for a second of motion
+    seconds: float  # of computing, for a second of motion, on this machine
+    lost: str | None  # when and why, if it did not get to the end of the span
+
+
+class Pair:
+    """An integrator and a method as a step(q, v, dt) of a system, compiled for all steps dt."""
+
+    def __init__(self, chapter, system, integrator, method, knobs):
+        self.integrator = integrator
+        self.method = method
+        self.system = system
+        self.step = step_of(chapter, system, integrator, method, knobs)
+        self.start = [system["q0"], system["v0"]]
+        self.run = CompiledSteps(self.step, self.start, MANY, knobs=1)
+        self.count = Counter(self.run.program)
+
+    def work(self, dt):
+        """About how many operations a second of motion takes, from its first step."""
+        return self.count(self.start, dt) / dt
+
+
+def step_of(chapter, system, integrator, method, knobs):
+    """step(q, v, dt) -> q, v of an integrator and a method."""
+    step_fn = chapter.INTEGRATORS[integrator]
+
+    def step(q, v, dt):
+        held = chapter.make_methods(dt, **knobs)[method]
+        force = held.make_force(system)
+        return chapter.stabilized(step_fn, system, held)(q, v, system["m"], force, dt)
+
+    return step
+
+
+def operations_of(chapter, system, integrator, method, dt, knobs, q, v):
+    """Operations for a second of motion in a run q, v (steps + 1, N, 3); None if not traceable."""
+    step = step_of(chapter, system, integrator, method, knobs)
+    try:
+        count = counter_of(step, [system["q0"], system["v0"]], knobs=1)
+    except Untraceable:
+        return None
+    return average(count, q, v, dt)
+
+
+def average(count, q, v, dt):
+    """Operations for a second of motion, as SAMPLE steps of a run take on average."""
+    steps = max(1, len(q) - 1)
+    many = min(steps, SAMPLE if count.varies else 1)
+    total = 0
+    for k in range(many):
+        at = (2 * k + 1) * steps // (2 * many)
+        total += count([q[at], v[at]], dt)
+    return rounded(total / many / dt)
+
+
+def count_operations(chapter, args, system, runs, results):
+    """Add to each row of results the operations for a second of motion; None if not compiled."""
+    for name, row in results.items():
+        row["operations"] = None
+        if not args.plain:
+            run = runs[name]
+            what = chapter, system, args.integrator, name, args.dt, args.knobs
+            row["operations"] = operations_of(*what, run.q, run.v)
+
+
+def rounded(x):
+    """Six digits of a number: what is left is the same everywhere."""
+    return float(f"{float(x):.6g}")
+
+
+def pairs_of(chapter, integrators):
+    """[(integrator, method)] of the chapter that go together."""
+    found = []
+    for integrator in integrators:
+        for name, method in chapter.make_methods().items():
+            if method.integrator in (None, integrator):
+                found.append((integrator, name))
+    return found
+
+
+def first_count(system, force, dt, last):
+    """Into how many steps the time of `last` steps of dt s is divided first.
+
+    A step may be SWING of sqrt(L/g), with the mean length, and turn what moves at the start by
+    TURN. Of the counts that allow it, below twice the least, it is one whose step is dt times a
+    power of 2, or else has the fewest digits.
+    """
+    _, turn = truth.time_scales(system, force)
+    lengths = system["lengths"].tolist()
+    swing = math.sqrt(sum(lengths) / len(lengths) / 9.81)
+    seconds = last * dt
+    least = max(1, math.ceil(seconds / min(SWING * swing, truth.TURN * turn)))
+
+    def awkward(count):
+        ratio = math.log2(last / count)
+        return ratio != round(ratio), digits(seconds, count)
+
+    return min(range(least, 2 * least), key=awkward)
+
+
+def digits(seconds, count):
+    """How many digits a step has that divides so many seconds into `count`."""
+    return len(f"{seconds / count:.9e}".split("e")[0].rstrip("0"))
+
+
+def measure(chapter, pair, reference, seconds, span, count):
+    """The Setting of a pair whose steps divide the reference's `seconds` into `count`."""
+    system = pair.system
+    dt = seconds / count
+    steps = max(count, math.floor(span / dt + 1e-6))
+    q, v = pair.run(pair.start, steps, dt)
+    spent = pair.run.seconds
+    for _ in range(TURNS if spent < QUICK else 0):  # a short time is that of others, too
+        pair.run(pair.start, steps, dt)
+        spent = min(spent, pair.run.seconds)
+    spent = spent / max(1, len(q) - 1) / dt
+    q = ordered(q)
+    v = ordered(v)
+    violations = chapter.constraint_violation(system, q)
+    far = violations > FAR * np.sum(system["lengths"])
+    good = int(np.argmax(far)) if far.any() else len(q)
+    operations = average(pair.count, q[:good], v[:good], dt)
+    error = None
+    if reference.q is not None and good > count:
+        error = rounded(truth.distance(q[count], reference.q))
+    if good <= steps:
+        lost = f"at {(good - 1) * dt:.3g} s: {why_lost(pair, q[good - 1], v[good - 1], dt)}"
+        return Setting(pair.integrator, pair.method, dt, None, None, error, operations, spent, lost)
+    energies = chapter.energy(system, q, v)
+    energy = np.max(np.abs(energies - energies[0])) / m_g_L(system, chapter.GRAVITY)
+    rods = np.max(violations)
+    row = rounded(rods), rounded(energy), error, operations, spent, None
+    return Setting(pair.integrator, pair.method, dt, *row)
+
+
+def why_lost(pair, q, v, dt):
+    """Why the step from q, v has no result: in the words of the loop that fails, or diverged."""
+    current.failure = None
+    with np.errstate(all="ignore"):
+        pair.step(ordered(q), ordered(v), dt)
+    return current.failure or "diverged"
+
+
+def ladder(take, counts, digits, within):
+    """The Settings that take(count) measures of a pair, from long steps to short ones.
+
+    Longer steps are added while the longest is within; and one shorter step, where only the last
+    one is within, to see whether that is luck. `digits`: those of the step of a count.
+    """
+    found = [take(x) for x in counts]
+    first = counts[0]
+    while first > 1 and any(is_within(found[0], key, within) for key in KEYS):
+        first = min(range(first // 2, first // 4, -1), key=digits)
+        found.insert(0, take(first))
+    for key in KEYS:
+        right = [is_within(x, key, within) for x in found]
+        if right[-1] and not right[-2]:
+            found.append(take(2 * counts[-1]))
+            break
+    return found
+
+
+def is_within(setting, key, within):
+    x = getattr(setting, key)
+    return setting.lost is None and x is not None and x <= within
+
+
+def reached(settings, key, within, cost="operations"):
+    """The cheapest of a pair's settings, from long steps to short ones, whose `key` is within.
+
+    It counts only if the next finer one is within, too; else it may be luck. None if there is none.
+    """
+    there = []
+    for x, finer in pairwise(settings):
+        if is_within(x, key, within) and is_within(finer, key, within):
+            there.append(x)
+    return min(there, key=lambda x: getattr(x, cost), default=None)
+
+
+def in_order(settings, key, cost="operations"):
+    """Settings, the cheapest first; but one that is as cheap and much better comes before it."""
+    left = sorted(settings, key=lambda x: getattr(x, cost))
+    order = []
+    while left:
+        best = left[0]
+        most = TIE * getattr(best, cost)
+        for x in left[1:]:
+            if getattr(x, cost) < most and getattr(x, key) <= BETTER * getattr(best, key):
+                best = x
+        order.append(best)
+        left.remove(best)
+    return order
+
+
+def chosen(settings, key, within):
+    """Of each pair the cheapest setting whose `key` is within, in order."""
+    pairs = {}
+    for x in settings:
+        pairs.setdefault((x.integrator, x.method), []).append(x)
+    best = [reached(x, key, within) for x in pairs.values()]
+    return in_order([x for x in best if x], key)
+
+
+class Choice(NamedTuple):
+    """All settings that were measured, and which of them are within so many metres."""
+
+    within: float  # m
+    span: float  # s, over which rods and energy are measured
+    error_at: float  # s
+    reference: truth.Reference
+    whole: float  # s, of the run; more than the span if that would take long
+    left_out: list  # what else was left out, and why, in sentences
+    settings: list
+    places: list  # those that put every place right to `within`, the cheapest first
+    rods_hold: list  # those that hold the rods to it for the whole span
+
+
+def known_motion(chapter, system, dt, last, known=None):
+    """The Reference after `last` steps of dt s or, if it is unknown, after half of them, and so on.
+
+    `known` is the one after `last`, if there is one.
+    """
+    force = chapter.make_force(system)
+    found = known or truth.true_motion(system, force, chapter.project, dt, last)
+    for _ in range(HALVED):
+        if found.q is not None or found.step == 1:
+            break
+        found = truth.true_motion(system, force, chapter.project, dt, found.step // 2)
+    return found
+
+
+def build(chapter, system, integrators, knobs, each):
+    """The Pairs of some integrators."""
+    names = {" with ".join(x): x for x in pairs_of(chapter, integrators)}
+    return [Pair(chapter, system, *names[name], knobs) for name in each(names)]
+
+
+def affordable(pairs, first, seconds, whole):
+    """Into how many steps to divide `seconds`, a list, and the span in s, at most `whole`.
+
+    Operations are counted, not timed, so that the answer is the same on every machine.
+    """
+    counts = [first << k for k in range(RUNGS)]
+
+    def work():
+        return sum(pair.work(seconds / x) for pair in pairs for x in counts)
+
+    while len(counts) > LEAST and seconds * work() > BUDGET:
+        counts.pop()
+    span = whole
+    if span * work() > BUDGET:
+        span = seconds * max(1, math.floor(BUDGET / work() / seconds))
+    return counts, min(span, whole)
+
+
+def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
+    """The Choice for a system that is run for `steps` of dt s.
+
+    `known`: its reference, if there is one; each(names) gives the names, and may show them.
+    Raises Untraceable where a step cannot be compiled.
+    """
+    force = chapter.make_force(system)
+    last = truth.horizon(system, force, dt, steps)
+    if known is not None and known.step != last:  # its runs ended early
+        known = None
+    reference = known_motion(chapter, system, dt, last, known)
+    seconds = reference.step * dt
+    whole = steps * dt
+    usual = [x for x in chapter.INTEGRATORS if x not in LEFT_OUT + LAST]
+    pairs = build(chapter, system, usual, knobs, each)
+    first = first_count(system, force, dt, reference.step)
+    counts, span = affordable(pairs, first, seconds, whole)
+    left_out = []
+    if reference.step < last and reference.q is not None:
+        left_out.append(f"places later than at {seconds:.3g} s are not known")
+    if len(counts) < RUNGS:
+        left_out.append(f"no step is below {1e3 * seconds / counts[-1]:.3g} ms: it would take long")
+
+    def climb(pairs, counts):
+        found = []
+        for pair in pairs:
+            take = partial(measure, chapter, pair, reference, seconds, span)
+            found += ladder(take, counts, partial(digits, seconds), within)
+        return found
+
+    settings = climb(pairs, counts)
+    right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
+    if reference.q is not None and not chosen(settings, "error", right):
+        pairs = build(chapter, system, [x for x in chapter.INTEGRATORS if x in LAST], knobs, each)
+        counts, _ = affordable(pairs, first, seconds, span)
+        settings += climb(pairs, counts)
+    places = chosen(settings, "error", right)
+    rods_hold = chosen(settings, "rods", within)
+    parts = within, span, seconds, reference, whole, left_out, settings, places, rods_hold
+    return Choice(*parts)
+
+
+def as_metrics(choice, advice):
+    """What metrics.json says of a Choice, with the sentences that were printed of it."""
+    known = choice.reference.q is not None
+    shortened = list(choice.left_out)
+    if choice.span < choice.whole:
+        shortened.append(f"rods and energy are of the first {choice.span:.3g} s")
+    rows = []
+    for x in choice.settings:
+        row = x._asdict()
+        del row["seconds"]  # it is this machine's
+        rows.append(row)
+    return {
+        "within": choice.within,
+        "span": choice.span,
+        "error_at": choice.error_at,
+        "uncertainty": rounded(choice.reference.uncertainty) if known else None,
+        "why": None if known else choice.reference.why,
+        "shortened": "; ".join(shortened) or None,
+        "settings": rows,
+        "places": [choice.settings.index(x) for x in choice.places],
+        "rods_hold": [choice.settings.index(x) for x in choice.rods_hold],
+        "advice": advice,
+    }

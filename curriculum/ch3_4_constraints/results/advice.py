@@ -1,0 +1,198 @@
+"""What a run with --within says: which method to take, at which step."""
+
+import textwrap
+from argparse import ArgumentTypeError
+from decimal import Decimal, InvalidOperation
+
+from curriculum.ch3_4_constraints.mechanics import choice as choosing
+from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
+from curriculum.ch3_4_constraints.results.table import length, per_cent, say
+from curriculum.common import progress
+from curriculum.common.tracing import Untraceable
+
+UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10
+SHOWN = {"m": 0, "cm": -2, "mm": -3, "µm": -6, "nm": -9}  # to say a tolerance
+LEAST, MOST = 1e-12, 1e6  # m
+LINES = 10  # at most
+ROWS = (3, 2), (2, 2), (2, 1), (1, 1)  # settings for places and for rods: the first that fit
+WIDTH = 80  # columns
+
+
+def tolerance(text):
+    """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
+    number = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
+    power = 0
+    for unit in sorted(UNITS, key=len, reverse=True):
+        if number.endswith(unit):
+            number = number.removesuffix(unit)
+            power = UNITS[unit]
+            break
+    try:
+        x = float(Decimal(number.strip()).scaleb(power))
+    except InvalidOperation:
+        x = 0.0
+    if not LEAST <= x <= MOST:
+        allowed = "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on"
+        raise ArgumentTypeError(f"{text!r} must be {allowed}")
+    return x
+
+
+def words(x):
+    """A tolerance of x m as one would say it: 0.001 is "1 mm"."""
+    for unit, power in SHOWN.items():
+        size = float(f"{Decimal(x).scaleb(-power):.6g}")
+        if size >= 1.0:
+            return f"{size:g} {unit}"
+    return f"{1e12 * x:.6g} pm"
+
+
+def milliseconds(dt):
+    return f"{float(f'{1e3 * dt:.3g}'):g} ms"
+
+
+def name_of(x):
+    return f"{x.integrator} with {x.method} at {milliseconds(x.dt)}"
+
+
+def thousands(x):
+    """A number of operations, three digits of it: 149,000."""
+    return f"{float(f'{x:.3g}'):,.0f}"
+
+
+def place_row(x, within):
+    """What is said of a setting that puts every place right to `within`."""
+    later = f"; rods, {length(x.rods)} later" if x.rods > within else ""
+    return f"{name_of(x)}, {length(x.error)} off{later}"
+
+
+def rods_row(x):
+    return f"{name_of(x)}, {length(x.rods)} off, energy {per_cent(x.energy)}"
+
+
+def spread(settings, many):
+    """As many of the settings, in their order: the first of each integrator, then the others."""
+    first = {}
+    for x in settings:
+        first.setdefault(x.integrator, x)
+    wanted = list(first.values())
+    wanted += [x for x in settings if x not in wanted]
+    return [x for x in settings if x in wanted[:many]]
+
+
+def rungs(choice):
+    """The longest and the shortest step, in words."""
+    steps = [x.dt for x in choice.settings]
+    return f"from {milliseconds(max(steps))} down to {milliseconds(min(steps))}"
+
+
+def places_head(choice):
+    right = f"right to {words(choice.within)} at {choice.error_at:.3g} s"
+    if choice.reference.q is None:
+        return f"Nobody knows which places are right: {choice.reference.why}"
+    if choice.places:
+        return f"Every place {right}, by the operations for a second of motion:"
+    if choice.reference.uncertainty >= choice.within:
+        return f"Places are known to {length(choice.reference.uncertainty)} only"
+    known = [x for x in choice.settings if x.error is not None and not x.lost]
+    if not known:
+        return f"No step {rungs(choice)} is {right}: all are lost"
+    best = min(known, key=lambda x: x.error)
+    return f"No step {rungs(choice)} is {right}; nearest, {name_of(best)}: {length(best.error)} off"
+
+
+def rods_head(choice):
+    span = f"for {choice.span:.3g} s"
+    if choice.span < choice.whole:
+        span = f"for the first {choice.span:.3g} s (all would take long)"
+    if choice.rods_hold:
+        return f"Rods right to {words(choice.within)} {span}:"
+    return f"No step {rungs(choice)} holds the rods to {words(choice.within)} {span}"
+
+
+def why_they_differ(choice):
+    """Why right rods are not yet right places, with what was measured; None if they are."""
+    if not choice.rods_hold:
+        return None
+    x = choice.rods_hold[0]
+    if x.error is None or x.error <= choice.within:
+        return None
+    return (
+        "Right rods are not yet right places: the first of these puts a particle "
+        f"{length(x.error)} off. Rods keep it on its path; they do not say how far it has come."
+    )
+
+
+def lost_settings(choice):
+    """What was lost at the shortest step, and why, and how many settings more; None if none."""
+    lost = [x for x in choice.settings if x.lost]
+    if not lost:
+        return None
+    x = min(lost, key=lambda x: x.dt)
+    others = f"; and {len(lost) - 1} more" if len(lost) > 1 else ""
+    return f"Lost: {name_of(x)}, {x.lost}{others}"
+
+
+def left_out(choice):
+    """What was left out, and why, in a sentence."""
+    what = "; ".join(choice.left_out)
+    return what[:1].upper() + what[1:]
+
+
+def wrapped(lines):
+    return sum(len(textwrap.wrap(x, WIDTH, subsequent_indent="  ")) for x in lines)
+
+
+def sentences(choice):
+    """[(setting or None, sentence)]: what is said of a Choice, in at most LINES lines."""
+    heads = [places_head(choice), rods_head(choice)]
+    tail = [why_they_differ(choice), lost_settings(choice), left_out(choice)]
+    tail = [x for x in tail if x]
+    for many, more in ROWS:
+        places = spread(choice.places, many)
+        rods = spread(choice.rods_hold, more)
+        found = [(None, heads[0])]
+        found += [(x, place_row(x, choice.within)) for x in places]
+        found += [(None, heads[1])]
+        found += [(x, rods_row(x)) for x in rods]
+        found += [(None, x) for x in tail]
+        if wrapped([line(x, text) for x, text in found]) <= LINES:
+            break
+    return found
+
+
+def line(x, text, pace=" (0.000 µs)"):
+    """A sentence, or of a setting x a row that begins with its operations and its pace."""
+    return f"  {thousands(x.operations)}{pace}: {text}" if x else text
+
+
+def give(chapter, args, system, runs, reference):
+    """Print which settings are right to args.within, and return what metrics.json says of them.
+
+    None without the flag, or where there is no answer; then a line says why.
+    """
+    if args.within is None:
+        return None
+    why = why_unknown(runs.values())
+    if not why and len(system["pairs"]) > MAX_RODS:
+        why = f"it would take long for more than {MAX_RODS} rods"
+    if not why:
+        try:
+            found = choosing.choose(
+                chapter,
+                system,
+                args.within,
+                args.dt,
+                args.steps,
+                args.knobs,
+                reference,
+                progress.each,
+            )
+        except Untraceable as cause:
+            why = f"steps cannot be compiled: {cause}"
+    if why:
+        say(f"no answer to --within {words(args.within)}: {why}")
+        return None
+    said = sentences(found)
+    for x, text in said:
+        say(line(x, text, f" ({1e6 * x.seconds:.3g} µs)" if x else ""))
+    return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in said])

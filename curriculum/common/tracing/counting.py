@@ -1,0 +1,65 @@
+"""How many operations a step takes, counted as it takes them: the same on every machine."""
+
+from contextlib import suppress
+
+import numpy as np
+
+from curriculum.common.tracing.python import NUMBERS, Python, function_of, source_of
+from curriculum.common.tracing.steps import nonzero
+from curriculum.common.tracing.trace import Loop, trace_loop
+
+
+class Counting(Python):
+    """The lines of Python, which also add to record[0] what each turn of a loop takes.
+
+    An operation is a sum, a product, a root, a comparison or the like of two numbers. Those of a
+    loop's test and of the rest of its body are added where they are done, so turns need no guess.
+    What is done once, before all steps, is not counted.
+    """
+
+    forms = Python.forms | {"record": "", "count": "record[0] += {many}"}
+
+    def __init__(self):
+        super().__init__()
+        self.waiting = [0]  # written but not yet added, of each loop around this line
+
+    def operation(self, sign, operands, name):
+        self.waiting[-1] += 1
+        return super().operation(sign, operands, name)
+
+    def write(self, form, **words):
+        if form in ("stop", "assign"):  # the last line of a test, and of a turn
+            super().write("count", many=self.waiting[-1])
+            self.waiting[-1] = 0
+        super().write(form, **words)
+        if form == "turns":
+            self.waiting.append(0)
+        elif form == "end":
+            self.waiting.pop()
+
+
+class Counter:
+    """count(state, *knobs) -> how many operations the step of a program takes from there.
+
+    `program`: that of trace_loop. `varies`: whether it has loops that end when they may, so that
+    the number depends on the state.
+    """
+
+    def __init__(self, program):
+        self.places = program.places
+        self.function = function_of(source_of(program, Counting), NUMBERS)
+        (loop,) = [node for node in program.tape.nodes.values() if isinstance(node, Loop)]
+        self.varies = any(isinstance(node, Loop) for node in loop.tape.nodes.values())
+
+    def __call__(self, state, *knobs):
+        record = [0]
+        live = np.concatenate([np.ravel(x) for x in state])[self.places]
+        with suppress(ArithmeticError, ValueError):  # a step that fails has taken some, too
+            self.function(*live.tolist(), *knobs, 1, record)
+        return record[0]
+
+
+def counter_of(step, state, knobs=0):
+    """The Counter of step(*state, *knobs) -> state. Raises Untraceable."""
+    program, _ = trace_loop(step, nonzero(state), knobs)
+    return Counter(program)

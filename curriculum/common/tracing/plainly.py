@@ -1,0 +1,95 @@
+"""A step by its own lines, in plain numpy; and what is known of how steps were taken."""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from curriculum.common.tracing.symbols import viewed
+from curriculum.common.tracing.tape import current
+from curriculum.common.tracing.trace import reason, several
+
+LARGE = 1e100  # a number beyond has diverged
+
+
+@dataclass
+class Report:
+    """How the steps of a loop were taken. It can be pickled, and needs nothing else.
+
+    `timed` of them took so many `seconds`, all of one kind: of a compiled step those that were
+    computed ahead. In `compared` steps it was held against its own lines.
+    """
+
+    how: str = "plain numpy"  # in words
+    is_compiled: bool = False
+    source: str = ""  # what it became, as Python
+    edited: bool = False  # a state came in that had not gone out, or other arguments
+    failure: str | None = None  # why a step is not finite: it is NaN, and so are all after it
+    compared: int = 0
+    timed: int = 0
+    seconds: float = 0.0
+
+    def time(self, steps, seconds):
+        self.timed += steps
+        self.seconds += seconds
+
+    def fail(self, why):
+        self.failure = self.failure or why
+
+    @property
+    def pace(self):
+        """Microseconds a step; NaN if there was none."""
+        return 1e6 * self.seconds / self.timed if self.timed else math.nan
+
+
+class OwnLines:
+    """The step itself: of arguments, which it may edit, the tuple of the arrays that it returns."""
+
+    def __init__(self, step):
+        self.step = step
+        self.width = 0  # how many arrays a state is, as soon as it was called
+        self.single = False  # whether it returns one array, by itself
+        self.failure = None  # why the last result is NaN
+        self.seconds = 0.0  # that the last call took
+
+    def __call__(self, arguments):
+        current.failure = None
+        clock = time.perf_counter()
+        with np.errstate(all="ignore"):
+            result = self.step(*map(copied, arguments))
+        self.seconds = time.perf_counter() - clock
+        self.single = not isinstance(result, tuple | list)
+        result = tuple(np.asarray(x, float)[()] for x in several(result))
+        self.width = len(result)
+        if in_range(numbers(result)):
+            return result
+        self.failure = current.failure or self.why(arguments, result)
+        return nan_like(result)
+
+    def why(self, arguments, result):
+        """Why its result is not a state, and where numpy first met what is not a number."""
+        try:
+            with np.errstate(divide="raise", invalid="raise", over="raise", under="ignore"):
+                self.step(*map(copied, arguments))
+        except FloatingPointError as error:
+            return "diverged" if "overflow" in str(error) else f"not a number: {reason(error)}"
+        return "not a number" if np.isnan(numbers(result)).any() else "diverged"
+
+
+def copied(x):
+    """A copy of an array, which a step may edit, and whose sums are ordered if it is of floats."""
+    return viewed(x.copy()) if isinstance(x, np.ndarray) else x
+
+
+def numbers(state):
+    """All numbers of a state, in a row."""
+    return np.concatenate([np.asarray(x, float).ravel() for x in state])
+
+
+def in_range(row):
+    return np.max(np.abs(row), initial=0.0) < LARGE  # which NaN is not
+
+
+def nan_like(arrays):
+    return tuple(np.full(np.shape(x), np.nan)[()] for x in arrays)

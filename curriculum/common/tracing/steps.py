@@ -1,0 +1,58 @@
+"""CompiledSteps: many steps at once, as Python or as machine code."""
+
+import numpy as np
+
+from curriculum.common.tracing import llvm, python
+from curriculum.common.tracing.plainly import LARGE, in_range, numbers
+from curriculum.common.tracing.symbols import LIBRARY
+from curriculum.common.tracing.trace import split, trace_loop, work
+
+
+class CompiledSteps:
+    """run(state, steps, *knobs) -> columns, of step(*state, *others, *knobs) -> state.
+
+    The columns hold every state, from the first on, to where a step fails or numbers get LARGE; so
+    do `rows`. They took so many `seconds`. It is for states that it `fits`. Machine code is built
+    if that is asked for or, where `machine_code` is None, if so many `steps` repay it. Raises
+    Untraceable.
+    """
+
+    def __init__(self, step, state, steps, knobs=0, others=(), machine_code=None):
+        live = nonzero(state)
+        self.shapes = list(map(np.shape, state))
+        self.mask = numbers(live) != 0.0
+        program, loop = trace_loop(step, live, knobs, others)
+        self.program = program
+        self.exact = program.tape.signs.isdisjoint(LIBRARY)
+        self.source = python.source_of(program)
+        operations = work(program.tape, steps)
+        if machine_code is None:
+            machine_code = llvm.repays(operations, self.source.count("\n"))
+        self.machine_code = machine_code
+        self.how = "machine code"
+        self.write = llvm.written(program, operations) if machine_code else None
+        if self.write is None:
+            self.how = "compiled to Python"
+            self.write = python.written(self.source, loop.places)
+            if machine_code:
+                self.how += f", as llvmlite fails: {llvm.FAILED[0]}"
+
+    def __call__(self, state, steps, *knobs):
+        rows = np.full((steps + 1, self.mask.size), 0.0)  # touched now, not while it is timed
+        rows[0] = numbers(state)
+        done, self.seconds = self.write(np.append(rows[0, self.mask], knobs), rows[1:])
+        self.rows = rows[: done + 1]
+        if not in_range(self.rows):
+            self.rows = rows[: np.argmin(np.all(np.abs(self.rows) < LARGE, axis=1))]
+        return split(self.rows, self.shapes)
+
+    def fits(self, state):
+        return list(map(np.shape, state)) == self.shapes and not numbers(state)[~self.mask].any()
+
+
+def nonzero(state):
+    """Which numbers of a state are not always zero; a coordinate that all points lack is."""
+    if min(map(np.ndim, state)) < 2 or len({np.shape(x)[1:] for x in state}) > 1:
+        return [np.ones(np.shape(x), bool) for x in state]
+    along = np.any([np.any(x, axis=0) for x in state], axis=0)
+    return [np.broadcast_to(along, np.shape(x)) for x in state]
