@@ -219,11 +219,10 @@ def doubts(row, run):
             f"loads and centripetal loads; rods are off by {length(row['max_violation'])}, and "
             "right ones might need far less"
         )
-    if row["conserves"] and row["energy_step_max"] > JUMP:
-        share = per_cent(row["energy_step_max"])
-        jumps = np.abs(np.diff(run.energies))
-        first = np.argmax(jumps * row["energy_step_max"] > JUMP * np.max(jumps))
-        off = run.violations[first]
+    jumps = np.abs(np.diff(change_of_energy(row, run)))
+    highest = np.max(jumps, initial=0.0)
+    if row["conserves"] and highest > JUMP:
+        off = run.violations[np.argmax(jumps > JUMP)]  # before the first
         before = f"; rods had left the constraint by {length(off)}" if off > 1e-9 else ""
-        found.append(f"energy jumps by {share} of m g L in one step{before}")
+        found.append(f"energy jumps by {per_cent(highest)} of m g L in one step{before}")
     return found
