@@ -46,6 +46,12 @@ def test_a_picture_is_made_or_drawn_by_hand_or_by_a_study():
     )
 
 
+def test_all_pictures_are_in_one_style():
+    pictures = make.pictures()
+    assert {*pictures} == {*make_pictures.FOLDER.glob("*.svg")}
+    assert all(make_pictures.STYLE in picture for picture in pictures.values())
+
+
 def test_each_picture_stands_in_a_text():
     shown = set()
     for path in EVERY:
@@ -76,7 +82,8 @@ TABLE = """\
                worst    a step
 method                      us
 none            38 cm     1.38
-baumgarte     2.3 cm      2.11"""
+baumgarte     2.3 cm      2.11
+it is past its limit 0.828"""
 
 
 @pytest.mark.parametrize(
@@ -86,6 +93,7 @@ baumgarte     2.3 cm      2.11"""
         ("38 cm     1.38", "37 cm     1.38", True),
         ("baumgarte     2.3 cm", "impulse       2.3 cm", True),
         ("baumgarte     2.3 cm      2.11", "baumgarte   lost at 3.2 s", True),
+        ("limit 0.828", "limit 0.9", True),
     ],
 )
 def test_only_the_column_of_times_of_a_table_may_differ(there, now, differs):
