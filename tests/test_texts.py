@@ -140,6 +140,12 @@ def test_a_table_of_methods_follows_them():
     assert texts.filled(made) == made and "old" not in made
 
 
+def test_blocks_of_python_share_names_and_lines_above_are_the_last_ones():
+    first = "```python\nx = 1\nprint(x)\n```\n"
+    text = first + "\n```python\nprint(x + 1)\n```\n" + BLOCK.format("lines above", 0)
+    assert texts.filled(text) == text.replace("\n0\n", "\n2\n")
+
+
 def test_python_of_a_text_that_fails_names_its_line():
     with pytest.raises(OSError, match="the Python from line 3 on: NameError: name 'x' is not"):
         texts.filled("text\n\n```python\nprint(x)\n```\n")
@@ -167,6 +173,14 @@ def test_check_names_what_is_stale_and_writes_nothing_and_without_it_is_made(one
     assert one_text.read_text(encoding="utf-8") == before.replace("\n2\n", "\n3\n")
     assert make.main(["--check"]) == make.main([]) == 0
     assert capsys.readouterr().out == ""
+
+
+def test_a_file_that_is_not_there_is_stale_and_made(one_text, monkeypatch, capsys):
+    path = one_text.with_name("NEW.md")
+    monkeypatch.setattr(make, "MADE", {"NEW.md": lambda: {path: "new"}})
+    assert make.main(["--check"]) == 1 and make.main(["NEW.md"]) == 0
+    assert capsys.readouterr().out == "stale: NEW.md\nmade: NEW.md\n"
+    assert path.read_text(encoding="utf-8") == "new"
 
 
 @pytest.mark.parametrize(
