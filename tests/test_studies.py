@@ -286,6 +286,16 @@ def test_who_races_ends_within_the_error_and_the_ratios_are_printed(capsys):
         assert speed.distance(run()[1], known) < 1e-11
 
 
+def test_a_setting_that_is_not_within_its_error_does_not_race(monkeypatch, capsys):
+    for peer in "llvmlite", "heyoka":
+        pytest.importorskip(peer, reason=PEER)
+    monkeypatch.setattr(race, "SETTINGS", {1e-6: race.SETTINGS[1e-3]})
+    with pytest.raises(SystemExit, match="2"):
+        race.main([])
+    out, err = capsys.readouterr()
+    assert out == "" and "a setting is no longer within 1e-06 m: change SETTINGS" in err
+
+
 def test_heyoka_is_at_its_best_and_a_turn_is_in_microseconds():
     pytest.importorskip("heyoka", reason=PEER)
     assert race.taylor(1e-9).llvm_state.fast_math
@@ -293,46 +303,48 @@ def test_heyoka_is_at_its_best_and_a_turn_is_in_microseconds():
 
 
 # --- hard cases ---
-BOB = {  # at rest, 3 m from its anchor
-    "q0": np.array([[3.0, 0.0, 0.0]]),
-    "v0": np.zeros((1, 3)),
-    "m": np.array([[2.0]]),
-    "pairs": [(0, -1)],
-    "lengths": np.array([3.0]),
+BOBS = {  # at rest and level, on rods of 1 m and 3 m
+    "q0": np.array([[1.0, 0.0, 0.0], [4.0, 0.0, 0.0]]),
+    "v0": np.zeros((2, 3)),
+    "m": np.array([[0.5], [2.0]]),
+    "pairs": [(0, -1), (1, 0)],
+    "lengths": np.array([1.0, 3.0]),
     "anchors": np.zeros((1, 3)),
 }
-M_G_L = 2.0 * 9.81 * 3.0  # J, of BOB
-HELD = [  # how much too long the rod is at the end, in m, the energy gained, in J, what is missing
-    (0.029, 0.09 * M_G_L, 0, True),
-    (-0.031, 0.0, 0, False),
-    (0.031, 0.0, 0, False),
+MASSES = np.array([[0.7], [3.0]])  # kg, of a start
+M_G_L = (0.7 + 3.0) * 9.81 * (1.0 + 3.0)  # J
+HELD = [  # how much too long the last rod ends, in m; energy gained, in J; states that are missing
+    (0.009, 0.09 * M_G_L, 0, True),
+    (-0.011, 0.0, 0, False),
+    (0.011, 0.0, 0, False),
     (0.0, 0.11 * M_G_L, 0, False),
+    (0.0, -0.11 * M_G_L, 0, False),
     (0.0, 0.0, 1, False),
 ]
 
 
-def is_held(speed, stretch, energy, missing):
-    """What is_held says of a run that keeps its speed in m/s, but for its last state."""
-    start = np.array([[0.0, 0.0, speed]])
-    end = np.array([[0.0, 0.0, np.sqrt(speed**2 + energy)]])  # m v^2 / 2, of 2 kg
+def is_held(speed, stretch, gained, missing):
+    """What is_held says of a run whose last bob keeps its speed in m/s, but for the last state."""
+    start = np.zeros((2, 3))
+    start[1, 2] = speed
 
     def run(q, v, m, dt, steps):
         q = np.tile(q, (steps + 1, 1, 1))
         v = np.tile(v, (steps + 1, 1, 1))
-        q[-1, 0, 0] += stretch
-        v[-1] = end
+        q[-1, 1, 0] += stretch
+        v[-1, 1, 2] = np.sqrt(speed**2 + 2.0 * gained / MASSES[1, 0])
         return q[missing:], v[missing:]
 
-    return hard.is_held(BOB, run, start, BOB["m"], DT, 1.0)
+    return hard.is_held(BOBS, run, start, MASSES, DT, 1.0)
 
 
-@pytest.mark.parametrize(("stretch", "energy", "missing", "held"), HELD)
-def test_a_start_is_lost_by_rods_by_energy_or_by_an_end(stretch, energy, missing, held):
-    assert is_held(0.0, stretch, energy, missing) == held
+@pytest.mark.parametrize(("stretch", "gained", "missing", "held"), HELD)
+def test_a_start_is_lost_by_rods_by_energy_or_by_an_end(stretch, gained, missing, held):
+    assert is_held(4.0, stretch, gained, missing) == held
 
 
 def test_a_fast_start_is_held_to_its_kinetic_energy():
-    kinetic = 30.0**2  # J
+    kinetic = 0.5 * 3.0 * 30.0**2  # J
     assert is_held(30.0, 0.0, 0.09 * kinetic, 0) and not is_held(30.0, 0.0, 0.11 * kinetic, 0)
 
 
@@ -391,9 +403,9 @@ def test_what_is_said_of_the_hard_cases_follows_from_their_table():
 
 
 def test_in_space_a_start_is_pushed_along_all_axes():
-    system = BOB | {"q0": np.array([[0.0, 0.0, 3.0]])}
-    (v, _) = hard.starts(system, 3)[2]
-    assert np.abs(v[0, :2]).min() > 0.01 and v[0, 2] == pytest.approx(0.0, abs=1e-12)
+    system = BOBS | {"q0": BOBS["q0"][:, [1, 2, 0]]}  # level, along z
+    v, _ = hard.starts(system, 3)[2]
+    assert np.min(np.abs(v[:, :2])) > 0.01 and np.allclose(v[:, 2], 0.0, atol=1e-12)
 
 
 def test_a_step_that_is_compiled_once_runs_with_each_starts_masses_and_step():
@@ -413,6 +425,17 @@ def test_soft_is_mujocos_tendon_where_rods_are_right_and_nearly_where_they_are_n
     assert max(real.gaps(real.random_chain(np.random.default_rng(1), 4)).values()) < 1e-12
     off = real.gaps(real.random_chain(np.random.default_rng(1), 4, 0.01))
     assert 1e-4 < off["lambda |d|", "efc_force"] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("name", "method"), [("ours, impulse", "impulse"), ("ours, soft (MuJoCo)", "soft")]
+)
+def test_our_own_rows_are_the_pages_methods_and_the_worst_of_a_run_is_told(name, method):
+    system = c.build_system("triple", 5)
+    run = c.run_method(system, method, "semi_implicit", DT, 600)
+    gained = np.max(np.abs(run.energies - run.energies[0])) / (3.0 * 9.81 * 3.0)
+    found = real.worst(system, real.engines(DT)[name], 600)
+    assert found == pytest.approx([np.max(run.violations), gained], rel=1e-6)
 
 
 W = 2.0 * np.pi * min(60.0, 0.25 / DT)  # rad/s
