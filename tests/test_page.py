@@ -227,7 +227,7 @@ def double(pages):
 def still(double):
     """The page of the double pendulum, as the run was, at rest."""
     click(double, "As it was")
-    double.evaluate("clock.set(false); begin()")
+    double.evaluate("clock.set(false); run.begin()")
     return double
 
 
@@ -562,6 +562,17 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(still):
         assert "%" not in told(still)
 
 
+def test_a_bob_that_is_taken_at_its_edge_goes_as_far_as_the_mouse(still):
+    box = still.locator(".tile").nth(3).locator(".hand").last.bounding_box()
+    x, y = still.evaluate("run.copies[3].point(1)")
+    still.mouse.move(box["x"] + 34, box["y"] + 22)
+    still.mouse.down()
+    still.mouse.move(box["x"] + 34, box["y"] - 28)
+    place, scale = still.evaluate("[knobs.hand, run.copies[3].view.scale[0]]")
+    still.mouse.up()
+    assert place == pytest.approx([x, y + 50.0 / scale], abs=2.0 / scale)
+
+
 def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(still):
     focused, hand = "document.activeElement", still.locator(".tile").first.locator(".hand").last
     assert still.locator("a, button, input").first.inner_text() == "Play"
@@ -636,7 +647,7 @@ def test_a_question_has_its_slider_beside_it_and_stands_where_it_is_true(still, 
 
 def test_half_the_step_is_compared_at_the_same_time(still):
     click(still, "What does half the step buy?")
-    still.evaluate("clock.set(false); begin()")
+    still.evaluate("clock.set(false); run.begin()")
     steps(still, 200)
     for name in METHODS:
         worst = [np.max(run(name, dt, round(1.0 / dt)).violations) for dt in (0.005, 0.0025)]
