@@ -7,6 +7,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 import constraints as c
+from curriculum.ch3_4_constraints.pages import page
 from curriculum.ch3_4_constraints.results import output, palette, recording, table
 
 
@@ -80,6 +81,40 @@ def test_a_lost_method_leaves_the_picture_says_so_and_bends_no_axis(lost):
     ((low, high),) = blueprint[f"{views['energy']}/ScalarAxis"]["range"][0]
     alive = [seen[f"/energy/{x}"]["scalars"] for x in ("none", "impulse", "soft", "project")]
     assert high - low < 1.2 * np.ptp(alive) < np.max(seen["/energy/baumgarte"]["scalars"])
+
+
+def test_a_method_has_one_colour_in_recording_and_page_even_where_it_is_alone(tmp_path):
+    c.main(["--stabilization=soft", "--steps=60", "--no-page", f"--out={tmp_path}"])
+    seen = chunks(RrdReader(str(tmp_path / output.RECORDING)))
+    knobs = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02, "impedance": 0.95}
+    scene = page.scene_of(c, c.build_system("double"), "semi_implicit", knobs, {})
+    _, on_dark = palette.METHODS[scene["colors"]["soft"]]
+    for entity in "/methods/soft/particles", "/methods/soft/rods", "/energy/soft":
+        assert seen[entity]["colors"] == [[int(f"{on_dark[1:]}ff", 16)]]
+
+
+@pytest.mark.parametrize("system", ["double", "windows", "upright"])
+def test_what_moves_fills_its_view_and_each_plot_names_its_curves(system, tmp_path):
+    flags = f"--system={system}", "--stabilization=project", "--steps=400", "--no-page"
+    c.main([*flags, f"--out={tmp_path}"])
+    reader = RrdReader(str(tmp_path / output.RECORDING))
+    seen, blueprint = chunks(reader), chunks(reader, store=reader.blueprints()[0])
+    (eye,) = [x for key, x in blueprint.items() if key.endswith("EyeControls3D")]
+    ((position,),) = eye["position"]
+    ((target,),) = eye["look_target"]
+    places = np.concatenate(
+        [np.reshape(seen["/methods/project/particles"]["positions"], (-1, 3)), [c.PIVOT]]
+    )
+    assert np.allclose(position[:2], target[:2])
+    away = np.linalg.norm(np.subtract(position, target))
+    half = away * np.tan(np.radians(27.5))  # m, of Rerun's eye at that distance, up and down
+    far = np.max(np.abs(places[:, :2] - target[:2]) / [1.5 * half, half])
+    assert 0.8 < far < 0.95
+    legends = [x for key, x in blueprint.items() if key.endswith("PlotLegend")]
+    assert len(legends) == len(recording.TITLES)
+    assert not any(legend.get("visible") == [[False]] for legend in legends)
+    for plot in recording.TITLES:
+        assert seen[f"/{plot}/project"]["names"] == [["project"]]
 
 
 @pytest.mark.parametrize(("steps", "shown"), [(600, 180), (20_000, 3600)])

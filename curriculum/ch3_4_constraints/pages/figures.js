@@ -276,7 +276,7 @@ figures.solve = figure => {
     }
     d.forEach((along, k) => {
       const aside = times(across(along), dot(across(along), away) > 0 ? -20 : 20);
-      const place = plus(rods.point(k - 1), along, 0.65); // apart, even if the rods are folded
+      const place = plus(rods.point(k - 1), along, 0.7); // apart, even if the rods are folded
       stage.symbol("λ" + "₀₁"[k], place, "lambda", aside);
     });
     rods.points.forEach((point, k) => stage.arrow(point, times(v[k], 0.15), "v", 2));
@@ -511,12 +511,10 @@ figures.one_step = figure => {
       stage.line([[0, 0], at], color(k), 1, [2, 5]);
       stage.disc(at, 6, color(k));
     }
-    for (const {at, k} of seen) { // what a method does after its step
-      const from = posts[methods[k]] && ends[methods.indexOf(same_step[methods[k]])].at;
-      if (!from) continue;
-      stage.arrow(from, plus(at, from, -1), "lambda", 3);
-      const half = times(plus(from, at), 0.5);
-      stage.words("−M⁻¹ J₀ᵀ μ", half, "lambda", [-12, 0], "right", ITALIC);
+    for (const {at, k} of seen.filter(({k}) => posts[methods[k]])) { // what it does after its step
+      const from = ends[methods.indexOf(same_step[methods[k]])].at, move = plus(at, from, -1);
+      stage.arrow(from, move, "lambda", 3);
+      ends[k].words += `, moved by ${metric(size(move))}: ${symbol("λ", "−M⁻¹ J₀ᵀ μ")}`;
     }
     let low = 0; // pixels: the last name, since they stand one below the other, in sight
     for (const [place, {at, k}] of seen.toSorted((a, b) => b.at[1] - a.at[1]).entries()) {
@@ -526,10 +524,9 @@ figures.one_step = figure => {
       stage.line([at, plus(beside, [-100 / stage.scale[0], 0])], color(k), 1);
       stage.words(methods[k], beside, color(k), [-8, 0], "right");
     }
-    const before = make("p", {className: "whole",
-      textContent: `Before the step the rod is ${offBy(size(d) - 1)}. After it:`});
-    const rows = ends.map(({words}, k) => make("p", {}, nameOf(methods[k]), ` ${words}`));
-    stage.says.replaceChildren(before, row("rows", ...rows));
+    const rows = ends.map(({words}, k) => `<p>${nameOf(methods[k]).outerHTML} ${words}</p>`);
+    stage.says.innerHTML = `<p class="whole">Before the step the rod is ${offBy(size(d) - 1)}.
+      After it:</p><div class="rows">${rows.join("")}</div>`;
   });
   const put = (...state) => {
     [d, v] = state;

@@ -29,7 +29,8 @@ MOVING = """<style>.still { display: none }
 @media (prefers-reduced-motion: reduce), print {
 .still { display: inline } .moves { display: none } }</style>"""
 SYMBOLS = """<style>:root { --v: #0a7d46; --lambda: #b35200; }
-@media (prefers-color-scheme: dark) { :root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
+@media screen and (prefers-color-scheme: dark) {
+:root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
 MOVES = re.compile('<path class="moves".*?</path>\n')
 
 
@@ -64,6 +65,14 @@ class Sheet:
     def line(self, points, colour, width=6, dash=""):
         style = f"stroke-dasharray:{dash}" if dash else "stroke-linecap:round"
         self.path(["M" + "L".join(map(self.at, points))], colour, width, style)
+
+    def arrow(self, start, end, colour):
+        along = np.subtract(end, start)[:2]
+        back = -22 / np.linalg.norm(along * self.scale) * along
+        aside = 0.5 * np.array([-back[1], back[0]])
+        left = end[:2] + back + aside
+        right = end[:2] + back - aside
+        self.line([start, end, left, end, right], colour)
 
     def path(self, frames, colour, width, more="", dt=0.0):
         style = f"stroke:var(--{colour});stroke-width:{width};{more}".rstrip(";")
@@ -118,15 +127,16 @@ def chart(name, curves, x_ticks, y_ticks, y_name):
     sheet.write(name)
 
 
-def tiles(name, scene, begin, end, every=1, upright=None):
+def tiles(name, scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps.
 
     `upright`: a particle that should keep its x, if there is one. A dashed line says where.
     """
     system = c.build_system(scene)
     frames = np.arange(begin / DT, end / DT + 1, every, dtype=int)
-    runs = {method: run(system, method, steps=frames[-1]) for method in METHODS}
-    seen = np.vstack([*system["anchors"], *(q for x in runs.values() for q in x.q[frames])])
+    runs = [run(system, method, steps=frames[-1]) for method in methods]
+    places = [found.q[frames[frames < len(found.q)]].reshape(-1, 3) for found in runs]
+    seen = np.vstack([system["anchors"], *places])
     low = seen.min(axis=0) - 0.2
     high = seen.max(axis=0) + 0.2
     wide, tall, _ = high - low + [0.0, 0.24 * (high - low)[0], 0.0]  # with two lines of words
@@ -138,7 +148,7 @@ def tiles(name, scene, begin, end, every=1, upright=None):
     def place(k):
         return np.array([k % COLUMNS * wide, -(k // COLUMNS) * tall, 0.0])
 
-    for k, (method, found) in enumerate(runs.items()):
+    for k, (method, found) in enumerate(zip(methods, runs, strict=True)):
         shift = place(k)
         colour = METHODS[method]
         q = found.q[np.minimum(frames, len(found.q) - 1)]  # a run that is lost stays where it was
@@ -181,7 +191,7 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
     round_ = [(np.cos(x), np.sin(x)) for x in np.linspace(-np.pi, 0.0, 60)]
     sheet.line(round_, "reference", 3, "2 10")
     sheet.line([(0, 0), d], "reference", 6)
-    sheet.line([d, np.add(d, dt * np.array(v))], "v", 5)
+    sheet.arrow(d, np.add(d, dt * np.array(v)), "v")
     ends = {}
     for name, method in c.make_methods(dt, baumgarte).items():
         step = c.stabilized(c.semi_implicit_step, system, method)
@@ -202,7 +212,7 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
     plain = ends[next(iter(ends))][0]
     for name, method in c.make_methods(dt).items():
         if method.post_step:  # from where the step ended without it
-            sheet.line([plain, ends[name][0]], "lambda", 7)
+            sheet.arrow(plain, ends[name][0], "lambda")
     sheet.line([(0, 0), (0, 0)], "reference", 16)
     sheet.line([d, d], "ink", 26)
     sheet.write("one_step")

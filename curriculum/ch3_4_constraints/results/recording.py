@@ -18,12 +18,19 @@ FRAME_RATE = 60  # states shown in a simulated second,
 FEW, MANY = 50, 3600  # but at least so many, if there are, and at most
 POINTS = 300_000  # of particles, at most, in all states of a method
 TRAIL = 1.0  # s of the last particle's path
-AWAY = 1.15  # from what is seen, in its own sizes: Rerun's eye has about as much in view
+FIELD_OF_VIEW = np.radians(55.0)  # from top to bottom, of Rerun's eye
+WIDE = 1.5  # a view is at least so many times as wide as high, as the layout has it
+MARGIN = 1.15  # around what is seen
 FLOOR = 1e-12  # m: no smaller rod error is plotted
 TITLES = {
     "violation": "worst rod error, log10 of metres: -3 is 1 mm",
     "energy": "energy error, share of m g L",
     "tension": "tension of the first rod, N: below 0 it pushes",
+}
+LEGENDS = {  # where no curve is, as a rule: errors grow, and pulls peak late
+    "violation": rrb.Corner2D.RightBottom,
+    "energy": rrb.Corner2D.LeftBottom,
+    "tension": rrb.Corner2D.LeftTop,
 }
 GUIDE = """**{title}**
 
@@ -75,7 +82,8 @@ def fill(stream, args, system, runs, results, chapter):
     values = {plot: [] for plot in TITLES}
     for name, run in runs.items():
         color = rgb(palette.METHODS[[*methods].index(name) % len(palette.METHODS)])
-        key, shown = rr.escape_entity_path_part(name), frames(run)
+        key = rr.escape_entity_path_part(name)
+        shown = frames(run)
         seconds = shown * run.dt
         for entity, style, rows in drawn(system, run, shown, color, ball):
             send(stream, f"methods/{key}/{entity}", seconds, rows, style)
@@ -136,13 +144,13 @@ def blueprint(results, seen, values):
     them the plots, whose axes fit the `values`."""
     size = np.ptp(seen, axis=0)
     middle = np.min(seen, axis=0) + 0.5 * size
-    away = [0.0, 0.0, 0.5 * size[2] + AWAY * np.max(size)]
+    height = MARGIN * max(size[1], size[0] / WIDE)
+    away = [0.0, 0.0, 0.5 * size[2] + 0.5 * height / np.tan(0.5 * FIELD_OF_VIEW)]
     eye = rrb.EyeControls3D(position=middle + away, look_target=middle, eye_up=[0.0, 1.0, 0.0])
     begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-TRAIL, 0.0))
     trail = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)])
     dark = rgb(palette.PAPER)
-    bare = {"background": rrb.archetypes.PlotBackground(color=dark)}
-    bare["plot_legend"] = rrb.PlotLegend(visible=False)  # each view shows its method's colour
+    ground = rrb.archetypes.PlotBackground(color=dark)
     views = []
     for name, row in results.items():
         key = rr.escape_entity_path_part(name)
@@ -162,8 +170,14 @@ def blueprint(results, seen, values):
     for plot, title in TITLES.items():
         least, most = np.quantile(values[plot], (0.002, 0.998))  # a spike may be cut off
         room = 0.05 * (most - least) or 1.0
-        axis = rrb.ScalarAxis(range=(least - room, most + room))
-        plots.append(rrb.TimeSeriesView(name=title, origin=plot, axis_y=axis, **bare))
+        view = rrb.TimeSeriesView(
+            name=title,
+            origin=plot,
+            axis_y=rrb.ScalarAxis(range=(least - room, most + room)),
+            plot_legend=rrb.PlotLegend(LEGENDS[plot]),
+            background=ground,
+        )
+        plots.append(view)
     panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing")
     sides = rrb.Grid(*views, grid_columns=2), rrb.Vertical(*plots)
     return rrb.Blueprint(rrb.Horizontal(*sides, column_shares=[3, 2]), panel, collapse_panels=True)
