@@ -427,7 +427,7 @@ def test_an_answer_whose_rods_are_wrong_later_says_so():
     for setting in choice["settings"]:
         setting["rods"] = 1e-4
     holds = answer.answers(choice, {"colors": {}})["1 mm"]["holds"]
-    assert holds.startswith("Rods alone, within 1 mm for 20 s: semi_implicit with none at 20 ms, ")
+    assert holds.startswith("If rods alone matter, within 1 mm for 20 s: semi_implicit")
     assert holds.endswith("energy 35 %.")
 
 
