@@ -54,6 +54,18 @@ def solved(monkeypatch):
     return fill
 
 
+@pytest.mark.parametrize("name", CHECKS)
+def test_the_answers_are_right(name, solved, capsys):
+    assert checks.verdict(CHECKS[name], solved(name)) == 0
+    assert capsys.readouterr().out.endswith("\nsolved\n")
+
+
+def test_a_launch_angle_that_is_higher_is_higher():
+    level = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
+    turned = import_module(f"{PACKAGE}.ex3_chaos").turned(level, 0.5)
+    assert np.allclose(turned["q0"], [[np.cos(0.5), np.sin(0.5), 0.0]])
+
+
 def test_a_solution_is_right_under_a_drag_of_ones_own(solved, monkeypatch, capsys):
     monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
     assert checks.verdict(checks.solve, solved("ex2_solve")) == 0
@@ -67,6 +79,16 @@ def test_xpbd_keeps_the_length_of_a_free_rod_and_the_momentum_of_its_ends():
     q, v = xpbd_step(rod, rod["q0"], rod["v0"], 0.01)
     assert np.allclose(c.rod_lengths(rod, q), rod["lengths"], rtol=1e-14)
     assert np.allclose(np.sum(m * v, axis=0), np.sum(m * (rod["v0"] + 0.01 * c.GRAVITY), axis=0))
+
+
+def test_sub_steps_of_xpbd_are_so_many_short_steps():
+    chain = checks.random_chain(np.random.default_rng(0), 3)
+    q = chain["q0"]
+    v = chain["v0"]
+    at_once = xpbd_step(chain, q, v, 0.03, substeps=3)
+    for _ in range(3):
+        q, v = xpbd_step(chain, q, v, 0.01)
+    assert np.allclose(at_once, (q, v), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("name", "blank", "mistake"), MISTAKES)

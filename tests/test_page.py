@@ -15,7 +15,7 @@ from conftest import SCREENS, click, contrast
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.pages import answer, page
-from curriculum.ch3_4_constraints.results import advice, output, palette, table
+from curriculum.ch3_4_constraints.results import advice, output, palette, recording, table
 
 USUAL = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02}
 BITS = [("double", "rk4"), ("jansen_leg", "semi_implicit")]
@@ -105,11 +105,37 @@ def test_a_chapter_needs_the_names_that_are_listed_and_the_knobs_that_it_has():
 
     own = {name: getattr(c, name) for name in output.CHAPTER}
     chapter = SimpleNamespace(**own | {"make_methods": methods})
-    system = c.build_system("double")
+    args, system = c.parse_args(["--dt", "0.01", "--steps", "100"])
+    args.knobs = {"stiffness": 30.0}
     knobs = {"dt": 0.01, "stiffness": 30.0}
     found = states(chapter, system, "semi_implicit", 100, knobs, stiffness=60.0)
     run = c.run_method(system, "baumgarte", "semi_implicit", 0.01, 100, baumgarte=60.0)
     assert np.array_equal(found["spring"], [run.q[-1], run.v[-1]])
+    results = {"spring": {"stopped": None, "max_violation": 0.0}}
+    assert recording.record(args, system, {"spring": run}, results, "", chapter)
+    choice = choosing.choose(chapter, system, 1.0, 0.01, 100, args.knobs)
+    assert {x.method for x in choice.settings} == {"none", "spring"}
+
+
+def test_a_page_lives_whatever_the_names_in_the_readers_loops_are():
+    def smaller(new, var, let, this, function, const, state, Math, t1):
+        return var, let, this, function, const, state, Math, t1, 0.5 * new
+
+    def is_large(new, *others):
+        return new > 0.1
+
+    def settle(system, q_start, q, v, dt):
+        start = [q[0, 0] * k for k in range(1, 10)]
+        end = c.while_loop(is_large, smaller, *start, most=99, failure="none")
+        return q, v * (1.0 + 1e-3 * end[0] + 1e-3 * end[8])
+
+    own = {"mine": c.Method(c.make_force, "settles", settle)}
+    chapter = edited(make_methods=lambda **knobs: own)
+    system = c.build_system("double")
+    found = states(chapter, system, "semi_implicit", 20)["mine"]
+    step = c.stabilized(c.semi_implicit_step, system, own["mine"])
+    run = c.simulate(step, system, c.make_force(system), 0.005, 20)
+    assert found == pytest.approx(np.array([run.q[-1], run.v[-1]]), abs=1e-12)
 
 
 def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
@@ -129,6 +155,12 @@ def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
     assert "branches on a value" in refused(system, lambda system, q, v: q if q[0, 0] > 0 else -q)
     system["v0"][1, 2] = 1.0
     assert "in the plane z = 0 only" in refused(system)
+
+
+def test_a_page_begins_with_what_its_scene_is():
+    assert page.about({"about": "A leg of wood. It walks."}) == "A leg of wood"
+    assert page.about(c.build_system("double")) == "2 bobs, 2 kg, on 2 m of rods"
+    assert page.about(c.build_system("pendulum")) == "1 bob, 1 kg, on 1 m of rods"
 
 
 def test_energy_should_stay_where_gravity_and_loads_alone_act():
@@ -239,7 +271,9 @@ def drawn(shown, stage, kind, color=None):
 
 @pytest.mark.parametrize(("size", "theme"), SCREENS)
 def test_the_first_screen_is_tiles_that_fit_it_in_legible_words(pages, size, theme):
-    shown = pages(edited=True, viewport=size, color_scheme=theme, device_scale_factor=2)
+    shown = pages(
+        "--steps", "9", edited=True, viewport=size, color_scheme=theme, device_scale_factor=2
+    )
     boxes = [tile.bounding_box() for tile in shown.locator(".tile").all()]
     seen = sum(x["width"] * (min(size["height"], x["y"] + x["height"]) - x["y"]) for x in boxes)
     assert len(boxes) == len(METHODS) and seen >= 0.4 * size["width"] * size["height"]
@@ -257,16 +291,29 @@ def test_the_first_screen_is_tiles_that_fit_it_in_legible_words(pages, size, the
     shown.wait_for_function("x => ink('ink').includes(x)", arg=palette.INK[theme == "light"])
 
 
+def test_on_paper_it_is_light_and_without_what_only_a_screen_can_do(pages):
+    shown = pages("--steps", "9", choice=chosen(), color_scheme="dark")
+    shown.emulate_media(media="print", color_scheme="dark")
+    assert shown.evaluate("ink('ink')") == palette.INK[0]
+    assert not any(x.is_visible() for x in shown.locator("button, input, #say").all())
+    for kept in "#says", "#found tbody", "#ladder", "#title":
+        assert shown.locator(kept).first.is_visible()
+
+
 def test_it_opens_at_the_step_of_the_run_and_says_so(pages):
     for flags, facts in (
         ((), "semi_implicit, steps of 5 ms, the run’s."),
         (("--dt", "0.0125"), "semi_implicit, steps of 12.5 ms, the run’s."),
         (("--integrator", "rk4"), "rk4, steps of 5 ms, the run’s. impulse is left out: it is made"),
     ):
-        shown = pages(*flags)
+        shown = pages(*flags, "--steps", "9")
         assert shown.locator("#facts").inner_text().startswith(facts)
     colors = shown.locator("figcaption b").evaluate_all("all => all.map(x => x.className)")
     assert colors == [f"m{k}" for k, x in enumerate(METHODS) if x != "impulse"], "each its own"
+    assert (
+        shown.locator("#found [scope=row]").evaluate_all("all => all.map(x => x.className)")
+        == colors
+    )
 
 
 def cells(text, table):
@@ -277,10 +324,12 @@ def cells(text, table):
 
 
 def test_terminal_metrics_and_page_say_the_same_of_a_run(tmp_path, capsys):
-    c.main(["--baumgarte", "400", "--no-rerun", f"--out={tmp_path}"])
+    flags = ["--baumgarte", "400", "--dt", "0.004", "--steps", "2500", "--no-rerun"]
+    c.main([*flags, f"--out={tmp_path}"])
     printed = capsys.readouterr().out.splitlines()
     metrics = json.loads((tmp_path / output.METRICS).read_text())
     text = (tmp_path / output.PAGE).read_text()
+    assert "<caption>The run: semi_implicit, 10 s in steps of 4 ms." in text
     for name, found in cells(text, 0).items():
         row = metrics["results"][name]
         [line] = [x for x in printed if x.split(" ")[0] in (name, f"{name}*")]
@@ -367,6 +416,21 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
     assert exact["1 nm"]["says"] == "Right to 1 nm after 2 s: nothing is, down to steps of 5 ms."
 
 
+def test_an_answer_whose_rods_are_wrong_later_says_so():
+    choice = chosen()
+    for setting in choice["settings"]:
+        setting["rods"] = 0.044
+        setting["energy"] = 0.35
+    found = answer.answers(choice, {"colors": {}})
+    assert "project at 40 ms (its rods, 4.4 cm off later); with" in found["1 mm"]["says"]
+    assert found["1 mm"]["holds"] == ""
+    for setting in choice["settings"]:
+        setting["rods"] = 1e-4
+    holds = answer.answers(choice, {"colors": {}})["1 mm"]["holds"]
+    assert holds.startswith("Rods alone, within 1 mm for 20 s: semi_implicit with none at 20 ms, ")
+    assert holds.endswith("energy 35 %.")
+
+
 def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why():
     choice = chosen(why="chaos decides")
     for setting in choice["settings"]:
@@ -377,7 +441,7 @@ def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why()
 
 
 def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
-    shown = pages(choice=chosen())
+    shown = pages("--steps", "9", choice=chosen())
     tolerances = shown.locator("#tolerances button")
     assert tolerances.all_inner_texts() == ["1 cm", "1 mm", "100 µm", "1 µm"]
     pressed = "all => all.filter(x => x.ariaPressed === 'true').map(x => x.textContent)"
@@ -393,9 +457,9 @@ def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
 
 
 def test_without_an_answer_stands_the_command_that_finds_one(pages):
-    shown = pages("--system", "triple", "--dt", "0.01", "--out", "elsewhere")
+    shown = pages("--out=one", "--system", "triple", "--out", "two", "--steps", "9")
     assert (
-        shown.locator("#says code").inner_text().endswith(" --system triple --dt 0.01 --within 1mm")
+        shown.locator("#says code").inner_text().endswith(" --system triple --steps 9 --within 1mm")
     )
     assert shown.locator("#tolerances button, #ladder").count() == 0
 
@@ -413,6 +477,13 @@ def test_as_it_was_has_the_numbers_of_the_run_and_draws_its_pose(still):
         assert still.locator(".off").nth(k).inner_text() == expected
         away = np.max(np.linalg.norm(found.q - fine, axis=-1))
         assert f"{name} {metres(away)}" in told(still)
+    click(still, "Energy")
+    for name in METHODS:
+        energies = run(name, 0.005, 400).energies
+        change = (energies - energies[0]) / (2 * 9.81 * 2)  # of m g L
+        most = change[np.argmax(np.abs(change))]
+        sign = "+" if most > 0 else "−"
+        assert f"{name} {sign}{table.per_cent(abs(most))}" in told(still)
     tile, found = "run.copies[1].view", run("baumgarte", 0.005, 400)
     for color, places in ("ink", found.q[-1]), ("reference", fine[-1]):
         lines = [x["at"] for x in drawn(still, tile, "line", color)]
@@ -455,6 +526,15 @@ def test_a_method_that_is_lost_says_when_and_why_and_what_helps(still):
     assert [x != "" for x in lost.all_inner_texts()] == [x == "baumgarte" for x in METHODS]
     words = f"lost at {when:.2f} s: its rods flew apart. Try a shorter step."
     assert lost.nth(1).inner_text() == words and "baumgarte lost" in told(still)
+    changed = still.evaluate("""() => {
+      const seen = new MutationObserver(() => {});
+      for (const live of document.querySelectorAll("[aria-live=polite]")) {
+        seen.observe(live, {childList: true, characterData: true, subtree: true});
+      }
+      for (let k = 0; k < 9; k++) { run.step(); drawing.draw(); }
+      return seen.takeRecords().length;
+    }""")
+    assert changed == 0, "it is announced once"
     assert still.locator(".tile").nth(1).locator("[inert] .hand").count() == 2, "no longer pulled"
     still.evaluate("run.copies[4].state.set([1e4, 0, 0, 1e4, 0, 0], 6)")  # m/s
     steps(still, 1)
@@ -499,7 +579,7 @@ def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(still):
 
 def test_a_finger_takes_the_nearest_bob_of_all_and_scrolls_where_none_is_near(pages):
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
-    shown = pages("--system", "windows", **phone)
+    shown = pages("--system", "windows", "--steps", "9", **phone)
     tile = shown.locator(".tile").first
     hands = tile.locator(".hand")
     many = len(c.build_system("windows")["m"])
@@ -515,7 +595,9 @@ def test_a_finger_takes_the_nearest_bob_of_all_and_scrolls_where_none_is_near(pa
 
 
 def test_sliders_set_exact_values_say_them_and_begin_again_if_they_must(pages):
-    shown = pages("--dt", "0.0033", "--baumgarte", "17.3", "--time-constant", "0.0271")
+    shown = pages(
+        "--steps", "9", "--dt", "0.0033", "--baumgarte", "17.3", "--time-constant", "0.0271"
+    )
     steps(shown, 1)
     shown.locator("#baumgarte input").fill("11")
     assert shown.evaluate("[knobs.baumgarte, run.taken]") == [320, 1]
@@ -546,7 +628,7 @@ def test_a_question_has_its_slider_beside_it_and_stands_where_it_is_true(still, 
     def braked(system, q, v=None):
         return c.external_force(system, q, v) - 0.5 * v
 
-    shown = pages("--dt", "0.02", chapter=edited(external_force=braked))
+    shown = pages("--steps", "99", chapter=edited(external_force=braked))
     assert shown.locator("#questions").get_by_text("energy").count() == 0
     energies = shown.locator("#found td:nth-child(4)").all_inner_texts()
     assert {*energies} == {"–"}

@@ -13,6 +13,7 @@ from curriculum.ch3_4_constraints.mechanics import scene_files
 from curriculum.ch3_4_constraints.mechanics.scene_files import LARGEST, MOST_ENTRIES, parse_scene
 from curriculum.ch3_4_constraints.mechanics.statics import refusal
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError, check_system
+from curriculum.ch3_4_constraints.pages import page
 
 GOOD = """{"anchors": [[0, 0, 0]],
  "particles": [{"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 2}, {"position": [2, 0, 0]}],
@@ -53,6 +54,14 @@ def test_a_file_may_load_its_particles(tmp_path):
     system = c.build_system(tmp_path / "scene.json")
     assert system["load"].tolist() == [[3.0, -4.0, 0.5], [0.0, 0.0, 0.0]]
     assert "load" not in c.build_system("braced")
+
+
+def test_a_scene_without_words_has_none(tmp_path):
+    for about in ('"about": ""', '"about": "  "'):
+        (tmp_path / "scene.json").write_text(GOOD.replace("}]}", "}], " + about + "}"))
+        system = c.build_system(tmp_path / "scene.json")
+        assert "about" not in system and page.about(system) == "2 bobs, 3 kg, on 2 m of rods"
+    assert "about" in c.build_system("braced")
 
 
 STAR = {"pairs": [(k, 0) for k in range(1, 101)], "lengths": np.ones(100)}

@@ -11,7 +11,7 @@ from conftest import ROOT
 
 import constraints as c
 from curriculum.ch3_4_constraints import make
-from curriculum.ch3_4_constraints.pictures import make_pictures, work_precision
+from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.studies import __main__ as studies
 from curriculum.ch3_4_constraints.studies import hard_cases as hard
 from curriculum.ch3_4_constraints.studies import race
@@ -51,20 +51,21 @@ def test_a_run_ends_when_it_should_however_many_steps_it_takes(steps):
     assert np.allclose(q, system["q0"] + 5.0 * system["v0"], rtol=0.0, atol=1e-9) and seconds > 0.0
 
 
-def setting(dt, error, seconds):
-    return speed.Setting(dt, error, 0.0, [seconds])
+def settings(name, *rows):
+    """{name: Settings} of rows of a step in s, an error in m and a time in s."""
+    return {name: [speed.Setting(name, dt, error, 0.0, [seconds]) for dt, error, seconds in rows]}
 
 
 def test_a_sentence_names_who_is_quickest_and_who_as_quick_with_ms_of_all_steps_and_of_one():
     """A setting counts if the next finer one is as good."""
-    found = {
-        "slow": [setting(0.01, 1e-7, 0.3), setting(0.005, 1e-8, 0.6)],
-        "quick": [setting(0.005, 1e-7, 0.0021), setting(0.0025, 1e-8, 0.0042)],
-        "near": [setting(0.005, 1e-7, 0.0022), setting(0.0025, 1e-8, 0.0044)],
-        "lucky": [setting(0.02, 1e-7, 1e-6), setting(0.01, 0.1, 2e-6)],
-    }
-    assert speed.quickest(found, 1e-6) == "to 1 um: quick 2.1/5, near 2.2/5"
+    found = settings("slow", (0.01, 1e-7, 0.3), (0.005, 1e-8, 0.6))
+    found |= settings("quick", (0.005, 1e-7, 0.0021), (0.0025, 1e-8, 0.0042))
+    found |= settings("near", (0.005, 1e-7, 0.0023), (0.0025, 1e-8, 0.0044))
+    found |= settings("lucky", (0.02, 1e-7, 1e-6), (0.01, 0.1, 2e-6))
+    assert speed.quickest(found, 1e-6) == "to 1 µm: quick 2.1/5, near 2.3/5"
     assert speed.quickest(found, 1e-9) == "to 1 nm: nobody"
+    found |= settings("as quick and better", (0.005, 1e-9, 0.0022), (0.0025, 1e-9, 0.0044))
+    assert speed.quickest(found, 1e-6).startswith("to 1 µm: as quick and better 2.2/5, quick")
 
 
 def test_references_are_where_joint_angles_have_the_particles():
@@ -120,26 +121,150 @@ def test_a_force_that_mujocos_peers_would_leave_out_is_refused(monkeypatch):
         speed.peers(SCENES["double"], 1.0)["MuJoCo hinges"](10)
 
 
-def test_a_diagram_has_a_line_a_pair_as_steep_as_its_order(monkeypatch, tmp_path):
-    monkeypatch.setattr(make_pictures, "FOLDER", tmp_path)
+def drawn(monkeypatch, tmp_path, *more):
+    """What is drawn of lines of order 1 and 4, of a peer and of some more lines."""
     steps = [0.02 * 0.5**k for k in range(12)]
-    found = {
-        f"{rule} {method}": [setting(dt, 1e3 * dt**order, 1e-4 / dt) for dt in steps]
-        for rule, order in (("semi", 1), ("rk4", 4))
-        for method in ("none", "project")
-    }
-    work_precision.draw("double", 5.0, found)
-    text = (tmp_path / "work_precision_double.svg").read_text("utf-8")
-    guides, drawn = [], []
-    for data, colour in re.findall(r'd="M([-\d L]+)" style="stroke:var\(--(\w+)\)', text):
+    found = {}
+    for rule, order in ("semi", 1), ("rk4", 4):
+        for method in "none", "project":
+            rows = [(dt, 30.0 * dt**order, 1e-5 / dt) for dt in steps]
+            found |= settings(f"{rule} {method}", *rows)
+    found |= settings("MuJoCo hinges", *[(dt, 30.0 * dt**4, 1e-3 / dt) for dt in steps])
+    for line in more:
+        found |= line
+    measured = speed.Measured("double", 5.0, found, 1e-13, 1.0, {}, 0.005, 5)
+    return work_precision.text_of(measured, speed.GOALS, speed.winners), found
+
+
+def lines_of(text):
+    """[(points (n, 2), style)] of the lines of three points or more in a drawing."""
+    lines = []
+    for data, style in re.findall(r'd="M([-\d L]+)" style="([^"]*)"', text):
         points = np.array([point.split() for point in data.split("L")], float)
-        wide, high = points[-1] - points[0]
-        if colour == "reference" and wide and high:
-            guides.append(high / wide)
-        elif colour != "reference" and len(points) > 2:
-            drawn.append(high / wide)
-    assert len(guides) == 3  # of orders 1, 4 and 16
-    assert np.allclose(drawn, [guides[0]] * 2 + [guides[1]] * 2, rtol=0.05)
+        if len(points) > 2:
+            lines.append((points, style))
+    return lines
+
+
+def test_a_diagram_rises_to_the_right_as_an_order_has_it(monkeypatch, tmp_path):
+    """Half the step takes twice the time, and has 1/2 or 1/16 of the error."""
+    text, _ = drawn(monkeypatch, tmp_path)
+    slopes = []
+    for points, _ in lines_of(text):
+        wide, high = points[4] - points[0]
+        slopes.append(-high / wide)
+    slopes = sorted(slopes)
+    assert np.allclose(slopes[-1], 4.0 * np.array(slopes[:3]), rtol=0.05)
+
+
+def test_a_diagram_names_what_is_quickest_in_its_colour_and_leaves_the_others_grey(
+    monkeypatch, tmp_path
+):
+    quick = settings("rk4 baumgarte", (0.02, 5e-4, 1e-5), (0.01, 4e-4, 2e-5))
+    text, found = drawn(monkeypatch, tmp_path, quick)
+    colours = dict(re.findall(r'style="[^"]*fill:var\(--(\w+)\)">([\w ]+), [\d.]+ ms<', text))
+    winners = {goal: speed.winners(found, goal)[0] for goal in speed.GOALS[:3]}
+    assert winners[1e-3].name == "rk4 baumgarte" and winners[1e-6].name == "rk4 none"
+    assert set(colours.values()) >= {x.name for x in winners.values()}
+    assert "double: quickest to 1 mm is rk4 baumgarte<" in text
+    bold = re.findall(r"<text [^>]*font-weight:bold[^>]*>([^<]*)<", text)
+    assert "1 mm" in bold and f"rk4 baumgarte, {1e3 * winners[1e-3].dt:g} ms" in bold
+    grey = [style for _, style in lines_of(text) if "--reference" in style]
+    names = {x.name for x in winners.values()}
+    assert len(grey) == len(found) - len(names)
+    peer = work_precision.shown(found["MuJoCo hinges"])
+    assert text.count(work_precision.OPEN) == len(peer) > 5
+    assert "open circles: MuJoCo" in text and ">MuJoCo hinges<" in text
+
+
+def test_words_of_a_diagram_are_read_on_a_phone(monkeypatch, tmp_path):
+    """350 pixels remain of 390 between the margins of a page; 11 is the least."""
+    text, _ = drawn(monkeypatch, tmp_path)
+    wide = float(re.search(r'viewBox="0 0 (\d+)', text)[1])
+    sizes = [float(x) for x in re.findall(r"font(?:-size)?: (\d+)px", text)]
+    size = max(sizes)
+    assert min(sizes) * 350.0 / wide >= 11.0
+    for x, anchor, words in re.findall(
+        r'<text x="(\d+)"[^>]*text-anchor="(\w+)"[^>]*>([^<]*)<', text
+    ):
+        half = 0.25 * size * len(words)  # letters are half as wide as high
+        left = float(x) - {"start": 0.0, "middle": half, "end": 2.0 * half}[anchor]
+        assert left >= 0.0 and left + 2.0 * half <= wide, words
+
+
+def test_a_name_that_no_table_has_is_drawn_like_the_others():
+    assert work_precision.look("rk5 none") == work_precision.look("MuJoCo hinges")
+    looks = [work_precision.look(name) for name in speed.STEPS]
+    assert len({*looks}) >= len(c.INTEGRATORS) * len(c.make_methods()) - 3  # of impulse
+
+
+def quick_study(tmp_path, *flags):
+    speed.main(
+        ["--system", "pendulum", "--seconds", "0.5", "--quick", "--out", str(tmp_path), *flags]
+    )
+
+
+def test_a_scene_of_ones_own_is_printed_and_written_with_its_diagram(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        speed, "STEPS", {name: speed.STEPS[name] for name in ("rk4 none", "rk4 project")}
+    )
+    scene = tmp_path / "swing.json"
+    scene.write_text(
+        json.dumps(
+            {
+                "anchors": [[0, 0, 0]],
+                "particles": [{"position": [0.0, 0.0, 0.3]}, {"position": [0.2, 0.0, 0.3]}],
+                "rods": [{"pair": [0, -1]}, {"pair": [1, 0]}],
+            }
+        )
+    )
+    quick_study(tmp_path / "out", "--system", str(scene))
+    printed = capsys.readouterr().out
+    text = (tmp_path / "out" / speed.TEXT).read_text("utf-8")
+    assert text in printed and text.startswith("swing, 0.5 s; the reference is known to ")
+    assert "MuJoCo hinges is not there: " in text  # it is in space, or MuJoCo is not installed
+    for name in speed.STEPS:
+        assert re.search(rf"^{name} +\d", text, re.M)
+    assert re.search(r"^to 1 mm: rk4 (none|project) ", text, re.M)
+    picture = (tmp_path / "out" / speed.DIAGRAM).read_text("utf-8")
+    assert "swing: quickest to 1 mm is rk4" in picture
+
+
+def test_a_scene_that_nobody_knows_for_so_long_is_followed_for_less(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(speed, "STEPS", {"rk4 none": speed.STEPS["rk4 none"]})
+    known = speed.choice.truth.true_motion
+
+    def true_motion(system, force, project, dt, last):
+        found = known(system, force, project, dt, last)
+        return found if last * dt < 0.3 else found._replace(q=None)
+
+    monkeypatch.setattr(speed.choice.truth, "true_motion", true_motion)
+    quick_study(tmp_path)
+    printed = capsys.readouterr().out
+    assert "nobody knows where it is after 0.5 s: so it is followed for 0.25 s" in printed
+    assert "\npendulum, 0.25 s; " in printed
+
+
+def test_mujoco_need_not_be_there(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(speed, "STEPS", {"rk4 none": speed.STEPS["rk4 none"]})
+    monkeypatch.setattr(speed, "find_spec", lambda name: None)
+    quick_study(tmp_path)
+    said = "MuJoCo hinges is not there: mujoco is not installed: pip install -e '.[fast,peers]'"
+    assert said in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--seconds", "2"], "argument --seconds: is for --system"),
+        (["--system", "doubel"], "argument --system: 'doubel': no scene and no file"),
+        (["--system", "chain12.json"], "no scene and no file"),
+    ],
+)
+def test_a_wrong_scene_for_the_study_is_one_line(flags, said, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        speed.main(flags)
+    assert said in capsys.readouterr().err
 
 
 # --- race ---
@@ -158,6 +283,16 @@ def test_who_races_ends_within_the_error_and_the_ratios_are_printed(capsys):
         assert speed.distance(run()[1], known) < 1e-11
 
 
+def test_a_setting_that_is_not_within_its_error_does_not_race(monkeypatch, capsys):
+    for peer in "llvmlite", "heyoka":
+        pytest.importorskip(peer, reason=PEER)
+    monkeypatch.setattr(race, "SETTINGS", {1e-6: race.SETTINGS[1e-3]})
+    with pytest.raises(SystemExit, match="2"):
+        race.main([])
+    out, err = capsys.readouterr()
+    assert out == "" and "a setting is no longer within 1e-06 m: change SETTINGS" in err
+
+
 def test_heyoka_is_at_its_best_and_a_turn_is_in_microseconds():
     pytest.importorskip("heyoka", reason=PEER)
     assert race.taylor(1e-9).llvm_state.fast_math
@@ -165,46 +300,48 @@ def test_heyoka_is_at_its_best_and_a_turn_is_in_microseconds():
 
 
 # --- hard cases ---
-BOB = {  # at rest, 3 m from its anchor
-    "q0": np.array([[3.0, 0.0, 0.0]]),
-    "v0": np.zeros((1, 3)),
-    "m": np.array([[2.0]]),
-    "pairs": [(0, -1)],
-    "lengths": np.array([3.0]),
+BOBS = {  # at rest and level, on rods of 1 m and 3 m
+    "q0": np.array([[1.0, 0.0, 0.0], [4.0, 0.0, 0.0]]),
+    "v0": np.zeros((2, 3)),
+    "m": np.array([[0.5], [2.0]]),
+    "pairs": [(0, -1), (1, 0)],
+    "lengths": np.array([1.0, 3.0]),
     "anchors": np.zeros((1, 3)),
 }
-M_G_L = 2.0 * 9.81 * 3.0  # J, of BOB
-HELD = [  # how much too long the rod is at the end, in m, the energy gained, in J, what is missing
-    (0.029, 0.09 * M_G_L, 0, True),
-    (-0.031, 0.0, 0, False),
-    (0.031, 0.0, 0, False),
+MASSES = np.array([[0.7], [3.0]])  # kg, of a start
+M_G_L = (0.7 + 3.0) * 9.81 * (1.0 + 3.0)  # J
+HELD = [  # how much too long the last rod ends, in m; energy gained, in J; states that are missing
+    (0.009, 0.09 * M_G_L, 0, True),
+    (-0.011, 0.0, 0, False),
+    (0.011, 0.0, 0, False),
     (0.0, 0.11 * M_G_L, 0, False),
+    (0.0, -0.11 * M_G_L, 0, False),
     (0.0, 0.0, 1, False),
 ]
 
 
-def is_held(speed, stretch, energy, missing):
-    """What is_held says of a run that keeps its speed in m/s, but for its last state."""
-    start = np.array([[0.0, 0.0, speed]])
-    end = np.array([[0.0, 0.0, np.sqrt(speed**2 + energy)]])  # m v^2 / 2, of 2 kg
+def is_held(speed, stretch, gained, missing):
+    """What is_held says of a run whose last bob keeps its speed in m/s, but for the last state."""
+    start = np.zeros((2, 3))
+    start[1, 2] = speed
 
     def run(q, v, m, dt, steps):
         q = np.tile(q, (steps + 1, 1, 1))
         v = np.tile(v, (steps + 1, 1, 1))
-        q[-1, 0, 0] += stretch
-        v[-1] = end
+        q[-1, 1, 0] += stretch
+        v[-1, 1, 2] = np.sqrt(speed**2 + 2.0 * gained / MASSES[1, 0])
         return q[missing:], v[missing:]
 
-    return hard.is_held(BOB, run, start, BOB["m"], DT, 1.0)
+    return hard.is_held(BOBS, run, start, MASSES, DT, 1.0)
 
 
-@pytest.mark.parametrize(("stretch", "energy", "missing", "held"), HELD)
-def test_a_start_is_lost_by_rods_by_energy_or_by_an_end(stretch, energy, missing, held):
-    assert is_held(0.0, stretch, energy, missing) == held
+@pytest.mark.parametrize(("stretch", "gained", "missing", "held"), HELD)
+def test_a_start_is_lost_by_rods_by_energy_or_by_an_end(stretch, gained, missing, held):
+    assert is_held(4.0, stretch, gained, missing) == held
 
 
 def test_a_fast_start_is_held_to_its_kinetic_energy():
-    kinetic = 30.0**2  # J
+    kinetic = 0.5 * 3.0 * 30.0**2  # J
     assert is_held(30.0, 0.0, 0.09 * kinetic, 0) and not is_held(30.0, 0.0, 0.11 * kinetic, 0)
 
 
@@ -263,9 +400,9 @@ def test_what_is_said_of_the_hard_cases_follows_from_their_table():
 
 
 def test_in_space_a_start_is_pushed_along_all_axes():
-    system = BOB | {"q0": np.array([[0.0, 0.0, 3.0]])}
-    (v, _) = hard.starts(system, 3)[2]
-    assert np.abs(v[0, :2]).min() > 0.01 and v[0, 2] == pytest.approx(0.0, abs=1e-12)
+    system = BOBS | {"q0": BOBS["q0"][:, [1, 2, 0]]}  # level, along z
+    v, _ = hard.starts(system, 3)[2]
+    assert np.min(np.abs(v[:, :2])) > 0.01 and np.allclose(v[:, 2], 0.0, atol=1e-12)
 
 
 def test_a_step_that_is_compiled_once_runs_with_each_starts_masses_and_step():
@@ -285,6 +422,17 @@ def test_soft_is_mujocos_tendon_where_rods_are_right_and_nearly_where_they_are_n
     assert max(real.gaps(real.random_chain(np.random.default_rng(1), 4)).values()) < 1e-12
     off = real.gaps(real.random_chain(np.random.default_rng(1), 4, 0.01))
     assert 1e-4 < off["lambda |d|", "efc_force"] < 0.02
+
+
+@pytest.mark.parametrize(
+    ("name", "method"), [("ours, impulse", "impulse"), ("ours, soft (MuJoCo)", "soft")]
+)
+def test_our_own_rows_are_the_pages_methods_and_the_worst_of_a_run_is_told(name, method):
+    system = c.build_system("triple", 5)
+    run = c.run_method(system, method, "semi_implicit", DT, 600)
+    gained = np.max(np.abs(run.energies - run.energies[0])) / (3.0 * 9.81 * 3.0)
+    found = real.worst(system, real.engines(DT)[name], 600)
+    assert found == pytest.approx([np.max(run.violations), gained], rel=1e-6)
 
 
 W = 2.0 * np.pi * min(60.0, 0.25 / DT)  # rad/s

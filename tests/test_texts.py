@@ -10,6 +10,7 @@ import constraints as c
 from curriculum.ch3_4_constraints import make
 from curriculum.ch3_4_constraints.pages import texts
 from curriculum.ch3_4_constraints.pictures import make_pictures
+from curriculum.ch3_4_constraints.studies import speed_vs_error
 
 CHAPTER = texts.HERE / "README.md"
 EVERY = [ROOT / "README.md", *sorted(ROOT.glob("curriculum/**/README.md"))]  # and no user's notes
@@ -37,13 +38,12 @@ def test_each_text_in_which_something_is_made_is_made_again():
 DRAWN_BY_HAND = {"drift", "jacobian", "question", "soft", "solve", "tangent"}
 
 
-def test_a_picture_is_made_or_a_studys_or_drawn_by_hand_in_the_style_of_the_others():
-    made = {path.stem for path in make.pictures()}
-    for path in make_pictures.FOLDER.glob("*.svg"):
-        if path.stem in DRAWN_BY_HAND:
-            assert make_pictures.STYLE in path.read_text(encoding="utf-8"), path
-        else:
-            assert path.stem in made or path.stem.startswith("work_precision_"), path
+def test_a_picture_is_made_or_drawn_by_hand_or_by_a_study():
+    studys = {f"work_precision_{scene}" for scene in speed_vs_error.SCENES}
+    made = {path.stem for path in make.drawn()}
+    assert {path.stem for path in make_pictures.FOLDER.glob("*.svg")} == (
+        made | DRAWN_BY_HAND | studys
+    )
 
 
 def test_each_picture_stands_in_a_text():
@@ -187,10 +187,12 @@ def test_an_extra_that_is_missing_is_told_and_how_to_get_it(one_text, monkeypatc
 
 STUDY = """
 import sys
-quick = "--quick" in sys.argv
-print("coarse" if quick else "")
+print("coarse" if "--quick" in sys.argv else "")
 print("name   0.1  2 µs")
-quick or print("other  0.2  3 µs")
+if "--quick" not in sys.argv:
+    print("other  0.2  3 µs")
+if "--draw" in sys.argv:
+    open({!r}, "w").close()
 """
 
 
@@ -198,9 +200,10 @@ quick or print("other  0.2  3 µs")
 def slow_study(monkeypatch, tmp_path):
     """A text with the block of a study that is slow, as if it had been made."""
     (tmp_path / "x" / "studies").mkdir(parents=True)
-    (tmp_path / "x" / "studies" / "__main__.py").write_text(STUDY, encoding="utf-8")
+    study = STUDY.format(str(tmp_path / "drawn"))
+    (tmp_path / "x" / "studies" / "__main__.py").write_text(study, encoding="utf-8")
     monkeypatch.setattr(texts, "ROOT", tmp_path)
-    monkeypatch.setattr(texts, "SLOW", ["slow"])
+    monkeypatch.setattr(texts, "SLOW", {"slow": "--draw"})
     return BLOCK.format("python -m x.studies slow", "\nname   0.1  12 µs\nother  0.2  13 µs")
 
 
@@ -211,10 +214,11 @@ def test_a_slow_block_is_stale_if_it_lacks_a_line_of_quick_times_aside(slow_stud
     assert texts.is_outdated(slow_study.replace("name ", "nome "), "slow")
 
 
-def test_a_slow_block_is_made_only_if_its_study_is_named(slow_study):
+def test_a_slow_block_is_made_with_its_pictures_only_if_its_study_is_named(slow_study, tmp_path):
     old = slow_study.replace("0.2", "0.3")
-    assert texts.filled(old) == old
+    assert texts.filled(old) == old and not (tmp_path / "drawn").exists()
     assert texts.filled(old, ["slow"]) == old.replace("12 µs", "2 µs").replace("0.3  13", "0.2  3")
+    assert (tmp_path / "drawn").exists()
     assert texts.filled(slow_study, ["slow"]) == slow_study  # but for times it is as it was
 
 

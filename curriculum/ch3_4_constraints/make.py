@@ -7,8 +7,9 @@ minutes are made if they are named. Otherwise what the study prints with --quick
 its block.
 """
 
+import re
 import tempfile
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.pages import texts
@@ -19,10 +20,17 @@ from curriculum.common.files import write_together
 
 STUDIES = texts.HERE / "studies" / "README.md"
 PAGE = texts.HERE / "chapter.html"
+STYLE = re.compile("<style>.*?</style>", re.S)
 
 
-def pictures():
-    """{path: text} of the pictures, but those drawn by hand and those of a study."""
+def content(path):
+    """The text of a file; None if it is not there."""
+    return path.read_text(encoding="utf-8") if path.exists() else None
+
+
+@cache  # it takes seconds
+def drawn():
+    """{path: text} of the pictures that make_pictures draws."""
     usual = make_pictures.FOLDER
     with tempfile.TemporaryDirectory() as folder:
         make_pictures.FOLDER = Path(folder)
@@ -31,6 +39,15 @@ def pictures():
         finally:
             make_pictures.FOLDER = usual
         return {usual / x.name: x.read_text(encoding="utf-8") for x in Path(folder).iterdir()}
+
+
+def pictures():
+    """{path: text} of all pictures; those drawn by hand, or by a study, get the style of today."""
+    made = drawn()
+    for path in make_pictures.FOLDER.glob("*.svg"):
+        if path not in made:
+            made = made | {path: STYLE.sub(lambda _: make_pictures.STYLE, content(path), count=1)}
+    return made
 
 
 def text(path, *again):
@@ -44,7 +61,7 @@ def text(path, *again):
 def study(name):
     """{path: text} of the studies' text, with the block of a slow one."""
     for command in texts.commands(STUDIES.read_text(encoding="utf-8"), name):
-        texts.printed(command)  # which takes minutes: the text may be edited meanwhile
+        texts.printed_by_study(command, name)  # in the minutes it takes the text may be edited
     return text(STUDIES, name)
 
 
@@ -68,11 +85,6 @@ MADE = {"pictures": pictures}
 MADE |= {short(path): partial(text, path) for path in texts.TEXTS}
 MADE |= {short(PAGE): page}
 SLOW = {name: partial(study, name) for name in texts.SLOW}
-
-
-def content(path):
-    """The text of a file; None if it is not there."""
-    return path.read_text(encoding="utf-8") if path.exists() else None
 
 
 def fresh(name):

@@ -86,9 +86,12 @@ def attempt(stages, tol, q, v, m, force, dt):
 
     # as if the particles coasted before
     a, move, _, _ = next_round(np.zeros((stages, *q.shape)), 0.0, 0.0, 0.0)
-    size = sum_of_squares(q) + dt * dt * sum_of_squares(v) + move
+    # how wide the points are and how far they go: wherever the origin is, and at rest, too
+    wide = sum_of_squares(q - total(q) / len(q))
+    size = wide + dt * dt * sum_of_squares(v) + move
     enough = tol * tol * size + 1e-300
-    rounding = np.maximum(enough, 1e-18 * size)
+    rounding = 1e-18 * (size + dt4) + 1e-30 * sum_of_squares(q)  # of 1 m/s^2 if nothing moves
+    rounding = np.maximum(enough, rounding)
     first = a, move, np.inf, 1.0
     a, move, before, _ = while_loop(is_going, next_round, *first, most=ROUNDS, failure="")
     q = q + dt * v + dt * dt * combined(b * (1.0 - c), a)
@@ -113,7 +116,7 @@ def step_in_parts(stages, tol, q, v, m, force, dt):
     return while_loop(is_left, next_part, q, v, 1.0, 1.0, most=PARTS, failure=failure)[:2]
 
 
-def make_gauss(stages, tol=1e-16):
+def make_gauss(stages, tol=2e-16):
     """A step(q, v, m, force, dt) of Gauss-Legendre collocation: symplectic, of order 2 * `stages`.
 
     Its stages are iterated until a round moves the end by a share of `tol`, or as rounding allows.

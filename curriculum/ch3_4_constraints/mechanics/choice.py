@@ -19,14 +19,17 @@ from curriculum.common.tracing.counting import Counter, counter_of
 from curriculum.common.tracing.tape import current
 
 LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
-LAST = ("gauss",)  # integrators that are tried where no other is right: a step costs so much
+LAST = ("gauss",)  # a step costs so much that it is tried only where no other is right
+EARLY = 2  # at one of so many of the longest steps
 SWING = 0.2  # of sqrt(L/g): the longest step that is tried
 RUNGS = 6  # steps of different lengths, each half of the one before
 LEAST = 2  # rungs: of a single one nothing can be said
 MANY = 30_000  # steps of a pair: they repay machine code
-BUDGET = 4e8  # operations of all pairs: some 5 s without llvmlite
+BUDGET = 3.5e8  # operations of all pairs: some 5 s without llvmlite
+MORE = 2e7  # those of the pairs that are tried last
 QUICK, TURNS = 2e-3, 3  # s: what took less is timed as often again
-SAMPLE = 32  # states of a run whose steps are counted
+SAMPLE = 16  # states of a run whose steps are counted
+COUNTED = 400_000  # operations: a step of more is counted from fewer states
 TIE, BETTER = 1.05, 0.1  # so much more work is as cheap; an error so much smaller comes first
 HALVED = 3  # times at most that the time of the reference is halved until there is one
 KEYS = ("error", "rods")  # of a Setting: what must be within
@@ -88,7 +91,8 @@ def operations_of(chapter, system, integrator, method, dt, knobs, q, v):
 def average(count, q, v, dt):
     """Operations for a second of motion, as SAMPLE steps of a run take on average."""
     steps = max(1, len(q) - 1)
-    many = min(steps, SAMPLE if count.varies else 1)
+    first = count([q[0], v[0]], dt)
+    many = min(SAMPLE, steps, 1 + COUNTED // max(1, first)) if count.varies else 1
     total = 0
     for k in range(many):
         at = (2 * k + 1) * steps // (2 * many)
@@ -193,14 +197,21 @@ def ladder(take, counts, digits, within):
     found = [take(x) for x in counts]
     first = counts[0]
     while first > 1 and any(is_within(found[0], key, within) for key in KEYS):
-        first = min(range(first // 2, first // 4, -1), key=digits)
+        first = fewer(first, digits)
         found.insert(0, take(first))
+        if found[0].operations >= found[1].operations:  # gauss takes it in parts
+            break
     for key in KEYS:
         right = [is_within(x, key, within) for x in found]
         if right[-1] and not right[-2]:
             found.append(take(2 * counts[-1]))
             break
     return found
+
+
+def fewer(count, digits):
+    """Half of a count or less, down to a quarter: the one whose step has the fewest digits."""
+    return min(range(count // 2, count // 4, -1), key=digits)
 
 
 def is_within(setting, key, within):
@@ -278,8 +289,9 @@ def build(chapter, system, integrators, knobs, each):
     return [Pair(chapter, system, *names[name], knobs) for name in each(names)]
 
 
-def affordable(pairs, first, seconds, whole):
-    """Into how many steps to divide `seconds`, a list, and the span in s, at most `whole`.
+def affordable(pairs, first, seconds, most):
+    """Into how many steps to divide `seconds`, a list, so that they take at most so many
+    operations; and how many a second of motion takes.
 
     Operations are counted, not timed, so that the answer is the same on every machine.
     """
@@ -288,12 +300,9 @@ def affordable(pairs, first, seconds, whole):
     def work():
         return sum(pair.work(seconds / x) for pair in pairs for x in counts)
 
-    while len(counts) > LEAST and seconds * work() > BUDGET:
+    while len(counts) > LEAST and seconds * work() > most:
         counts.pop()
-    span = whole
-    if span * work() > BUDGET:
-        span = seconds * max(1, math.floor(BUDGET / work() / seconds))
-    return counts, min(span, whole)
+    return counts, work()
 
 
 def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
@@ -312,12 +321,16 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     usual = [x for x in chapter.INTEGRATORS if x not in LEFT_OUT + LAST]
     pairs = build(chapter, system, usual, knobs, each)
     first = first_count(system, force, dt, reference.step)
-    counts, span = affordable(pairs, first, seconds, whole)
+    counts, work = affordable(pairs, first, seconds, BUDGET)
+    span = whole
+    if whole * work > BUDGET:
+        span = min(whole, seconds * max(1, math.floor(BUDGET / work / seconds)))
     left_out = []
     if reference.step < last and reference.q is not None:
         left_out.append(f"places later than at {seconds:.3g} s are not known")
     if len(counts) < RUNGS:
-        left_out.append(f"no step is below {1e3 * seconds / counts[-1]:.3g} ms: it would take long")
+        finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
+        left_out.append(f"the ladder of steps ends at {finest}: more would take long")
 
     def climb(pairs, counts):
         found = []
@@ -328,9 +341,11 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
 
     settings = climb(pairs, counts)
     right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
-    if reference.q is not None and not chosen(settings, "error", right):
+    early = seconds / counts[min(EARLY, len(counts)) - 1]
+    found = chosen(settings, "error", right)
+    if reference.q is not None and not any(x.dt >= early for x in found):
         pairs = build(chapter, system, [x for x in chapter.INTEGRATORS if x in LAST], knobs, each)
-        counts, _ = affordable(pairs, first, seconds, span)
+        counts, _ = affordable(pairs, first, span, MORE)
         settings += climb(pairs, counts)
     places = chosen(settings, "error", right)
     rods_hold = chosen(settings, "rods", within)

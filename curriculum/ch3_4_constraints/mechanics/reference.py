@@ -10,10 +10,11 @@ from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps, Untraceable
 
 HORIZON = 2.0  # s; of short rods, which swing faster, at most 20 sqrt(L/g): chaos is as fast
-FIRST, TURN = 0.15, 0.5  # the longest first steps: of sqrt(L/g), and in rad of turning
+FIRST = 0.15  # of sqrt(L/g): the longest first step
+TURN = 0.5  # rad: nor does anything turn by more in it
 COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # beside half the first
 NEAR = 1e-8  # of the shortest rod: a move by which a frequency is measured
-MOST = 20_000  # steps of one rod at once: more take too long
+MOST_STEPS = 20_000  # of one rod at once: more take too long
 STEPS = 800  # for each rod, as a guess: many repay machine code
 ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
@@ -72,7 +73,9 @@ def true_motion(system, force, project, dt, last, why=""):
     whose stages do not converge, so no count is twice the last one: both might be made of the same
     parts, and agree.
     """
-    q, v, rods = system["q0"], system["v0"], len(system["pairs"])
+    q = system["q0"]
+    v = system["v0"]
+    rods = len(system["pairs"])
     shortest = float(np.min(system["lengths"]))
     swing, turn = time_scales(system, force)
     unknown = Reference(last, f"at {last * dt:.3g} s")
@@ -83,9 +86,10 @@ def true_motion(system, force, project, dt, last, why=""):
     if math.isnan(swing):
         return unknown._replace(why="the force at the start is not a number")
     least = math.ceil(last * dt / min(FIRST * swing, TURN * turn) / 2.0)
-    counts = [least * k for k in COUNTS if least * k <= MOST // rods]
+    most = MOST_STEPS // rods
+    counts = [least * k for k in COUNTS if least * k <= most]
     if len(counts) < 2:
-        return unknown._replace(why=f"it would take more than {MOST // rods} steps")
+        return unknown._replace(why=f"it would take more than {most} steps")
 
     gauss = make_gauss(8)
 
@@ -101,14 +105,19 @@ def true_motion(system, force, project, dt, last, why=""):
         ends, _ = run([q, v], count, last * dt / count)
         return ends[-1] if len(ends) > count else np.full_like(q, np.nan)
 
-    best, gaps, agree = end(counts[0], q), [], False
+    best = end(counts[0], q)
+    gaps = []
     for count in counts[1:]:
-        before, best = best, end(count, q)
+        before = best
+        best = end(count, q)
         gaps.append(distance(best, before))
-        agree = gaps[-1] < ENOUGH * min(1.0, shortest)
-        if agree or len(gaps) > 4 and not gaps[-1] < gaps[-5]:
-            break  # or rounding keeps them apart: these steps are four times as short
-    known, uncertainty = min(KNOWN, 1e-6 * shortest), gaps[-1] if agree else max(gaps[-3:])
+        if gaps[-1] < ENOUGH * min(1.0, shortest):
+            uncertainty = gaps[-1]
+            break
+        uncertainty = max(gaps[-3:])
+        if len(gaps) > 4 and not gaps[-1] < gaps[-5]:
+            break  # rounding keeps them apart: these steps are four times as short
+    known = min(KNOWN, 1e-6 * shortest)
     if uncertainty < known:  # what changes with the last digit of the start cannot be known
         signs = (-1.0) ** np.arange(q.size).reshape(q.shape)
         digit = 2.0**-52 * (np.abs(q) + np.max(system["lengths"])) * np.any([q, v], axis=(0, 1))
@@ -125,8 +134,12 @@ def time_scales(system, force):
     g is what accelerates a rod's ends apart across it, or that of the Earth. As a particle moves
     its acceleration changes by the square of a frequency, which may be much higher.
     """
-    fixed, pairs, lengths = np.zeros_like(system["anchors"]), system["pairs"], system["lengths"]
-    q, v, m = system["q0"], system["v0"], system["m"]
+    pairs = system["pairs"]
+    lengths = system["lengths"]
+    fixed = np.zeros_like(system["anchors"])  # of what moves, at an anchor
+    q = system["q0"]
+    v = system["v0"]
+    m = system["m"]
     along = differences(q, system["anchors"], pairs) / lengths[:, None]
     a = force(q, v) / m
     apart = differences(a, fixed, pairs)

@@ -93,13 +93,15 @@ def parse_scene(data):
         "anchors": entries(data, "anchors"),
         "pairs": [rod.get("pair") for rod in rods],
         "lengths": [rod.get("length", 1) for rod in rods],
-        "about": data.get("about", ""),
     }
+    if "about" in data:
+        about = data["about"]
+        shown = isinstance(about, str) and "".join(about.split()).isprintable()
+        systems.need(shown, "about", about, "text in characters that can be printed")
+        if about.strip():
+            rows["about"] = about
     if any("load" in particle for particle in particles):
         rows["load"] = [particle.get("load", [0, 0, 0]) for particle in particles]
-    about = rows["about"]
-    shown = isinstance(about, str) and "".join(about.split()).isprintable()
-    systems.need(shown, "about", about, "text in characters that can be printed")
     bare = [k for k, rod in enumerate(rods) if "length" not in rod]
     return systems.check_system(
         rows, None, fit=FIT, name=lambda key, k: systems.COLUMNS[key][3].format(k), bare=bare

@@ -54,7 +54,8 @@ def impossible_stress(system, pull, unit, rate, slow):
     pairs = system["pairs"]
     m = system["m"]
     fixed = np.zeros_like(system["anchors"])  # of what moves, at an anchor
-    ends = differences(np.eye(len(m)), np.zeros((len(fixed), len(m))), pairs)
+    n = len(m)
+    ends = differences(np.eye(n), np.zeros((len(fixed), n)), pairs)
     rows = (ends[..., None] * unit[:, None]).reshape(len(unit), -1)  # J of unit vectors
     bend = np.sum(rate**2, axis=1) / lengths
     still = 3.0 * len(bend) * slow * slow / lengths.min()  # more than rods at rest make of it

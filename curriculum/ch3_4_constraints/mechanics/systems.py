@@ -13,6 +13,10 @@ from curriculum.common.tracing import ordered
 
 ROUGH = 0.1  # by this share a length may be off: on purpose, but not by a slip
 FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
+FLAT = 1e-6  # a singular value of three directions: below, they are in a plane
+STATES = 16  # in which external_force is asked whether energy counts its work
+INSTANT = 1e-3  # s: of a difference in time
+SAME = 1e-9  # of an energy
 HUGE = 1e12  # larger numbers, those below 1 / HUGE, and masses so far apart leave no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
@@ -64,8 +68,63 @@ def has_loop(system):
 
 
 def m_g_L(system, gravity):
-    """All masses times gravity times the length of all rods, in J; gravity counts as 1 at least."""
-    return np.sum(system["m"]) * max(1.0, np.linalg.norm(gravity)) * np.sum(system["lengths"])
+    """All masses times gravity times the length of all rods, in J, of what can move.
+
+    Without gravity (3,), in m/s^2, it is the kinetic energy at the start or, at rest, 1 J.
+    """
+    free = movable(system)
+    g = np.linalg.norm(gravity)
+    if g == 0.0:
+        kinetic = 0.5 * np.sum(system["m"] * system["v0"] * system["v0"])
+        return kinetic if kinetic > 0.0 else 1.0
+    bears = [free[i] or (j >= 0 and free[j]) for i, j in system["pairs"]]
+    return np.sum(system["m"][free]) * g * np.sum(system["lengths"][bears])
+
+
+def movable(system):
+    """Which particles (N,) can move; all of them if none can.
+
+    One is pinned by three rods to what stands still, if they are not in a plane.
+    """
+    n = len(system["m"])
+    free = np.ones(n, bool)
+    if not has_loop(system):
+        return free
+    unit = differences(system["q0"], system["anchors"], system["pairs"])
+    unit = unit / system["lengths"][:, None]
+    seen = -1
+    while np.sum(free) != seen:  # what is pinned may pin others
+        seen = np.sum(free)
+        held = [[] for _ in range(n)]  # the rods from each particle to what stands still
+        for k, (i, j) in enumerate(system["pairs"]):
+            if j < 0 or not free[j]:
+                held[i].append(unit[k])
+            if j >= 0 and not free[i]:
+                held[j].append(unit[k])
+        for i in range(n):
+            if len(held[i]) > 2 and np.linalg.matrix_rank(held[i], FLAT) == 3:
+                free[i] = False
+    return free if free.any() else ~free
+
+
+def conserves(system, external_force, energy):
+    """Whether external_force does only the work that `energy` counts, in states at random.
+
+    Free particles under it would then keep their energy: its rate along q_dot = v, v_dot = f / m
+    is 0, here by central differences.
+    """
+    draw = np.random.default_rng(0).uniform
+    m = system["m"]
+    size = np.sum(system["lengths"])
+    shape = (STATES, *system["q0"].shape)
+    q = system["q0"] + size * draw(-1.0, 1.0, shape)
+    v = np.mean(m) * np.sqrt(9.81 * size) / m * draw(-1.0, 1.0, shape)
+    f = np.array([external_force(system, *state) for state in zip(q, v, strict=True)])
+    after = energy(system, q + INSTANT * v, v + INSTANT * f / m)
+    before = energy(system, q - INSTANT * v, v - INSTANT * f / m)
+    power = np.sum(np.abs(f * v), axis=(1, 2))
+    allowed = SAME * (2.0 * INSTANT * power + np.abs(after))
+    return bool(np.all(np.abs(after - before) <= allowed))
 
 
 def tolerance(system, q, rows):

@@ -5,7 +5,13 @@ from html import escape
 
 from curriculum.ch3_4_constraints.mechanics.choice import Setting, chosen
 from curriculum.ch3_4_constraints.results import table
-from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, thousands, words
+from curriculum.ch3_4_constraints.results.advice import (
+    milliseconds,
+    name_of,
+    rods_row,
+    thousands,
+    words,
+)
 
 TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-6  # m: those that are offered, if any setting meets them
 NOTHING = "\N{EN DASH}"
@@ -108,7 +114,8 @@ def cheapest(choice, within, enough):
         shortest = min(x.dt for x in settings)
         return f"{what}: nothing is, down to steps of {milliseconds(shortest)}."
     best = enough[0]
-    parts = [f"{what}: {name_of(best)}"]
+    later = f" (its rods, {table.length(best.rods)} off later)" if best.rods > within else ""
+    parts = [f"{what}: {name_of(best)}{later}"]
     for integrator in integrators(settings):
         mine = [x for x in enough if x.integrator == integrator]
         if not mine:
@@ -124,7 +131,7 @@ def rods_hold(choice, within, enough):
     """The cheapest setting that holds the rods, where that is not the answer already."""
     if choice["why"] or not enough:
         return ""
-    return f"Rods alone, {within_for(choice, within)}: {name_of(enough[0])}."
+    return f"Rods alone, {within_for(choice, within)}: {rods_row(enough[0])}."
 
 
 def within_for(choice, within):

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
-from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
+from curriculum.ch3_4_constraints.mechanics.systems import conserves, m_g_L
 from curriculum.ch3_4_constraints.pages import answer
 from curriculum.ch3_4_constraints.results import palette
 from curriculum.common.tracing import Untraceable
 from curriculum.common.tracing.arrays import zero
 from curriculum.common.tracing.javascript import javascript_of
-from curriculum.common.tracing.trace import Program, work
+from curriculum.common.tracing.trace import Program
 
 HERE = Path(__file__).parent
 MOST = 40  # rods: more are too slow for a browser
@@ -106,9 +106,6 @@ def scene_of(chapter, system, integrator, knobs, measures):
         conserves = tracer.conserves()
     except Untraceable as why:
         raise NoPage(f"a step cannot be written as JavaScript: {why}") from None
-    operations = {name: work(step.tape, 1) for name, step in steps.items()}
-    for name, post in posts.items():
-        operations[name] += work(post.tape, 1)
     limit = stability_limit(chapter.INTEGRATORS[integrator])
     first = {}  # {source: method}: of methods whose steps are the same, the first one has it
     same_step = {}
@@ -129,7 +126,6 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "pairs": [[int(i), int(j)] for i, j in system["pairs"]],
         "lengths": system["lengths"].tolist(),
         "conserves": conserves,
-        "operations": operations,
         "same_step": same_step,
         "steps": {name: steps[name] for name in first.values()},
         "posts": posts,
@@ -192,13 +188,8 @@ class Tracer:
         return Program(lambda q, v: function(self.system, q, v), *[self.live] * 2)
 
     def conserves(self):
-        """Whether gravity and the load alone act, so that energy should stay as it is."""
-
-        def others(system, q, v):
-            known = system["m"] * self.chapter.GRAVITY + system.get("load", 0.0)
-            return self.chapter.external_force(system, q, v) - known
-
-        return all(x == 0.0 for x in self.measure(others).results)
+        """Whether energy should stay as it is."""
+        return conserves(self.system, self.chapter.external_force, self.chapter.energy)
 
     def energy(self, system, q, v):
         """In parts of m g L."""

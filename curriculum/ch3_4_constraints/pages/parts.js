@@ -42,7 +42,8 @@ function make(tag, settings = {}, ...inside) {
 }
 const row = (className, ...inside) => make("div", {className}, ...inside);
 const makeButton = (textContent, onclick) => make("button", {type: "button", textContent, onclick});
-const styles = getComputedStyle(document.documentElement), inks = new Map();
+const styles = getComputedStyle(document.documentElement);
+const inks = new Map();
 const dark = matchMedia("screen and (prefers-color-scheme: dark)"); // paper is white
 dark.addEventListener("change", () => inks.clear());
 function ink(color) { // kept, since each look into styles may lay out the page
@@ -52,8 +53,8 @@ function ink(color) { // kept, since each look into styles may lay out the page
 
 // --- what moves ---
 class Motion {
-  // knobs: dt in s, baumgarte in rad/s, time_constant in s, which scene.takes puts in order; the hand
-  // [x, y] in m; and pulls: for each particle the stiffness in N/m of the hand's spring.
+  // knobs: dt in s and more of make_methods, which scene.takes puts in order; the hand [x, y] in m;
+  // and pulls: for each particle the stiffness in N/m of the hand's spring.
   constructor(scene, method, knobs) {
     Object.assign(this, {scene, method, knobs});
     this.scratch = new Float64Array(1.5 * scene.start.length); // q, v, and q as a step starts
@@ -66,8 +67,10 @@ class Motion {
     Object.assign(this, {state: Float64Array.from(state), time: 0});
   }
   step(dt = this.knobs.dt) { // an Error says why a step has no result; the state is as it was
-    const {scene, method, scratch, state} = this, {hand, pulls} = this.knobs;
-    const known = {...this.knobs, dt}, taken = scene.takes.map(knob => known[knob]);
+    const {scene, method, scratch, state} = this;
+    const {hand, pulls} = this.knobs;
+    const known = {...this.knobs, dt};
+    const taken = scene.takes.map(knob => known[knob]);
     scratch.set(state);
     scratch.set(state.subarray(0, state.length / 2), state.length);
     scene.steps[scene.same_step[method]](scratch, 0, null, ...taken, ...hand, ...pulls);
@@ -136,7 +139,8 @@ class Clock {
 }
 
 // --- what is seen ---
-const [PLAIN, BOLD] = ["12px system-ui, sans-serif", "600 13px system-ui, sans-serif"];
+const PLAIN = "12px system-ui, sans-serif";
+const BOLD = "600 13px system-ui, sans-serif";
 const ITALIC = "italic 20px Georgia, serif"; // as formulas are
 const FINGER = 44; // pixels
 const ARROWS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
@@ -153,8 +157,10 @@ class Stage {
     dark.addEventListener("change", () => this.draw());
   }
   fit() { // the canvas as sharp as the screen
-    const {canvas} = this, sharp = devicePixelRatio;
-    [this.width, this.height] = [canvas.clientWidth, canvas.clientHeight];
+    const {canvas} = this;
+    const sharp = devicePixelRatio;
+    this.width = canvas.clientWidth;
+    this.height = canvas.clientHeight;
     Object.assign(canvas, {width: this.width * sharp, height: this.height * sharp});
     this.pen.scale(sharp, sharp);
     Object.assign(this.pen, {lineJoin: "round", lineCap: "round"});
@@ -162,7 +168,8 @@ class Stage {
   }
   aim() { // pixels for each metre, and where the metres' origin is
     const {width, height, box: [left, bottom, right, top], pad: [west, south, east, north]} = this;
-    const [wide, tall] = [width - west - east, height - south - north];
+    const wide = width - west - east;
+    const tall = height - south - north;
     this.scale = [wide / (right - left), tall / (top - bottom)];
     if (!this.stretched) this.scale.fill(Math.min(...this.scale));
     this.origin = [
@@ -221,18 +228,21 @@ class Stage {
   }
   symbol(text, at, color, aside) { this.words(text, at, color, aside, "center", ITALIC); }
   arrow(from, by, color, lineWidth = 3.5) {
-    const tip = plus(from, by), back = times(unit(by), -Math.min(12 / this.scale[0], size(by)));
+    const tip = plus(from, by);
+    const back = times(unit(by), -Math.min(12 / this.scale[0], size(by)));
     const [left, right] = [0.5, -0.5].map(side => plus(plus(tip, back), across(back), side));
     this.line([from, tip, left, tip, right], color, lineWidth);
   }
-  rods(each, color, lineWidth) { // [from, to, length]: too much is solid red, too little dashed blue
+  rods(each, color, lineWidth) { // [from, to, length]: solid red is too much, dashed blue missing
     const parts = each.map(([from, to, length]) => {
-      const along = plus(to, from, -1), right = plus(from, unit(along), length);
+      const along = plus(to, from, -1);
+      const right = plus(from, unit(along), length);
       return {from, to, right, more: size(along) - length};
     });
-    const shown = parts.filter(({more}) => Math.abs(more) * this.scale[0] > 0.7); // of a pixel
-    const [long, short] = [1, -1].map(side =>
-      shown.filter(({more}) => side * more > 0).map(({right, to}) => [right, to]));
+    const seen = 0.7 / this.scale[0]; // m: 0.7 of a pixel
+    const wrong = some => parts.filter(some).map(({right, to}) => [right, to]);
+    const long = wrong(({more}) => more > seen);
+    const short = wrong(({more}) => more < -seen);
     const whole = parts.map(({from, to, right, more}) => [from, more > 0 ? right : to]);
     this.lines(whole, color, lineWidth);
     if (long.length) this.lines(long, "long", lineWidth + 2.5);
@@ -281,11 +291,13 @@ class Stage {
       letGo();
     };
     const next = way => {
-      const {hands} = this, k = hands.findIndex(each => each.hand === hand);
+      const {hands} = this;
+      const k = hands.findIndex(each => each.hand === hand);
       hands[(k + way + hands.length) % hands.length].hand.focus();
     };
     const onkeydown = event => {
-      const by = ARROWS[event.key], way = {PageUp: 1, PageDown: -1}[event.key];
+      const by = ARROWS[event.key];
+      const way = {PageUp: 1, PageDown: -1}[event.key];
       if (event.altKey || event.ctrlKey || event.metaKey) return; // the browser's own
       if (by) to(plus(target ?? where(), by, 12 / this.scale[0]));
       else if (way) next(way);
@@ -295,7 +307,8 @@ class Stage {
     };
     const hand = make("button",
       {type: "button", className: "hand", ariaLabel, onkeydown, onblur: release});
-    const [grab, drag] = [() => to(where()), point => target && to(point)];
+    const grab = () => to(where());
+    const drag = point => target && to(point);
     this.hands.push({hand, where, grab, drag, release});
     this.element.append(hand);
     return hand;
@@ -320,14 +333,17 @@ function linear(most) { // shares from -most to most
 }
 const decades = logarithmic(-12, 0);
 
-// curves(): a list of {color, points: [[s, value], ...], words, dash, width}; the words stand where the
+// curves(): a list of {color, points: [[s, value], ...], words, dash, width}; words stand where the
 // line ends, with a mark if it has left the axis. It shows 5, 10 or 20 s, and then the last 20.
 function makePlot(label, axis, curves) {
   const plot = new Stage(label, [0, 0, 1, 1], () => {
-    const {axis: {ticks, up, low, high}, pen} = plot, lines = curves();
+    const {axis: {ticks, up, low, high}, pen} = plot;
+    const lines = curves();
     const now = Math.max(...lines.map(({points}) => points.at(-1)?.[0] ?? 0));
-    const span = [5, 10].find(s => s >= now) ?? 20, right = Math.max(span, now);
-    const left = right - span, wide = words => pen.measureText(words).width;
+    const span = [5, 10].find(s => s >= now) ?? 20;
+    const right = Math.max(span, now);
+    const left = right - span;
+    const wide = words => pen.measureText(words).width;
     pen.font = BOLD;
     plot.pad[0] = 8 + Math.max(...ticks.map(([, words]) => wide(words)));
     plot.pad[2] = 22 + Math.max(...lines.map(({words}) => wide(words ?? "")));
@@ -338,10 +354,12 @@ function makePlot(label, axis, curves) {
       plot.line([[left, up(value)], [right, up(value)]], "pale", 1);
       if (k % each === 0) plot.words(words, [left, up(value)], "quiet", [-6, 0], "right", PLAIN);
     });
-    for (let s = span / 5 * Math.ceil(5 * left / span); s <= right; s += span / 5) {
+    const apart = plot.scale[0] * span > 5 * 36 ? span / 5 : span; // s
+    for (let s = apart * Math.ceil(left / apart); s <= right; s += apart) {
       plot.words(`${s} s`, [s, low], "quiet", [0, -11], "center", PLAIN);
     }
-    const [top, bottom] = [high, low].map(y => plot.pixels([0, y])[1]);
+    const [, top] = plot.pixels([0, high]);
+    const [, bottom] = plot.pixels([0, low]);
     pen.save();
     pen.beginPath();
     pen.rect(0, top, plot.width, bottom - top);
@@ -352,7 +370,8 @@ function makePlot(label, axis, curves) {
     }
     pen.restore();
     const ends = lines.filter(({words}) => words).map(({points, ...line}) => {
-      const [s, value] = points.at(-1) ?? [left, 0], y = up(value);
+      const [s, value] = points.at(-1) ?? [left, 0];
+      const y = up(value);
       const mark = y > high ? " \u25b2" : y < low ? " \u25bc" : ""; // it is above, or below
       const [x, from] = plot.pixels([s, Math.max(low, Math.min(high, y))]);
       return {...line, words: line.words + mark, x, from, y: from};

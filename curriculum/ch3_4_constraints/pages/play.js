@@ -9,6 +9,8 @@ const UNSURE = 0.1; // of the scene's size: the true motion is known to so much,
 const HAND = 15; // rad/s: the hand's spring has HAND^2 times the bob's mass
 const CHANGES = 0.02; // of m g L: energy that changes by as much can be seen to
 const DASHES = [[], [9, 5], [1, 5], [9, 5, 1, 5], [18, 5], [5, 5]]; // as many as colours
+const decadesTo = (least, most) =>
+  logarithmic(least, Math.max(0, Math.ceil(Math.log10(most) - 0.5)));
 const VIEWS = { // of the plot: what it shows, its axis for values up to `most`, and one in words
   rods: {title: "Worst rod so far", axis: most => decadesTo(-6, most), words: metric},
   energy: {
@@ -24,19 +26,12 @@ const last = scene.masses.length - 1;
 const byId = id => document.getElementById(id);
 const has = method => scene.methods.includes(method);
 const colorOf = method => `m${scene.colors[method]}`;
+const three = x => Number(x.toPrecision(3)); // digits
 const ms = dt => `${three(1000 * dt)} ms`;
-
-function three(x) { // so many digits
-  return Number(x.toPrecision(3));
-}
 
 function roundUp(x) { // to 1, 2 or 5 times a power of ten, at least 1 %
   const power = 10 ** Math.floor(Math.log10(Math.max(0.01, x)));
   return power * [1, 2, 5, 10].find(k => k * power >= x);
-}
-
-function decadesTo(least, most) {
-  return logarithmic(least, Math.max(0, Math.ceil(Math.log10(most) - 0.5)));
 }
 
 // --- the hand: time passes while it pulls ---
@@ -181,12 +176,6 @@ const run = {
 
 function begin() {
   run.begin();
-  drawing.draw();
-}
-
-function oneStep() {
-  clock.set(false);
-  run.step();
   drawing.draw();
 }
 
@@ -335,20 +324,17 @@ const QUESTIONS = [
   {
     ask: "What does half the step buy?", control: "dt", halves: true,
     say: "Beside each copy goes another one, unseen, in half the step: the thin line of the plot."
-      + " So the two numbers there are of the same time, and the second took twice the work. Whose"
-      + " rods are off by half as much then, whose by less, and whose by no less?",
+      + " The two numbers there are of the same time. The second took twice the work: what for?",
   },
   {
     ask: "How stiff a spring?", needs: "baumgarte", control: "baumgarte",
     say: "A stiffer spring pulls wrong rods back faster, until one step pulls too far, the next one"
-      + " farther, and all flies apart. Move the stiffness past its mark. Then take a smaller step:"
-      + " only the product of the two counts.",
+      + " farther, and all flies apart. Move it past its mark. Then take a shorter step.",
   },
   {
     ask: "Which keeps its energy?", control: "energy", view: "energy",
-    say: "Nothing drives the scene and nothing brakes it, so its energy should stay at 0 %. Watch"
-      + " the plot for ten seconds. Right rods are not enough: a method can hold them and still"
-      + " change the energy.",
+    say: "Nothing drives the scene and nothing brakes it, so its energy should stay: 0 % off. Watch"
+      + " the plot for ten seconds. A method can hold the rods and still change the energy.",
     shows: () => scene.conserves && found.energy > CHANGES,
   },
   {
@@ -394,8 +380,7 @@ function press(button) { // it alone of those beside it
 
 // --- the page ---
 const clock = new Clock(byId("page"), () => knobs.dt, () => run.step(), () => drawing.draw());
-byId("controls").prepend(
-  clock.element, makeButton("One step", oneStep), makeButton("Again", begin));
+byId("controls").prepend(clock.element, makeButton("Again", begin));
 for (const tolerance in found.answers) {
   const button = makeButton(tolerance, () => showAnswer(tolerance, button));
   button.ariaPressed = tolerance === byId("within").textContent;

@@ -29,7 +29,8 @@ MOVING = """<style>.still { display: none }
 @media (prefers-reduced-motion: reduce), print {
 .still { display: inline } .moves { display: none } }</style>"""
 SYMBOLS = """<style>:root { --v: #0a7d46; --lambda: #b35200; }
-@media screen and (prefers-color-scheme: dark) { :root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
+@media screen and (prefers-color-scheme: dark) {
+:root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
 MOVES = re.compile('<path class="moves".*?</path>\n')
 
 

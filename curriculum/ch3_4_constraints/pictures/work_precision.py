@@ -1,73 +1,249 @@
-"""Work-precision diagrams: an error across, the time that it takes up, a line a method.
+"""Work-precision diagrams: the error to the right, ever smaller, and up the time that it takes.
 
-They are drawn by the study that measures them, speed_vs_error --picture.
+They are drawn by the study that measures them, speed_vs_error. What is quickest to a goal is in
+colour and has its name below the goal; all else is grey, and peers have open marks.
 """
 
 import math
+from typing import NamedTuple
 
-import numpy as np
+import constraints as c
+from curriculum.ch3_4_constraints.pictures.make_pictures import FOLDER, Sheet
+from curriculum.ch3_4_constraints.results import palette
+from curriculum.ch3_4_constraints.results.advice import milliseconds, words
 
-from curriculum.ch3_4_constraints.pictures.make_pictures import METHODS, axes
+WIDTH = 900  # units, two to a pixel: letters of 30 have 12 pixels where the whole has 360
+LEFT, RIGHT = 120, 860  # of the plot
+LINE = 42  # from a line of words to the next
+HIGH = 560  # of the plot
+COARSE, FINE = 0.5, 13.5  # -log10 of the errors in m at its edges
+NEAR = 100  # from one length below the plot to the next, at least
+BOLD = "font-weight:bold;"
+HALO = "paint-order:stroke;stroke:var(--paper);stroke-width:9px;"  # words over lines
+DOT = "m-12 0a12 12 0 1 0 24 0a12 12 0 1 0-24 0z"  # at what is quickest
+LONGEST = 16  # letters of a scene's name
+MAIN = 1e-3  # m: the goal that is marked
+DASHES = ["2 9", "14 8", "", "28 8 4 8"]  # of integrators, by their place
+MARKS = [  # of methods, by their place, about a point; each ends where it begins
+    "m-9 0a9 9 0 1 0 18 0a9 9 0 1 0-18 0z",
+    "m-8-8h16v16h-16z",
+    "m0-11l10 17h-20z",
+    "m0-12l12 12-12 12-12-12z",
+    "m-9-9l18 18m0-18l-18 18",
+    "m-10 0h20m-10-10v20",
+]
+OPEN = "m-6 0a6 6 0 1 0 12 0a6 6 0 1 0-12 0z"  # of a peer
+TIMES = {-6: "1 µs", -5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 0: "1 s"}
 
-DASHES = {"euler": "2 10", "semi": "12 8", "rk4": "28 8 4 8", "gauss": "", "XPBD": "", "MuJoCo": ""}
-MARKS = {  # of a method, about the place; each ends where it begins
-    "none": "m-7 0a7 7 0 1 0 14 0a7 7 0 1 0-14 0z",
-    "baumgarte": "m-6-6h12v12h-12z",
-    "impulse": "m0-9l8 14h-16z",
-    "soft": "m0-9l9 9-9 9-9-9z",
-    "project": "m-7-7l14 14m0-14l-14 14",
-    "XPBD": "m-8 0h16m-8-8v16",
-    "MuJoCo": "m-8 0l8 8 8-8",
-}
-COLOURS = METHODS | {"XPBD": "m5", "MuJoCo": "ink"}
-ACROSS = {-15: "", -12: "1 pm", -9: "1 nm", -6: "1 um", -3: "1 mm", 0: "1 m", 1: ""}  # log10
-UP = {-6: "1 us", -5: "10 us", -4: "100 us", -3: "1 ms", -2: "10 ms", -1: "100 ms", 0: "1 s"}
-GAP = "\N{NO-BREAK SPACE}"
+
+class Look(NamedTuple):
+    """How a line is drawn that is quickest to some goal."""
+
+    colour: str
+    dash: str
+    mark: str
 
 
-def draw(scene, seconds, found):
-    """Draw {name: [Setting, ...]} of a scene that was followed for so many seconds."""
-    (left, *_, right), (*_, top) = ACROSS, UP
-    fastest = min(x.seconds for settings in found.values() for x in settings)
-    bottom = math.floor(math.log10(fastest))
-    wide, high = right - left, top - bottom
-    ticks = {y: words for y, words in UP.items() if y >= bottom}
-    sheet = axes(930, ACROSS, ticks, upright=True)
-    words = f"across: the error of {scene} after {seconds:g} s; up: the time to compute them"
-    sheet.words((left + 0.5 * wide, bottom), words, "reference", up=-85)
-    for order, size in (1, 1.0), (4, 3.0), (16, 3.0):  # as steep as a method of this order
-        end = -9.5 - size, bottom + 0.15 + size / order
-        sheet.line([(-9.5, bottom + 0.15), end], "reference", 4)
-        sheet.words(end, f"order {order}{GAP}", "reference", "end", -10)
+def look(name):
+    """The Look of "integrator method", by their places in the chapter's tables; or of another."""
+    first, _, method = name.partition(" ")
+    methods = list(c.make_methods())
+    integrators = [x.removesuffix("_implicit") for x in c.INTEGRATORS]
+    if first not in integrators or method not in methods:
+        return Look("ink", "", MARKS[-1])
+    place = methods.index(method)
+    dash = DASHES[integrators.index(first) % len(DASHES)]
+    return Look(f"m{place % len(palette.METHODS)}", dash, MARKS[place % len(MARKS)])
 
-    def marks(points, mark):
-        places = "".join(f"M{sheet.at(x)}{MARKS[mark]}" for x in points)
-        sheet.path([places], COLOURS[mark], 3)
 
-    for name, settings in found.items():
-        family, method = name.split(" ", 1)
-        mark = family if family in MARKS else method
-        least = 3.0 * min(x.error for x in settings)
-        points = []
-        for x in settings:
-            if x.error < 10.0**right:
-                points.append(np.log10([x.error, x.seconds]))
-            if x.error <= least:
-                break  # beyond is rounding
-        sheet.line(points, COLOURS[mark], 3, DASHES[family])
-        marks(points, mark)
-        if family == "MuJoCo" and len(points) > 3:  # one that gets somewhere
-            sheet.words(points[-1], method, up=16)
+def is_peer(name):
+    return name.startswith("MuJoCo")
 
-    x, y = left - 0.06 * wide, top + 0.16 * high
-    for mark, colour in COLOURS.items():
-        marks([(x, y)], mark)
-        sheet.words((x, y), GAP + GAP + mark, colour, "start", -10)
-        x += (0.065 + 0.016 * len(mark)) * wide
-    x, y = left - 0.06 * wide, top + 0.07 * high
-    for name in "euler", "semi_implicit", "rk4", "gauss":
-        end = x + 0.11 * wide, y
-        sheet.line([(x, y), end], "ink", 3, DASHES[name.removesuffix("_implicit")])
-        sheet.words(end, GAP + name, "ink", "start", -10)
-        x += (0.18 + 0.017 * len(name)) * wide
-    sheet.write(f"work_precision_{scene}")
+
+def shown(settings):
+    """Those of a line that are drawn: none that is far off, or finer than rounding allows."""
+    least = 3.0 * min(x.error for x in settings)
+    found = []
+    for x in settings:
+        if x.error < 10.0**-COARSE:
+            found.append(x)
+        if x.error <= max(least, 10.0**-FINE):
+            break
+    return found
+
+
+class Diagram:
+    """The sheet of a scene that was measured, and where an error and a time are on it."""
+
+    def __init__(self, measured, goals, winners):
+        self.measured = measured
+        self.goals = goals
+        self.winners = winners
+        self.best = {}  # {goal: the Setting that is quickest to it}
+        for goal in goals:
+            for first in winners(measured.found, goal)[:1]:
+                self.best[goal] = first
+        self.lines = {name: shown(settings) for name, settings in measured.found.items()}
+        times = [x.seconds for line in self.lines.values() for x in line]
+        self.fastest = math.floor(math.log10(min(times)))
+        self.slowest = math.ceil(math.log10(max(times)))
+        self.rows = LINE * len(self.best)
+        self.bottom = self.rows + 5.5 * LINE
+        self.height = round(self.bottom + HIGH + 4 * LINE)
+        self.sheet = Sheet(WIDTH, self.height, (0, 0), (WIDTH, self.height))
+
+    def x(self, error):
+        share = (-math.log10(max(error, 1e-300)) - COARSE) / (FINE - COARSE)
+        return LEFT + min(share, 1.0) * (RIGHT - LEFT)
+
+    def y(self, seconds):
+        share = (math.log10(seconds) - self.fastest) / (self.slowest - self.fastest)
+        return self.bottom + share * HIGH
+
+    def at(self, setting):
+        return self.x(setting.error), self.y(setting.seconds)
+
+    def draw(self):
+        """Draw all of it, and return the sheet."""
+        self.draw_axes()
+        chosen = {x.name for x in self.best.values()}
+        for name in self.lines:
+            if name not in chosen:
+                self.draw_other(name)
+        for name in self.lines:
+            if name in chosen:
+                self.draw_line(name)
+        self.draw_names()
+        self.draw_best_peer()
+        self.draw_words()
+        return self.sheet
+
+    def draw_axes(self):
+        for power in range(self.fastest, self.slowest + 1):
+            y = self.y(10.0**power)
+            self.sheet.line([(LEFT, y), (RIGHT, y)], "reference", 1)
+            self.sheet.words(
+                (LEFT - 10, y), TIMES.get(power, f"{10.0**power:g} s"), "reference", "end", -10
+            )
+        for goal in self.goals:
+            x = self.x(goal)
+            top = self.bottom + HIGH
+            if goal == MAIN:
+                self.sheet.line([(x, self.bottom), (x, top)], "ink", 4)
+            else:
+                self.sheet.line([(x, self.bottom), (x, top)], "reference", 1)
+
+    def draw_other(self, name):
+        """A line that is quickest to nothing."""
+        points = [self.at(x) for x in self.lines[name]]
+        if not points:
+            return
+        style = "stroke-linecap:round;opacity:0.45"
+        path = "M" + "L".join(self.sheet.at(x) for x in points)
+        self.sheet.path([path], "reference", 2, style)
+        if is_peer(name):
+            marks = "".join(f"M{self.sheet.at(x)}{OPEN}" for x in points)
+            self.sheet.path([marks], "reference", 3)
+
+    def draw_line(self, name):
+        """A line that is quickest to something."""
+        colour, dash, mark = look(name)
+        points = [self.at(x) for x in self.lines[name]]
+        self.sheet.line(points, colour, 5, dash)
+        marks = "".join(f"M{self.sheet.at(x)}{mark}" for x in points)
+        self.sheet.path([marks], colour, 4)
+
+    def draw_names(self):
+        """Below each length what is quickest to it, and at which step: a row each."""
+        names = []
+        for goal in self.goals:
+            self.draw_goal(goal)
+        under = self.bottom - LINE - 14
+        for k, (goal, best) in enumerate(self.best.items()):
+            row = under - (k + 1) * LINE
+            x = self.x(goal)
+            colour = look(best.name).colour
+            self.sheet.line([(x, self.at(best)[1]), (x, self.bottom)], colour, 2, "4 6")
+            self.sheet.line([(x, under), (x, row + 10)], colour, 2, "4 6")
+            self.sheet.path(
+                [f"M{self.sheet.at(self.at(best))}{DOT}"], colour, 2, f"fill:var(--{colour})"
+            )
+            style = HALO + BOLD if goal == MAIN else HALO
+            text = f"{best.name}, {milliseconds(best.dt)}"
+            if x < 0.5 * (LEFT + RIGHT):
+                names.append(((x + 10, row), text, colour, "start", style))
+            else:
+                names.append(((x - 10, row), text, colour, "end", style))
+        for name in names:  # last, so that no line crosses them
+            self.words(*name)
+
+    def draw_best_peer(self):
+        """The name of the peer that is quickest to the main goal, at the end of its line."""
+        peers = {name: line for name, line in self.measured.found.items() if is_peer(name)}
+        there = self.winners(peers, MAIN)
+        if not there or there[0].name in {x.name for x in self.best.values()}:
+            return
+        name = there[0].name
+        x, y = self.at(self.lines[name][-1])
+        if x < 0.5 * (LEFT + RIGHT):
+            self.words((x + 14, y + 12), name, "reference", "start", HALO)
+        else:
+            self.words((x - 14, y + 12), name, "reference", "end", HALO)
+
+    def draw_goal(self, goal):
+        """The length itself, beside its line where another one is near."""
+        x = self.x(goal)
+        gaps = [self.x(other) - x for other in self.goals if other != goal]
+        anchor = "middle"
+        if any(0.0 < gap < NEAR for gap in gaps):
+            anchor = "end"
+            x += 16
+        elif any(-NEAR < gap < 0.0 for gap in gaps):
+            anchor = "start"
+            x -= 16
+        bold = BOLD if goal == MAIN else ""
+        self.words((x, self.bottom - LINE), words(goal), "ink", anchor, bold)
+
+    def words(self, place, text, colour, anchor, style):
+        self.sheet.words(place, text, colour, anchor)
+        if style:
+            self.sheet.parts[-1] = self.sheet.parts[-1].replace('style="', f'style="{style}')
+
+    def draw_words(self):
+        """What is seen, above, and how it was measured, below."""
+        scene = shorten(self.measured.scene)
+        top = self.height - LINE
+        title = f"{scene}: quickest to {words(MAIN)} is nobody"
+        if MAIN in self.best:
+            title = f"{scene}: quickest to {words(MAIN)} is {self.best[MAIN].name}"
+        self.words((30, top), title, "ink", "start", BOLD)
+        said = ["colour: quickest to a length; grey: all others"]
+        if any(map(is_peer, self.lines)):
+            said.append("open circles: MuJoCo")
+        for k, text in enumerate(said):
+            self.sheet.words((30, top - (k + 1) * LINE), text, "ink", "start")
+        how = [
+            f"to the right: how far the worst particle is off after {self.measured.seconds:g} s",
+            "up: the time to compute that; a point for each step",
+            f"machine code, one core, medians of {self.measured.turns} turns",
+        ]
+        for k, text in enumerate(reversed(how)):
+            self.sheet.words((30, (k + 1) * LINE - 6), text, "reference", "start")
+
+
+def shorten(name):
+    return name if len(name) <= LONGEST else name[: LONGEST - 3] + "..."
+
+
+def text_of(measured, goals, winners):
+    """The diagram as an SVG; winners(found, goal) are Settings in order, the quickest first."""
+    sheet = Diagram(measured, goals, winners).draw()
+    box = 'viewBox="0 0 {} {}" width="{}"'.format(*sheet.size, 640)
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>'
+    return "\n".join([head, *sheet.parts, "</svg>\n"])
+
+
+def draw_for_the_chapter(measured, goals, winners):
+    """Write the diagram of a shipped scene beside the other pictures."""
+    path = FOLDER / f"work_precision_{measured.scene}.svg"
+    path.write_text(text_of(measured, goals, winners), encoding="utf-8")

@@ -66,7 +66,7 @@ def place_row(x, within):
 
 
 def rods_row(x):
-    return f"{name_of(x)}, {length(x.rods)} off, energy {per_cent(x.energy)}"
+    return f"{name_of(x)}, {length(x.rods)}, energy {per_cent(x.energy)}"
 
 
 def spread(settings, many):
@@ -144,20 +144,24 @@ def wrapped(lines):
 
 def sentences(choice):
     """[(setting or None, sentence)]: what is said of a Choice, in at most LINES lines."""
-    heads = [places_head(choice), rods_head(choice)]
-    tail = [why_they_differ(choice), lost_settings(choice), left_out(choice)]
+    lost = lost_settings(choice)
+    tail = [why_they_differ(choice), lost, left_out(choice)]
+    shorter = [x for x in tail if x and x != lost]  # metrics.json says of each what became of it
     tail = [x for x in tail if x]
-    for many, more in ROWS:
-        places = spread(choice.places, many)
-        rods = spread(choice.rods_hold, more)
-        found = [(None, heads[0])]
-        found += [(x, place_row(x, choice.within)) for x in places]
-        found += [(None, heads[1])]
-        found += [(x, rods_row(x)) for x in rods]
-        found += [(None, x) for x in tail]
+    for rows, end in [*((rows, tail) for rows in ROWS), (ROWS[-1], shorter)]:
+        found = said(choice, rows, end)
         if wrapped([line(x, text) for x, text in found]) <= LINES:
             break
     return found
+
+
+def said(choice, rows, tail):
+    """The sentences with so many rows for places and for rods, and with those of the tail."""
+    found = [(None, places_head(choice))]
+    found += [(x, place_row(x, choice.within)) for x in spread(choice.places, rows[0])]
+    found += [(None, rods_head(choice))]
+    found += [(x, rods_row(x)) for x in spread(choice.rods_hold, rows[1])]
+    return found + [(None, x) for x in tail]
 
 
 def line(x, text, pace=" (0.000 µs)"):
@@ -192,7 +196,7 @@ def give(chapter, args, system, runs, reference):
     if why:
         say(f"no answer to --within {words(args.within)}: {why}")
         return None
-    said = sentences(found)
-    for x, text in said:
+    every = sentences(found)
+    for x, text in every:
         say(line(x, text, f" ({1e6 * x.seconds:.3g} µs)" if x else ""))
-    return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in said])
+    return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in every])

@@ -12,30 +12,39 @@ from curriculum.ch3_4_constraints.mechanics.choice import count_operations
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
-# What page and recording take of a chapter, which main hands to write as a namespace of its names.
+# What page, recording and --within take of a chapter: main hands them a namespace of its names, as
+# its reader has edited them. A knob is an argument of make_methods that args.knobs has.
 CHAPTER = {
     "GRAVITY": "(3,) in m/s^2",
     "INTEGRATORS": "{name: step(q, v, m, force, dt) -> (q, v)}",
     "make_methods": "(dt, **knobs) -> {name: Method}: make_force, words, post_step, integrator",
     "external_force": "(system, q, v) -> (N, 3) in N: the page asks whether energy should stay",
     "energy": "(system, q, v) -> J",
-    "rod_lengths": "(system, q) -> (C,) in m, what is to be `lengths` of the system",
-    "tensions": "(system, q, v, force) -> (C,) in N, for the recording",
+    "rod_lengths": "(system, q) -> (..., C) in m, which the page compares with lengths",
+    "tensions": "(system, q, v, force) -> (C,) in N, which the recording plots",
+    "make_force": "(system) -> force(q, v), which --within takes for the true motion, and",
+    "project": "(system, q_start, q, v, dt) -> (q, v), too",
+    "stabilized": "(step, system, method) -> step: --within takes steps of all integrators",
+    "constraint_violation": "(system, q) -> (...) in m, of many states at once",
 }
-METRICS, PAGE, RECORDING = "metrics.json", "play.html", "constraints.rrd"
+METRICS = "metrics.json"
+PAGE = "play.html"
+RECORDING = "constraints.rrd"
 ALWAYS = {"system", "integrator", "dt", "steps", "seed", "results"}  # keys of METRICS
-MOST = 4e9  # bytes of states
+MEMORY = 4e9  # bytes of states, at most
 STATE = 96  # bytes of a particle: its q and v, and once more where they are computed
+OFF = ("0", "off", "false")  # what the variable RERUN is where rerun is to do nothing
 
 
 def check(args, system):
     """Raise an error in a sentence if a run has too many states, or if its files could not be
     written, or would overwrite files that no run has written."""
-    fit = int(MOST / (STATE * len(system["m"]) * len(args.methods)))
+    fit = int(MEMORY / (STATE * len(system["m"]) * len(args.methods)))
     if args.steps > fit:
-        why = f"{args.steps} steps take more than {MOST / 1e9:g} GB; {fit} fit"
+        why = f"{args.steps} steps take more than {MEMORY / 1e9:g} GB; {fit} fit"
         raise ArgumentTypeError(f"argument --steps: {why}")
-    for path in (args.out / name for name in (METRICS, PAGE, RECORDING)):
+    for name in (METRICS, PAGE, RECORDING):
+        path = args.out / name
         check_writable(path)
         if path.exists() and not is_ours(args.out):
             raise ArgumentTypeError(f"argument --out: {path} is not of a run; name another folder")
@@ -70,12 +79,9 @@ def write(args, system, runs, results, reference, choice, chapter):
         except page.NoPage as why:
             left_out[PAGE] = why
     if args.rerun:
-        try:
-            from curriculum.ch3_4_constraints.results import recording  # here: it loads for long
-
-            files[RECORDING] = recording.record(args, system, runs, results, text, chapter)
-        except (ImportError, OSError, RuntimeError) as why:  # the run need not be lost with it
-            left_out[RECORDING] = f"{why}; pip install rerun-sdk may help"
+        files[RECORDING], why = recorded(args, system, runs, results, text, chapter)
+        if why:
+            left_out[RECORDING] = why
     write_together(args.out, files)
     say(f"wrote {args.out}: {', '.join(name for name in files if files[name])}")
     if files[PAGE] and edited:
@@ -86,6 +92,24 @@ def write(args, system, runs, results, reference, choice, chapter):
         print(look(args.out / RECORDING))
     if args.within is None:
         print("which step is right to 1 mm? add --within 1mm")
+
+
+def recorded(args, system, runs, results, text, chapter):
+    """The bytes of a recording, or None; and why there is none, in words, or None.
+
+    Whatever rerun does, a run is not lost with it.
+    """
+    if os.environ.get("RERUN", "").lower() in OFF:
+        return None, f"RERUN={os.environ['RERUN']} switches rerun off"
+    try:
+        from curriculum.ch3_4_constraints.results import recording  # here: it loads for long
+
+        return recording.record(args, system, runs, results, text, chapter), None
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as why:  # what panics in Rust is no Exception
+        said = " ".join(str(why).split()) or type(why).__name__
+        return None, f"{said}; pip install --upgrade rerun-sdk may help"
 
 
 def metrics(args, system, results, reference, choice=None):

@@ -1,44 +1,52 @@
 """Which method, and which step, reaches which error in what time?
 
-Each integrator with each method, XPBD and MuJoCo, by steps from 20 ms on, halved until rounding or
-a second of computing ends it. Times are medians of turns in one process.
+Each integrator with each method, XPBD and MuJoCo, from long steps to ever shorter ones, until
+rounding or a second of computing ends it. Times are medians of turns in one process.
 """
 
 import time
+from argparse import ArgumentTypeError
 from functools import partial
-from itertools import pairwise
+from importlib.util import find_spec
+from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics.reference import distance
+from curriculum.ch3_4_constraints.mechanics import choice
+from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, distance, horizon
 from curriculum.ch3_4_constraints.mechanics.systems import has_loop
 from curriculum.ch3_4_constraints.pictures import work_precision
+from curriculum.ch3_4_constraints.results.advice import milliseconds, words
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli, progress
-from curriculum.common.gauss import make_gauss
+from curriculum.common.files import check_writable, write_together
 from curriculum.common.tracing import CompiledSteps
 
 SCENES = {"double": 5.0, "jansen_leg": 2.0, "windows": 1.0}  # how long each is followed, in s
-GOALS = {1e-2: "1 cm", 1e-3: "1 mm", 1e-6: "1 um", 1e-9: "1 nm", 1e-12: "1 pm"}
-LONGEST, SHOWN = 0.02, 0.005  # s: the first step, and that whose errors are printed
-EXACT = 0.004  # s: the steps of the reference
+GOALS = 1e-2, 1e-3, 1e-6, 1e-9, 1e-12  # m
+USUAL = 0.005  # s: the first step is a multiple of it where it can be
+SHOWN = 8  # of the first steps: so many times shorter are those whose errors are printed
 MANY = 10**9  # steps in all: enough to be worth machine code
 STRETCH = 4000  # steps at once: what they leave stays in the cache
-LIMIT, SHORT, TURNS = 1.0, 0.05, 5  # s for a pair; runs below SHORT s are timed in turns
+LIMIT = 1.0  # s for a pair
+SHORT, TURNS = 0.05, 5  # runs below SHORT s are timed in turns
 TIED = 1.1  # times as long is as quick
+TEXT, DIAGRAM = "speed_vs_error.txt", "speed_vs_error.svg"  # of a scene of one's own
 
 
 class Setting(NamedTuple):
-    """What a pair makes of a step size."""
+    """What a pair, by its name, makes of a step size."""
 
+    name: str
     dt: float  # s
     error: float  # m, of the worst particle at the end
     rods: float  # m, of the worst rod at the end
     times: list  # s for all steps, a turn each
+    lost: None = None  # one that is lost has an error of inf
 
     @property
     def seconds(self):
@@ -57,7 +65,7 @@ def by_name(name, step_fn, system, q, v, dt):
 STEPS = {
     f"{integrator.removesuffix('_implicit')} {name}": partial(by_name, name, step_fn)
     for integrator, step_fn in c.INTEGRATORS.items()
-    for name, method in c.make_methods(dt=1.0).items()
+    for name, method in c.make_methods().items()
     if method.integrator in (None, integrator)
 } | {f"XPBD x{count}": partial(xpbd_step, substeps=count) for count in (1, 4, 20)}
 
@@ -69,7 +77,8 @@ def ours(system, seconds, step, *more):
     compiled = CompiledSteps(step, start, MANY, knobs=1)
 
     def run(steps):
-        state, spent = start, 0.0
+        state = start
+        spent = 0.0
         for done in range(0, steps, STRETCH):
             count = min(STRETCH, steps - done)
             columns = compiled(state, count, seconds / steps)
@@ -91,19 +100,47 @@ PEERS = {  # rods as what, how hard, if not as MuJoCo has it, and its integrator
 }
 
 
+def model_of_peer(name, system, dt):
+    """MuJoCo's model and data by a row of PEERS."""
+    parts_of, hard, integrator = PEERS[name]
+    return _mujoco.started(
+        system, parts_of, hard.format(2.0 * dt), dt, f'integrator="{integrator}"'
+    )
+
+
+def places(data, system):
+    """Where MuJoCo has the particles, (N, 3) in m."""
+    return np.array([data.site(f"s{k}").xpos for k in range(len(system["m"]))])
+
+
 def peer(name, system, seconds, steps):
     """A run of MuJoCo, by a row of PEERS."""
     import mujoco
 
-    model_of, hard, integrator = PEERS[name]
-    dt = seconds / steps
-    options = f'integrator="{integrator}"'
-    model, data = _mujoco.started(system, model_of, hard.format(2.0 * dt), dt, options)
+    model, data = model_of_peer(name, system, seconds / steps)
     clock = time.perf_counter()
     mujoco.mj_step(model, data, steps)
     took = time.perf_counter() - clock
     mujoco.mj_kinematics(model, data)  # a step leaves the places of its beginning
-    return took, np.array([data.site(f"s{k}").xpos for k in range(len(system["m"]))])
+    return took, places(data, system)
+
+
+def trouble(name, system):
+    """Why a row of PEERS cannot hold a scene, in words, or ""."""
+    if not find_spec("mujoco"):
+        return "mujoco is not installed: pip install -e '.[fast,peers]'"
+    import mujoco
+
+    flat = not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
+    if PEERS[name][0] is _mujoco.linkage and not flat:
+        return "its hinges are for scenes in the plane z = 0"
+    try:
+        model, data = model_of_peer(name, system, USUAL)
+        mujoco.mj_kinematics(model, data)
+        off = distance(places(data, system), system["q0"])
+    except (ArgumentTypeError, ValueError, KeyError, RecursionError) as why:
+        return str(why).splitlines()[0]
+    return "" if off < 1e-9 * np.sum(system["lengths"]) else "its particles do not start there"
 
 
 def peers(system, seconds):
@@ -113,55 +150,101 @@ def peers(system, seconds):
 
 
 # --- measuring ---
+def known_motion(system, seconds):
+    """The Reference after so many seconds or, where that is not known, after fewer."""
+    parts = 1 << choice.HALVED
+    return choice.known_motion(c, system, seconds / parts, parts), seconds / parts
+
+
 def reference(system, seconds):
-    """Where the particles end, (N, 3) in m, by Gauss's rule, and how sure that is, in m."""
-    ends = []
-    for stages in 8, 6:
-        step = partial(by_name, "project", make_gauss(stages), system)
-        _, q = ours(system, seconds, step)(round(seconds / EXACT))
-        ends.append(q)
-    return ends[0], distance(*ends)
+    """Where the particles end, (N, 3) in m, and how sure that is, in m."""
+    known, _ = known_motion(system, seconds)
+    return known.q, known.uncertainty
 
 
-def ladder(run, system, seconds, known, limit):
-    """The Settings of a pair, from long steps to short ones."""
-    found, steps, spent, took = [], round(seconds / LONGEST), 0.0, 0.0
-    while len(found) < 4 or spent + 2.0 * took < limit:
+def ladder(name, run, first, system, seconds, known, limit):
+    """The Settings of a pair, from long steps to short ones: `first` is how many are the longest.
+
+    Still longer ones are taken as long as they are within the coarsest goal.
+    """
+
+    def take(steps):
         took, q = run(steps)
         rods = float(c.constraint_violation(system, q))
-        found.append(Setting(seconds / steps, distance(q, known), rods, [took]))
-        spent, steps = spent + took, 2 * steps
+        return Setting(name, seconds / steps, distance(q, known), rods, [took])
+
+    found = [take(first)]
+    steps = first
+    while steps > 1 and found[0].error <= max(GOALS):
+        steps = choice.fewer(steps, partial(choice.digits, seconds))
+        found.insert(0, take(steps))
+        if found[0].seconds >= found[1].seconds:  # gauss takes it in parts
+            break
+    steps = first
+    spent = 0.0
+    while steps < SHOWN * first or spent + 2.0 * found[-1].seconds < limit:
+        steps = 2 * steps
+        found.append(take(steps))
+        spent += found[-1].seconds
         errors = [x.error for x in found[-4:]]
-        if len(errors) == 4 and errors[0] < 0.2 and min(errors[1:]) > 0.7 * errors[0]:
+        if steps >= SHOWN * first and errors[0] < 0.2 and min(errors[1:]) > 0.7 * errors[0]:
             break  # rounding, or what no step makes better
     return found
 
 
-def measure(scene, limit, turns):
-    """{name: [Setting, ...]} of a scene, its reference's uncertainty in m, and s of building."""
-    system, seconds = c.build_system(scene), SCENES[scene]
-    known, gap = reference(system, seconds)
-    runs, found = {}, {}
+class Measured(NamedTuple):
+    """What is known of a scene: {name: [Setting, ...]}, and how it was measured."""
+
+    scene: str
+    seconds: float  # that it was followed
+    found: dict
+    uncertainty: float  # m, of the reference
+    built: float  # s, in which machine code was built
+    missing: dict  # {peer: why it is not there}
+    shown: float  # s: the step whose errors are printed
+    turns: int
+
+
+def measure(scene, system, seconds, limit, turns):
+    """The Measured of a scene; ArgumentTypeError if nobody knows its motion."""
+    if len(system["pairs"]) > MAX_RODS:
+        raise ArgumentTypeError(f"it would take long for more than {MAX_RODS} rods")
+    known, part = known_motion(system, seconds)
+    if known.q is None:
+        raise ArgumentTypeError(
+            f"nobody knows where it is after {known.step * part:.3g} s: {known.why}"
+        )
+    seconds = known.step * part
+    last = max(1, round(seconds / USUAL))
+    first = choice.first_count(system, c.make_force(system), seconds / last, last)
+    runs = {}
     clock = time.perf_counter()
     for name, step in STEPS.items():
         runs[name] = ours(system, seconds, partial(step, system))
     built = time.perf_counter() - clock
-    runs |= peers(system, seconds)
+    missing = {}
+    for name, run in peers(system, seconds).items():
+        why = trouble(name, system)
+        if why:
+            missing[name] = why
+        else:
+            runs[name] = run
+    found = {}
     for name in progress.each(runs):
-        found[name] = ladder(runs[name], system, seconds, known, limit)
+        found[name] = ladder(name, runs[name], first, system, seconds, known.q, limit)
     for _ in progress.each(f"{scene}, turn {k}" for k in range(1, turns)):
         for name, settings in found.items():
             for x in settings:
                 if x.times[0] < SHORT:
                     x.times.append(runs[name](round(seconds / x.dt))[0])
-    return found, gap, built
+    shown = seconds / (SHOWN * first)
+    return Measured(scene, seconds, found, known.uncertainty, built, missing, shown, turns)
 
 
 # --- what is printed ---
 def reached(settings, goal):
     """The quickest of settings that are within a goal, as is the next finer one; or None."""
-    there = [x for x, finer in pairwise(settings) if max(x.error, finer.error) <= goal]
-    return min(there, key=lambda x: x.seconds, default=None)
+    return choice.reached(settings, "error", goal, "seconds")
 
 
 def cell(setting):
@@ -172,43 +255,99 @@ def cell(setting):
     return f"{took:g}/{step:g}"
 
 
-def show(scene, found, gap, built):
-    """Print the rows of a scene, and what they say."""
-    print(f"\n{scene}, {SCENES[scene]:g} s; two ways to the reference are {gap:.0e} m apart")
-    print(f"{'':21}{'m off at 5 ms':>16}   ms of computing / ms a step, to be right to")
-    print(f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{words:>12}" for words in GOALS.values()))
-    for name, settings in found.items():
-        at = next(x for x in settings if x.dt <= SHOWN)
-        cells = "".join(f"{cell(reached(settings, goal)):>12}" for goal in GOALS)
-        print(f"{name:21}{at.error:8.0e}{at.rods:8.0e}{cells}")
-    for goal in GOALS:
-        print(quickest(found, goal))
-    print(f"machine code took {built:.0f} s to build, which is in no time above")
+def goals_of(measured):
+    """Those that the reference is sure enough for."""
+    return [goal for goal in GOALS if goal > measured.uncertainty]
+
+
+def lines(measured):
+    """The rows of a scene, and what they say."""
+    goals = goals_of(measured)
+    scene = f"{measured.scene}, {measured.seconds:g} s"
+    yield f"{scene}; the reference is known to {measured.uncertainty:.0e} m"
+    shown = f"m off at {milliseconds(measured.shown)}"
+    yield f"{'':21}{shown:>16}   ms of computing / ms a step, to be right to"
+    yield f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{words(goal):>12}" for goal in goals)
+    for name, settings in measured.found.items():
+        at = next(x for x in settings if x.dt <= 1.001 * measured.shown)
+        cells = "".join(f"{cell(reached(settings, goal)):>12}" for goal in goals)
+        yield f"{name:21}{at.error:8.0e}{at.rods:8.0e}{cells}"
+    for goal in goals:
+        yield quickest(measured.found, goal)
+    for name, why in measured.missing.items():
+        yield f"{name} is not there: {why}"
+    yield f"machine code took {measured.built:.0f} s to build, which is in no time above"
+
+
+def winners(found, goal):
+    """The quickest Settings to a goal, in order: who is as quick and much more right is before."""
+    there = [reached(settings, goal) for settings in found.values()]
+    return choice.in_order([x for x in there if x], "error", "seconds")
 
 
 def quickest(found, goal):
     """A sentence: who is quickest to a goal, and who as quick."""
-    there = {name: reached(settings, goal) for name, settings in found.items()}
-    there = {name: setting for name, setting in there.items() if setting}
+    there = winners(found, goal)
     if not there:
-        return f"to {GOALS[goal]}: nobody"
-    best = min(x.seconds for x in there.values())
-    first = [f"{name} {cell(x)}" for name, x in there.items() if x.seconds <= TIED * best]
-    return f"to {GOALS[goal]}: {', '.join(first)}"
+        return f"to {words(goal)}: nobody"
+    least = min(x.seconds for x in there)
+    first = [f"{x.name} {cell(x)}" for x in there if x.seconds <= TIED * least]
+    return f"to {words(goal)}: {', '.join(first)}"
+
+
+def parse_args(argv):
+    parser = cli.Parser(__doc__)
+    add = parser.add_argument
+    add("--system", help="one of your own: a scene, or its file (those of the chapter)")
+    add("--seconds", type=cli.positive, help="how long it is followed")
+    add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where its files go")
+    add("--quick", action="store_true", help="coarse, and of one scene")
+    add("--picture", action="store_true", help="draw the chapter's diagrams again")
+    args = parser.parse_args(argv)
+    if args.seconds and not args.system:
+        parser.error("argument --seconds: is for --system")
+    return parser, args
 
 
 def main(argv=None):
     """Measure, print and, if asked to, draw."""
-    parser = cli.Parser(__doc__)
-    parser.add_argument("--quick", action="store_true", help="coarse, and of one scene")
-    parser.add_argument("--picture", action="store_true", help="draw the diagrams again")
-    args = parser.parse_args(argv)
-    scenes, limit, turns = SCENES, LIMIT, TURNS
+    parser, args = parse_args(argv)
+    limit, turns = LIMIT, TURNS
     if args.quick:
-        scenes, limit, turns = ["double"], LIMIT / 50.0, 2
+        limit, turns = LIMIT / 50.0, 2
         print("coarse: one scene, and nothing that takes long")
-    for scene in scenes:
-        found, gap, built = measure(scene, limit, turns)
-        show(scene, found, gap, built)
+    if args.system:
+        return one_of_your_own(parser, args, limit, turns)
+    for scene in ["double"] if args.quick else SCENES:
+        measured = measure(scene, c.build_system(scene), SCENES[scene], limit, turns)
+        print()
+        for line in lines(measured):
+            print(line)
         if args.picture:
-            work_precision.draw(scene, SCENES[scene], found)
+            work_precision.draw_for_the_chapter(measured, goals_of(measured), winners)
+    return 0
+
+
+def one_of_your_own(parser, args, limit, turns):
+    """Measure a scene by its name or file, print it, and write text and diagram to a folder."""
+    with parser.errors("argument --system: "):
+        system = c.build_system(args.system)
+    with parser.errors("argument --out: "):
+        for name in (TEXT, DIAGRAM):
+            check_writable(args.out / name)
+    scene = Path(args.system).stem
+    seconds = args.seconds or SCENES.get(scene)
+    if seconds is None:
+        seconds = USUAL * horizon(system, c.make_force(system), USUAL, 10**6)
+    with parser.errors("argument --system: "):
+        measured = measure(scene, system, seconds, limit, turns)
+    text = list(lines(measured))
+    if measured.seconds < seconds:
+        shorter = f"nobody knows where it is after {seconds:g} s: so it is followed for"
+        text.insert(0, f"{shorter} {measured.seconds:g} s")
+    for line in text:
+        print(line)
+    picture = work_precision.text_of(measured, goals_of(measured), winners)
+    write_together(args.out, {TEXT: "\n".join(text) + "\n", DIAGRAM: picture})
+    print(f"wrote {args.out}: {TEXT}, {DIAGRAM}")
+    return 0

@@ -5,14 +5,7 @@ from itertools import count, takewhile
 import numpy as np
 
 from curriculum.common.tracing.compare import Comparisons, check
-from curriculum.common.tracing.plainly import (
-    OwnLines,
-    Report,
-    copied,
-    in_range,
-    nan_like,
-    numbers,
-)
+from curriculum.common.tracing.plainly import OwnStep, Report, copied, in_range, nan_like, numbers
 from curriculum.common.tracing.steps import CompiledSteps
 from curriculum.common.tracing.tape import Untraceable, current
 from curriculum.common.tracing.trace import several
@@ -29,10 +22,12 @@ class Step:
     """
 
     def __init__(self, step, steps):
+        self.step = step
         self.report = Report()
-        self.own = OwnLines(step)
         self.builder = Builder(step, steps, self.report)
         self.comparisons = Comparisons(steps)
+        self.width = 0  # how many arrays a state is
+        self.single = False  # whether it is one array, by itself
         self.others = Others((), 0)
         self.ready = iter(())
         self.stretch = 0  # so many were made ready at once
@@ -57,61 +52,70 @@ class Step:
     def begin(self, arguments):
         """Take a step that is not ready, or does not look like it; make those after it ready."""
         number = self.number + 1
-        result = self.own(arguments) if number == 0 else None  # only it tells what is a state
-        state = arguments[: self.own.width]
-        others = arguments[self.own.width :]
-        row = numbers(state)
-        if not in_range(row):
+        own = OwnStep(self.step, arguments)
+        if number == 0:  # only its own lines tell what is a state
+            self.width = len(own.result)
+            self.single = own.single
+        state = arguments[: self.width]
+        if not in_range(numbers(state)):
             self.report.fail("a state that came in is not a number below 1e100")
             return self.hand_out(number, nan_like(state))
-        goes_on = row.tobytes() + self.others.tail == self.expected
-        changed = number == 0 or contents(others) != self.others.contents
-        self.report.edited |= number > 0 and (changed or not goes_on)
-        if changed:
-            self.others = Others(others, self.own.width)
-        before = self.builder.run
-        run = self.builder.run_for(state, self.others.copies, changed)
+        known = self.builder.run
+        goes_on = self.look(number, state, arguments[self.width :])
+        run = self.builder.run_for(state, self.others.copies)
         if run is None:
-            return self.take(number, arguments, result)
-        goes_on = goes_on and run is before
-        step = next(self.ready, None) if goes_on else None
+            return self.take(number, own)
+        is_new = run is not known
+        step = next(self.ready, None) if goes_on and not is_new else None
         if step is None:
-            self.stretch = min(
-                FASTER * self.stretch if goes_on else 1, self.comparisons.end(number) - number
-            )
+            longest = FASTER * self.stretch if goes_on and not is_new else 1
+            self.stretch = min(longest, self.comparisons.end(number) - number)
             self.ready = self.computed(run, state, number)
             step = next(self.ready, None)
-        if step is None:  # it has failed: only its own lines can tell why
-            return self.take(number, arguments, result)
+        if step is None:  # it fails, and only its own lines can tell why
+            return self.take(number, own)
         self.number, self.expected, ahead = step
-        if run is not before or self.comparisons.is_due(number):
-            result = result or self.own(arguments)
+        if is_new or self.comparisons.is_due(number):
+            result = own.result
+            if own.failure:
+                return self.take(number, own)
             check(number, several(ahead), result, state, run.exact)
             self.report.compared += 1
         return ahead
+
+    def look(self, number, state, others):
+        """Note what others have come in. Whether the loop goes on from the step before."""
+        goes_on = numbers(state).tobytes() + self.others.tail == self.expected
+        if number == 0 or contents(others) != self.others.contents:
+            self.others = Others(others, self.width)
+            self.builder.run = None
+            goes_on = False
+        if number > 0 and not goes_on:
+            self.report.edited = True
+        return goes_on
 
     def computed(self, run, state, number):
         """A stretch of steps from a state, as they are to be ready; none if the first one fails."""
         columns = [x[1:] for x in run(state, self.stretch)]
         self.report.time(len(columns[0]), run.seconds)
         bytes_in = bytes_of_rows(run.rows[1:], self.others.tail)
-        results = columns[0] if self.own.single else zip(*columns, strict=True)
+        results = columns[0] if self.single else zip(*columns, strict=True)
         return zip(count(number), bytes_in, results)
 
-    def take(self, number, arguments, result):
-        """Take a step by its own lines, unless that has been done."""
-        if result is None:
-            result = self.own(arguments)
-        self.report.time(1, self.own.seconds)
-        if self.own.failure:
-            self.report.fail(self.own.failure)
+    def take(self, number, own):
+        """Hand out the step of its own lines."""
+        result = own.result
+        if not self.report.is_compiled:
+            self.report.time(1, own.seconds)
+        if own.failure:
+            self.report.fail(own.failure)
         return self.hand_out(number, result)
 
     def hand_out(self, number, state):
         self.number = number
         self.expected = numbers(state).tobytes() + self.others.tail
         self.ready = iter(())
-        return state[0] if self.own.single else state
+        return state[0] if self.single else state
 
 
 class Others:
@@ -150,13 +154,13 @@ class Builder:
         self.step = step
         self.steps = steps
         self.report = report
-        self.run = None  # the CompiledSteps of today
+        self.run = None  # the CompiledSteps, unless the others have changed
         self.builds = 0
         self.can = True
 
-    def run_for(self, state, others, changed):
-        """The CompiledSteps that fit, with these others; None if nothing is or can be compiled."""
-        if self.run and (changed or not self.run.fits(state)):
+    def run_for(self, state, others):
+        """The CompiledSteps for these; None if nothing is compiled here, or it cannot be."""
+        if self.run and not self.run.fits(state):
             self.run = None
         if current.plain or not self.can:
             return None
@@ -165,8 +169,7 @@ class Builder:
                 self.run = self.build(state, others)
             except Untraceable as why:
                 self.can = False
-                self.report.how = f"plain numpy: {why}"
-                self.report.is_compiled = False
+                self.report.go_plain(why)
         return self.run
 
     def build(self, state, others):

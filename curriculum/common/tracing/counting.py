@@ -12,19 +12,28 @@ from curriculum.common.tracing.trace import Loop, trace_loop
 class Counting(Python):
     """The lines of Python, which also add to record[0] what each turn of a loop takes.
 
-    An operation is a sum, a product, a root, a comparison or the like of two numbers. Those of a
-    loop's test and of the rest of its body are added where they are done, so turns need no guess.
-    What is done once, before all steps, is not counted.
+    An operation is a sum, a product, a root, a comparison or the like of two numbers. What is done
+    side by side in several rows is one, as in machine code: so of a loop in rows that one counts
+    which takes most, as the others wait. The operations of a loop's test and of the rest of its
+    body are added where they are done, so turns need no guess. What is done once, before all steps,
+    is not counted.
     """
 
-    forms = Python.forms | {"record": "", "count": "record[0] += {many}"}
+    forms = Python.forms | {
+        "record": "",
+        "count": "record[0] += {many}",
+        "rows": "record.extend((record[0], 0))",  # what was there before, and the most of a row
+        "row": "record[-1] = max(record[-1], record[0] - record[-2])\nrecord[0] = record[-2]",
+        "most": "record[0] += record.pop()\nrecord.pop()",
+    }
 
     def __init__(self):
         super().__init__()
         self.waiting = [0]  # written but not yet added, of each loop around this line
 
     def operation(self, sign, operands, name):
-        self.waiting[-1] += 1
+        _, _, row = name.partition("_")
+        self.waiting[-1] += row in ("", "0")
         return super().operation(sign, operands, name)
 
     def write(self, form, **words):
@@ -36,6 +45,16 @@ class Counting(Python):
             self.waiting.append(0)
         elif form == "end":
             self.waiting.pop()
+
+    def loops(self, loop, env):
+        self.write("rows")
+        super().loops(loop, env)
+        self.write("most")
+
+    def loop(self, loop, env, k):
+        ends = super().loop(loop, env, k)
+        self.write("row")
+        return ends
 
 
 class Counter:

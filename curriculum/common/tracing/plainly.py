@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,6 +35,12 @@ class Report:
         self.timed += steps
         self.seconds += seconds
 
+    def go_plain(self, why):
+        self.how = f"plain numpy, after a trial: {why}"
+        self.is_compiled = False
+        self.timed = 0
+        self.seconds = 0.0
+
     def fail(self, why):
         self.failure = self.failure or why
 
@@ -43,35 +50,36 @@ class Report:
         return 1e6 * self.seconds / self.timed if self.timed else math.nan
 
 
-class OwnLines:
-    """The step itself: of arguments, which it may edit, the tuple of the arrays that it returns."""
+class OwnStep:
+    """A step by its own lines, which are run when its `result` is first asked for."""
 
-    def __init__(self, step):
+    def __init__(self, step, arguments):
         self.step = step
-        self.width = 0  # how many arrays a state is, as soon as it was called
+        self.arguments = arguments
         self.single = False  # whether it returns one array, by itself
-        self.failure = None  # why the last result is NaN
-        self.seconds = 0.0  # that the last call took
+        self.failure = None  # why its result is NaN
+        self.seconds = 0.0
 
-    def __call__(self, arguments):
+    @cached_property
+    def result(self):
+        """The tuple of the arrays that it returns."""
         current.failure = None
         clock = time.perf_counter()
         with np.errstate(all="ignore"):
-            result = self.step(*map(copied, arguments))
+            result = self.step(*map(copied, self.arguments))
         self.seconds = time.perf_counter() - clock
         self.single = not isinstance(result, tuple | list)
         result = tuple(np.asarray(x, float)[()] for x in several(result))
-        self.width = len(result)
         if in_range(numbers(result)):
             return result
-        self.failure = current.failure or self.why(arguments, result)
+        self.failure = current.failure or self.why(result)
         return nan_like(result)
 
-    def why(self, arguments, result):
+    def why(self, result):
         """Why its result is not a state, and where numpy first met what is not a number."""
         try:
             with np.errstate(divide="raise", invalid="raise", over="raise", under="ignore"):
-                self.step(*map(copied, arguments))
+                self.step(*map(copied, self.arguments))
         except FloatingPointError as error:
             return "diverged" if "overflow" in str(error) else f"not a number: {reason(error)}"
         return "not a number" if np.isnan(numbers(result)).any() else "diverged"

@@ -55,4 +55,5 @@ def nonzero(state):
     if min(map(np.ndim, state)) < 2 or len({np.shape(x)[1:] for x in state}) > 1:
         return [np.ones(np.shape(x), bool) for x in state]
     along = np.any([np.any(x, axis=0) for x in state], axis=0)
+    along = along | ~np.any(along)  # of zeros alone nothing would be left to compute
     return [np.broadcast_to(along, np.shape(x)) for x in state]

@@ -117,7 +117,8 @@ class Program:
         self.tape.nodes |= dict.fromkeys(self.inputs, Op("input"))
         arrays = shaped(numbers, live) + list(map(Symbol, names[len(live) :]))
         try:
-            self.outputs, self.results = traced(self.tape, function, arrays)
+            with np.errstate(all="ignore"):
+                self.outputs, self.results = traced(self.tape, function, arrays)
         except Exception as why:
             raise Untraceable(reason(why)) from why
 
