@@ -75,12 +75,12 @@ def shown(settings):
 class Diagram:
     """The sheet of a scene that was measured, and where an error and a time are on it."""
 
-    def __init__(self, measured, goals, winners):
+    def __init__(self, measured, winners):
         self.measured = measured
-        self.goals = goals
+        self.goals = measured.goals
         self.winners = winners
         self.best = {}  # {goal: the Setting that is quickest to it}
-        for goal in goals:
+        for goal in self.goals:
             for first in winners(measured.found, goal)[:1]:
                 self.best[goal] = first
         self.lines = {name: shown(settings) for name, settings in measured.found.items()}
@@ -235,15 +235,15 @@ def shorten(name):
     return name if len(name) <= LONGEST else name[: LONGEST - 3] + "..."
 
 
-def text_of(measured, goals, winners):
+def text_of(measured, winners):
     """The diagram as an SVG; winners(found, goal) are Settings in order, the quickest first."""
-    sheet = Diagram(measured, goals, winners).draw()
+    sheet = Diagram(measured, winners).draw()
     box = 'viewBox="0 0 {} {}" width="{}"'.format(*sheet.size, 640)
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>'
     return "\n".join([head, *sheet.parts, "</svg>\n"])
 
 
-def draw_for_the_chapter(measured, goals, winners):
+def draw_for_the_chapter(measured, winners):
     """Write the diagram of a shipped scene beside the other pictures."""
     path = FOLDER / f"work_precision_{measured.scene}.svg"
-    path.write_text(text_of(measured, goals, winners), encoding="utf-8")
+    path.write_text(text_of(measured, winners), encoding="utf-8")
