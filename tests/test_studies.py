@@ -178,6 +178,17 @@ def test_a_diagram_names_what_is_quickest_in_its_colour_and_leaves_the_others_gr
     assert "open circles: MuJoCo" in text and ">MuJoCo hinges<" in text
 
 
+def test_a_small_scene_is_asked_for_its_coarsest_goal():
+    found = settings("rk4 none", (0.02, 5e-7, 1e-5), (0.01, 4e-7, 2e-5))
+    measured = speed.Measured("flea", 0.1, found, [1e-6, 1e-9], 1e-13, 1.0, {}, 0.005, 5)
+    text = work_precision.text_of(measured, speed.winners)
+    assert "flea: quickest to 1 µm is rk4 none<" in text and ">1 mm<" not in text
+    nobody = measured._replace(goals=[1e-9])
+    assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(nobody, speed.winners)
+    far = nobody._replace(found=settings("rk4 none", (0.02, 9.0, 1e-5)))
+    assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(far, speed.winners)
+
+
 def test_words_of_a_diagram_are_read_on_a_phone(monkeypatch, tmp_path):
     """350 pixels remain of 390 between the margins of a page; 11 is the least."""
     text, _ = drawn(monkeypatch, tmp_path)
