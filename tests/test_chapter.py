@@ -160,8 +160,8 @@ def test_the_pendulums_at_the_top_come_apart_as_the_table_says(shown):
 def test_the_pendulums_at_the_top_move_at_once_or_for_less_motion_show_their_end(visit):
     moving = watched(visit(chapter.PAGE, reduced_motion="no-preference"))
     with figure(moving, "double") as found:
-        found.get_by_role("button", name="Pause").wait_for(timeout=3000)
-        found.get_by_text(re.compile(r"^[1-9]\.\d s$")).wait_for(timeout=10_000)
+        found.get_by_role("button", name="Pause").wait_for(timeout=30_000)
+        found.get_by_text(re.compile(r"^[1-9]\.\d s$")).wait_for(timeout=30_000)
         click(found, "Pause")
         said = found.inner_text()
         moving.wait_for_timeout(300)  # ms
@@ -175,9 +175,9 @@ def test_the_pendulums_at_the_top_move_at_once_or_for_less_motion_show_their_end
 def test_from_level_the_rod_pulls_with_three_times_the_weight(shown):
     with figure(shown, "question") as found:
         drag(found.locator(".hand"), 0, -150)()  # let go from above: a harder pull
-        found.get_by_text(re.compile("so far: [3-9][0-9].[0-9]+ N")).wait_for(timeout=5000)
+        found.get_by_text(re.compile("so far: [3-9][0-9].[0-9]+ N")).wait_for(timeout=30_000)
         click(found, "Let go level")
-        found.get_by_text(f"The hardest pull so far: {3 * 9.81:.2f} N").wait_for(timeout=5000)
+        found.get_by_text(f"The hardest pull so far: {3 * 9.81:.2f} N").wait_for(timeout=30_000)
 
 
 @pytest.mark.parametrize("end", [(-140, -30), (40, -900), (-2000, 60)])

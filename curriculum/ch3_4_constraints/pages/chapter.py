@@ -117,11 +117,16 @@ def folded(code, language):
     if not found or found[1] not in KEYS:
         return whole
     lines = code[found.start() :].splitlines()
-    seen = lines[:2]  # its head, and what it says of itself
+    seen = lines[:2]  # its head, and what it says of itself first
+    if seen[1].count('"""') == 1:
+        seen[1] += '"""'
     for line in lines[2:]:
         if line.lstrip().startswith(KEYS[found[1]]):
             seen.append(line)
-    more = f'<span class="more">{len(code.strip().splitlines()) - len(seen)} more lines</span>'
+    hidden = len(code.strip().splitlines()) - len(seen)
+    if hidden == 0:
+        return whole
+    more = f'<span class="more">{hidden} more lines</span>'
     head = colored("\n".join(seen), language)
     return f'<details class="fold"><summary>{head}{more}</summary>{whole}</details>'
 

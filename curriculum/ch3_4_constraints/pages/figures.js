@@ -18,7 +18,6 @@ const symbol = (name, text = name) => `<var class="${name}">${text}</var>`;
 const pair = ([x, y]) => `(${fixed(x, 2)}, ${fixed(y, 2)})`;
 const angle = (a, b) => Math.atan2(dot(across(a), b), dot(a, b)); // from a to b
 const turned = ([x, y], by) => plus(times([x, y], Math.cos(by)), [-y, x], Math.sin(by));
-const listed = words => words.join(" and ").replace(/ and (?=.* and )/g, ", ");
 function offBy(error) { // of a rod in m, in words
   if (Math.abs(error) < 5e-7) return "right";
   return `${metric(Math.abs(error))} too ${error > 0 ? "long" : "short"}`;
@@ -154,8 +153,8 @@ figures.double = figure => {
     time.value = `${fixed(runs.time, 1)} s`;
   });
   if (STILL) runner.end();
-  const hint = "Red is what a rod has too much. Below each: its worst rod so far.";
-  fill(figure, hint, row("lead", ...elements(stages)), controls(...runner.buttons, time));
+  fill(figure, "Red is what a rod has too much. Below each: its worst rod so far.",
+    row("lead", ...elements(stages)), controls(...runner.buttons, time));
 };
 
 figures.question = figure => {
@@ -258,7 +257,6 @@ figures.solve = figure => {
   const matrix = (letter, ...rows) => `<munder class="${letter}"><mrow><mo>(</mo><mtable>
     ${rows.map(row => `<mtr>${cells(row)}</mtr>`).join("")}</mtable><mo>)</mo></mrow>
     <mi>${letter}</mi></munder>`;
-  const column = ([x, y]) => [[x], [y]];
   let drawn = 0, told; // the numbers: those that change at each frame cannot be read
   const stage = makeStage("Two bobs on their rods", 26, [-2.1, -2.3, 2.1, 1.3], () => {
     const [a, b] = rods.points, d = [a, plus(b, a, -1)], bend = angle(...d);
@@ -288,8 +286,8 @@ figures.solve = figure => {
     const rows = [0, 6].map(row => [0, 1, 3, 4].map(k => jac[row + k])); // without the z axis
     stage.says.innerHTML = `<math display="block"><mrow>${matrix("J", ...rows)}</mrow></math>
       <math display="block"><mrow>
-      ${matrix("A", A.slice(0, 2), A.slice(2, 4))}${matrix("λ", ...column(lambda))}
-      <mo>=</mo>${matrix("b", ...column(right))}</mrow></math>
+      ${matrix("A", A.slice(0, 2), A.slice(2, 4))}${matrix("λ", ...lambda.map(x => [x]))}
+      <mo>=</mo>${matrix("b", ...right.slice(0, 2).map(x => [x]))}</mrow></math>
       <p class="whole"><b class="A">${fixed(A[1], 2)}</b> = −${name("d", 0)} · ${name("d", 1)} /
       <var>m</var>₀. ${felt}</p>
       <p>${name("v", 0)} = ${pair(v[0])}, ${name("v", 1)} = ${pair(v[1])} m/s</p>`;
@@ -565,7 +563,7 @@ figures.flat_pose = figure => {
     drawAll(...stages);
     if (!runs.over) return;
     const kept = runs.going.filter(({left}) => !left).map(({method}) => method);
-    prediction.reveal(`${listed(kept)} kept it there. The gap of each other one is red.`);
+    prediction.reveal(`${kept.join(" and ")} kept it there. The gap of each other one is red.`);
   });
   runner.clock.set(false);
   const buttons = controls(...runner.buttons);
