@@ -297,7 +297,7 @@ def test_the_first_screen_is_tiles_that_fit_it_in_legible_words(pages, size, the
 def test_on_paper_it_is_light_and_without_what_only_a_screen_can_do(pages):
     shown = pages("--steps", "9", choice=chosen(), color_scheme="dark")
     shown.emulate_media(media="print", color_scheme="dark")
-    assert shown.evaluate("ink('ink')") == palette.INK[0]
+    shown.wait_for_function("x => ink('ink') === x", arg=palette.INK[0])
     assert not any(x.is_visible() for x in shown.locator("button, input, #say").all())
     for kept in "#says", "#found tbody", "#ladder", "#title":
         assert shown.locator(kept).first.is_visible()
