@@ -160,6 +160,9 @@ def test_what_a_page_cannot_hold_is_refused_in_a_sentence():
 
 def test_a_page_begins_with_what_its_scene_is():
     assert page.about({"about": "A leg of wood. It walks."}) == "A leg of wood"
+    for nothing in "", " ", ".":
+        told = page.about({**c.build_system("double"), "about": nothing})
+        assert told == "2 bobs, 2 kg, on 2 m of rods"
     assert page.about(c.build_system("double")) == "2 bobs, 2 kg, on 2 m of rods"
     assert page.about(c.build_system("pendulum")) == "1 bob, 1 kg, on 1 m of rods"
 

@@ -59,8 +59,8 @@ def play(chapter, args, system, results, reference, choice=None, edited=False):
 
 def about(system):
     """What a scene is: what its file says first or, where there is none, what it is made of."""
-    if "about" in system:
-        first, _, _ = system["about"].partition(". ")
+    first, _, _ = system.get("about", "").strip().partition(". ")
+    if first.strip("."):
         return first.rstrip(".")
     bobs = "1 bob" if len(system["m"]) == 1 else f"{len(system['m'])} bobs"
     return f"{bobs}, {np.sum(system['m']):g} kg, on {np.sum(system['lengths']):g} m of rods"
