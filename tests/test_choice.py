@@ -418,6 +418,24 @@ def test_a_tolerance_is_said_as_one_would_say_it(metres, text):
     assert advice.words(metres) == text
 
 
+def test_numbers_have_three_digits_and_thousands():
+    assert [advice.thousands(x) for x in (7065.6, 149312.0, 1163800.0)] == [
+        "7,070",
+        "149,000",
+        "1,160,000",
+    ]
+    assert [advice.microseconds(x) for x in (3.5612e-6, 31.66e-6, 1.391e-3)] == [
+        "3.56",
+        "31.7",
+        "1,390",
+    ]
+    assert [advice.milliseconds(x) for x in (0.04, 0.00015625, 1.0)] == [
+        "40 ms",
+        "0.156 ms",
+        "1000 ms",
+    ]
+
+
 def test_where_rods_are_right_and_places_are_not_a_sentence_says_why(double):
     first = double.rods_hold[0]
     assert first.error > 1e-3 >= first.rods

@@ -204,6 +204,15 @@ def test_a_run_that_blew_up_says_nothing_of_the_motion(run):
     assert f"a step of 0.1 s is long: in {exact.time_scale:.2g} s the motion" in printed
 
 
+def test_a_force_that_may_be_larger_between_the_steps_says_so(run):
+    words = "over: the largest force at the steps; between them it may be larger\n"
+    flags = "--system chain --links 5 --seed 3 --stabilization project --steps"
+    printed, _ = run(f"{flags} 200 --dt 0.02 --integrator gauss", *BARE)
+    assert cells(printed, "project")[3] == "over 450" and words in printed
+    printed, _ = run(f"{flags} 20", *BARE)
+    assert words not in printed
+
+
 def test_the_time_that_was_simulated_is_never_told_as_zero(run):
     printed, _ = run("--dt 1e-6 --steps 100", *BARE)
     assert "for 100 steps of 1e-06 s -> 0.0001 s of sim time\n" in printed

@@ -227,7 +227,7 @@ def double(pages):
 def still(double):
     """The page of the double pendulum, as the run was, at rest."""
     click(double, "As it was")
-    double.evaluate("clock.set(false); begin()")
+    double.evaluate("clock.set(false); run.begin()")
     return double
 
 
@@ -427,7 +427,7 @@ def test_an_answer_whose_rods_are_wrong_later_says_so():
     for setting in choice["settings"]:
         setting["rods"] = 1e-4
     holds = answer.answers(choice, {"colors": {}})["1 mm"]["holds"]
-    assert holds.startswith("Rods alone, within 1 mm for 20 s: semi_implicit with none at 20 ms, ")
+    assert holds.startswith("If rods alone matter, within 1 mm for 20 s: semi_implicit")
     assert holds.endswith("energy 35 %.")
 
 
@@ -491,6 +491,9 @@ def test_as_it_was_has_the_numbers_of_the_run_and_draws_its_pose(still):
         assert np.sort(lines, axis=1) == pytest.approx(np.sort(rods, axis=1))
     [trail] = drawn(still, tile, "line", "m1")
     assert np.array(trail["at"]) == pytest.approx(found.tip[-301:, :2]), "of 1.5 s"
+    click(still, "Again")
+    lines = [x["at"] for x in drawn(still, tile, "line", "reference")]
+    assert np.max(lines) == pytest.approx(np.max(found.q[0])), "the true motion begins again, too"
 
 
 @pytest.mark.parametrize("stretch", [0.2, -0.2])
@@ -560,6 +563,28 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(still):
         assert not any(still.locator(".lost").all_inner_texts())
         assert still.locator(".off").nth(4).inner_text() == "rods are right"
         assert "%" not in told(still)
+    steps(still, 4)  # from where it was let go, no method's energy changes by much
+    assert still.evaluate("largest(run.copies.map(({worst}) => worst.energy))") < 0.05
+
+
+def test_a_bob_that_is_taken_at_its_edge_goes_as_far_as_the_mouse(still):
+    box = still.locator(".tile").nth(3).locator(".hand").last.bounding_box()
+    x, y = still.evaluate("run.copies[3].point(1)")
+    still.mouse.move(box["x"] + 34, box["y"] + 22)
+    still.mouse.down()
+    still.mouse.move(box["x"] + 34, box["y"] - 28)
+    place, scale = still.evaluate("[knobs.hand, run.copies[3].view.scale[0]]")
+    still.mouse.up()
+    assert place == pytest.approx([x, y + 50.0 / scale], abs=2.0 / scale)
+
+
+def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(still):
+    still.evaluate("clock.going = true; clock.advance(1000); drawing.told = 0; drawing.draw()")
+    late, owed, time = still.evaluate("[clock.late, clock.owed, run.time]")
+    still.evaluate("clock.set(false)")
+    assert (late, owed) == (True, 0) and 0.0 < time < 100.0
+    click(still, "Again")
+    assert still.locator("#time").inner_text() == "0.00 s"
 
 
 def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(still):
@@ -573,6 +598,7 @@ def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(still):
     still.keyboard.press("ArrowRight")
     still.wait_for_function("() => run.time > 0.1")
     still.keyboard.press("Escape")
+    assert not still.evaluate("hand.copy || clock.going"), "it is let go"
     x, taken = still.evaluate("[run.copies[0].point(0)[0], run.taken]")
     assert x > run("none", 0.005, taken).q[-1, 0, 0]
 
@@ -636,7 +662,7 @@ def test_a_question_has_its_slider_beside_it_and_stands_where_it_is_true(still, 
 
 def test_half_the_step_is_compared_at_the_same_time(still):
     click(still, "What does half the step buy?")
-    still.evaluate("clock.set(false); begin()")
+    still.evaluate("clock.set(false); run.begin()")
     steps(still, 200)
     for name in METHODS:
         worst = [np.max(run(name, dt, round(1.0 / dt)).violations) for dt in (0.005, 0.0025)]

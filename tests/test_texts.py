@@ -46,6 +46,12 @@ def test_a_picture_is_made_or_drawn_by_hand_or_by_a_study():
     )
 
 
+def test_all_pictures_are_in_one_style():
+    pictures = make.pictures()
+    assert {*pictures} == {*make_pictures.FOLDER.glob("*.svg")}
+    assert all(make_pictures.STYLE in picture for picture in pictures.values())
+
+
 def test_each_picture_stands_in_a_text():
     shown = set()
     for path in EVERY:
@@ -76,7 +82,8 @@ TABLE = """\
                worst    a step
 method                      us
 none            38 cm     1.38
-baumgarte     2.3 cm      2.11"""
+baumgarte     2.3 cm      2.11
+it is past its limit 0.828"""
 
 
 @pytest.mark.parametrize(
@@ -86,6 +93,7 @@ baumgarte     2.3 cm      2.11"""
         ("38 cm     1.38", "37 cm     1.38", True),
         ("baumgarte     2.3 cm", "impulse       2.3 cm", True),
         ("baumgarte     2.3 cm      2.11", "baumgarte   lost at 3.2 s", True),
+        ("limit 0.828", "limit 0.9", True),
     ],
 )
 def test_only_the_column_of_times_of_a_table_may_differ(there, now, differs):
@@ -132,6 +140,12 @@ def test_a_table_of_methods_follows_them():
     assert texts.filled(made) == made and "old" not in made
 
 
+def test_blocks_of_python_share_names_and_lines_above_are_the_last_ones():
+    first = "```python\nx = 1\nprint(x)\n```\n"
+    text = first + "\n```python\nprint(x + 1)\n```\n" + BLOCK.format("lines above", 0)
+    assert texts.filled(text) == text.replace("\n0\n", "\n2\n")
+
+
 def test_python_of_a_text_that_fails_names_its_line():
     with pytest.raises(OSError, match="the Python from line 3 on: NameError: name 'x' is not"):
         texts.filled("text\n\n```python\nprint(x)\n```\n")
@@ -159,6 +173,14 @@ def test_check_names_what_is_stale_and_writes_nothing_and_without_it_is_made(one
     assert one_text.read_text(encoding="utf-8") == before.replace("\n2\n", "\n3\n")
     assert make.main(["--check"]) == make.main([]) == 0
     assert capsys.readouterr().out == ""
+
+
+def test_a_file_that_is_not_there_is_stale_and_made(one_text, monkeypatch, capsys):
+    path = one_text.with_name("NEW.md")
+    monkeypatch.setattr(make, "MADE", {"NEW.md": lambda: {path: "new"}})
+    assert make.main(["--check"]) == 1 and make.main(["NEW.md"]) == 0
+    assert capsys.readouterr().out == "stale: NEW.md\nmade: NEW.md\n"
+    assert path.read_text(encoding="utf-8") == "new"
 
 
 @pytest.mark.parametrize(

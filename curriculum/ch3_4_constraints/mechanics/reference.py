@@ -124,7 +124,8 @@ def true_motion(system, force, project, dt, last, why=""):
         change = distance(end(count, q + signs * digit), best)
         uncertainty += 2.0 * math.sqrt(count) * change  # each step rounds, as steps at random do
     if not uncertainty < known:
-        return unknown._replace(why="shorter steps do not agree to a nanometre")
+        near = "a nanometre" if known == KNOWN else "a millionth of the shortest rod"
+        return unknown._replace(why=f"shorter steps do not agree to {near}")
     return Reference(last, unknown.at, best, uncertainty)
 
 

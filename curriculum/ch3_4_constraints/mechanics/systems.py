@@ -132,7 +132,8 @@ def tolerance(system, q, rows):
 
     There q (N, 3) is rounded more coarsely, and so is g. Rows after the rods' begin with the first.
     """
-    far, lengths = np.sum(np.abs(q)) / len(q), np.resize(system["lengths"], rows)
+    far = np.sum(np.abs(q)) / len(q)
+    lengths = np.resize(system["lengths"], rows)
     return 1e-12 * lengths * lengths + 1e-15 * far * lengths
 
 

@@ -131,7 +131,7 @@ def rods_hold(choice, within, enough):
     """The cheapest setting that holds the rods, where that is not the answer already."""
     if choice["why"] or not enough:
         return ""
-    return f"Rods alone, {within_for(choice, within)}: {rods_row(enough[0])}."
+    return f"If rods alone matter, {within_for(choice, within)}: {rods_row(enough[0])}."
 
 
 def within_for(choice, within):

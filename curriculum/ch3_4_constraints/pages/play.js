@@ -12,13 +12,16 @@ const DASHES = [[], [9, 5], [1, 5], [9, 5, 1, 5], [18, 5], [5, 5]]; // as many a
 const decadesTo = (least, most) =>
   logarithmic(least, Math.max(0, Math.ceil(Math.log10(most) - 0.5)));
 const VIEWS = { // of the plot: what it shows, its axis for values up to `most`, and one in words
-  rods: {title: "Worst rod so far", axis: most => decadesTo(-6, most), words: metric},
+  rods: {
+    name: "Rods", title: "Worst rod so far", axis: most => decadesTo(-6, most), words: metric,
+  },
   energy: {
-    title: "Energy off, in % of weight \u00d7 length", axis: most => linear(roundUp(most)),
-    words: x => (x > 0 ? "+" : "") + perCent(x),
+    name: "Energy", title: "Energy off, in % of weight \u00d7 length",
+    axis: most => linear(roundUp(most)), words: x => (x > 0 ? "+" : "") + perCent(x),
   },
   motion: {
-    title: "Farthest from the true motion so far", axis: most => decadesTo(-4, most), words: metric,
+    name: "True motion", title: "Farthest from the true motion so far",
+    axis: most => decadesTo(-4, most), words: metric,
   },
 };
 const knobs = Motion.knobs(scene);
@@ -109,14 +112,10 @@ function around([left, bottom, right, top], [x, y]) {
   return [Math.min(left, x), Math.min(bottom, y), Math.max(right, x), Math.max(top, y)];
 }
 
-function boxOf(method, steps) { // where it goes in so many
-  const copy = new Copy(scene, method, Motion.knobs(scene));
-  for (let k = 0; k < steps && !copy.lost; k++) copy.advance();
-  return copy.box;
-}
-
 const best = has("project") ? "project" : scene.methods.at(-1);
-const home = boxOf(best, 1000); // what all tiles show, at least
+const scout = new Copy(scene, best, Motion.knobs(scene));
+for (let k = 0; k < 1000 && !scout.lost; k++) scout.advance();
+const home = scout.box; // what all tiles show, at least
 const extent = Math.max(home[2] - home[0], home[3] - home[1]); // m
 
 // `project` in much smaller steps, and in steps twice as long: where these part, chaos decides.
@@ -157,6 +156,7 @@ const run = {
     this.box = home;
     for (const copy of [...this.copies, ...this.halves]) copy.begin();
     truth.begin();
+    drawing.draw();
   },
   step() {
     this.taken += 1;
@@ -173,11 +173,6 @@ const run = {
     for (const {points} of this.alive) this.box = points.filter(near).reduce(around, this.box);
   },
 };
-
-function begin() {
-  run.begin();
-  drawing.draw();
-}
 
 // --- what is seen ---
 function makeTile(copy) {
@@ -297,7 +292,7 @@ for (const {key, label, needs, begins, words, values} of SLIDERS) {
   const slider = makeSlider(label, all, all.indexOf(knobs[key]), words, value => {
     knobs[key] = value;
     showKnobs();
-    if (begins) begin(); // an old error in a new step would be a blow
+    if (begins) run.begin(); // an old error in a new step would be a blow
   });
   slider.element.id = key;
   sliders.push(Object.assign(slider, {key, values: all}));
@@ -344,14 +339,13 @@ const QUESTIONS = [
   },
   {
     ask: "As it was", control: "dt",
-    say: "Step, stiffness and softness of the run that wrote this page. Until you touch anything,"
-      + " each number is Python\u2019s.",
+    say: "The knobs of the run again. Until you touch anything, each number is Python\u2019s.",
   },
 ];
 
 function choose(question, button) {
   press(button);
-  for (const element of document.querySelectorAll(".control")) element.classList.remove("control");
+  document.querySelector(".control")?.classList.remove("control");
   byId("say").textContent = question.say;
   byId("knobs").append(...sliders.map(({element}) => element));
   const control = byId(question.control);
@@ -380,7 +374,7 @@ function press(button) { // it alone of those beside it
 
 // --- the page ---
 const clock = new Clock(byId("page"), () => knobs.dt, () => run.step(), () => drawing.draw());
-byId("controls").prepend(clock.element, makeButton("Again", begin));
+byId("controls").prepend(clock.element, makeButton("Again", () => run.begin()));
 for (const tolerance in found.answers) {
   const button = makeButton(tolerance, () => showAnswer(tolerance, button));
   button.ariaPressed = tolerance === byId("within").textContent;
@@ -397,7 +391,9 @@ byId("tiles").prepend(...run.copies.map(makeTile));
 byId("tiles").style.setProperty("--columns", Math.max(2, Math.ceil((run.copies.length + 1) / 2)));
 byId("board").append(board.plot.element);
 byId("knobs").append(...sliders.map(({element}) => element));
-for (const key in VIEWS) byId(key).onclick = () => board.show(key);
+for (const id in VIEWS) {
+  byId("views").append(Object.assign(makeButton(VIEWS[id].name, () => board.show(id)), {id}));
+}
 showKnobs();
-begin();
 board.show("rods");
+run.begin();

@@ -101,7 +101,7 @@ def lines_without_times(text):
             width = len(line)
         elif len(line) == width:
             line = re.sub(f"{NUMBER}$", "", line)
-        cells = (cells or "ms of computing" in line) and bool(line)
+        cells = cells or "ms of computing" in line
         if cells and line.startswith("to "):
             continue
         if cells:

@@ -59,6 +59,12 @@ def thousands(x):
     return f"{float(f'{x:.3g}'):,.0f}"
 
 
+def microseconds(x):
+    """A time of x s in µs, three digits of it: 31.6 or 1,390."""
+    x = float(f"{1e6 * x:.3g}")
+    return f"{x:,.0f}" if x >= 1000.0 else f"{x:g}"
+
+
 def place_row(x, within):
     """What is said of a setting that puts every place right to `within`."""
     later = f"; rods, {length(x.rods)} later" if x.rods > within else ""
@@ -198,5 +204,5 @@ def give(chapter, args, system, runs, reference):
         return None
     every = sentences(found)
     for x, text in every:
-        say(line(x, text, f" ({1e6 * x.seconds:.3g} µs)" if x else ""))
+        say(line(x, text, f" ({microseconds(x.seconds)} µs)" if x else ""))
     return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in every])

@@ -132,6 +132,9 @@ def notes(args, runs, results, reference, step_fn):
             say(f"- {name}: its rods' forces hang on the last digits of places")
         for why in doubts(row, runs[name]):
             say(f"* {name}: {why}")
+    shown = [force(row) for name, row in results.items() if not runs[name].lost]
+    if any(x.startswith("over") for x in shown):
+        say("over: the largest force at the steps; between them it may be larger")
     if not all(row["conserves"] for row in results.values()):
         say("- energy off: external_force does work that energy does not count")
     times = [run.time_scale for name, run in runs.items() if holds(results[name], run)]
