@@ -73,8 +73,10 @@ def figure(shown, name):
 
 def drag(hand, right, down):
     """Take a hand with the mouse and move it by so many pixels; returns what lets it go."""
-    box, mouse = hand.bounding_box(), hand.page.mouse
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    box = hand.bounding_box()
+    mouse = hand.page.mouse
+    x = box["x"] + box["width"] / 2
+    y = box["y"] + box["height"] / 2
     mouse.move(x, y)
     mouse.down()
     mouse.move(x + right, y + down, steps=5)
@@ -178,7 +180,8 @@ def test_g_and_its_rate_are_the_chapters_and_what_is_dragged_away_stays_in_sight
     d, v = np.insert(numbers(found, r"[dv] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
     said = numbers(found, r"[gġ] = (\S+) m²")
     sentence = found.locator(".whole").inner_text()
-    canvas, hand = found.locator("canvas").bounding_box(), bob.bounding_box()
+    canvas = found.locator("canvas").bounding_box()
+    hand = bob.bounding_box()
     _, g, rate, _ = c.constraint_terms(c.build_system("pendulum"), d[None], v[None])
     assert said == pytest.approx([g[0], rate[0]], abs=0.01 * (1.0 + max(abs(d)) + max(abs(v))))
     error = np.linalg.norm(d) - 1.0
@@ -302,7 +305,8 @@ def test_a_bob_thrown_too_far_for_a_way_back_says_so_and_no_name_leaves_the_figu
 
 
 def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):
-    system, kept = c.build_system("peaucellier"), []
+    system = c.build_system("peaucellier")
+    kept = []
     found = figure(shown, "flat_pose")
     click(found, "all of them")
     click(found, "All 5 s")

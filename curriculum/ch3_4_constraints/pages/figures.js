@@ -373,7 +373,7 @@ figures.drift = figure => {
       <p>½ Σ (<var>dt</var> ${symbol("v")})² = ${fixed(0.5 * squares, 6)} m²</p>`;
   });
   const ticks = [[0, "0"], [0.1, "0.1 m²"], [0.2, "0.2 m²"], [0.3, "0.3 m²"]];
-  const total = makeChart("g after each step", 10, [0, 0, seconds + 0.1, 0.4], ticks,
+  const total = makeChart("g after each step", 10, [0, 0, seconds + 0.15, 0.4], ticks,
     [[0.02, "0 s"], [0.35, "0.35 s"], [seconds, `${seconds} s`]], chart => {
       for (const [step, curve] of curves) {
         const now = step === dt.value(), color = now ? "long" : "quiet";
