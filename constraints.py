@@ -18,7 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-# The mechanics of chains is all in this file. Imported are:
+# All the mechanics of rods is in this file. These imports only support it:
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # load and check systems
 from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve  # linear systems
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
@@ -69,7 +69,7 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """Every force but the rods', (N, 3) in newtons. Add drag, if you like: energy() ignores it."""
+    """All forces but the rods', (N, 3) in newtons. Add drag here if you like: energy() omits it."""
     return system["m"] * GRAVITY + system.get("load", 0.0)  # a scene may have a load, (N, 3) in N
 
 
@@ -165,7 +165,7 @@ def make_force(system, w=0.0):
 
 # --- endregion ---
 # --- region: integrators ---
-# The first three are chapter 3.3's, word for word: (q, v, m, force, dt) -> (q, v), in m and m/s.
+# The code of the first three is chapter 3.3's: (q, v, m, force, dt) -> (q, v), in m and m/s.
 def euler_step(q, v, m, force, dt):
     """Explicit Euler, order 1: everything at the old state. It adds energy to a pendulum."""
     a = force(q, v) / m
@@ -211,9 +211,8 @@ def energy(system, q, v):
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    force = system["m"] * GRAVITY + system.get(
-        "load", 0.0
-    )  # not external_force: drag has no potential
+    load = system.get("load", 0.0)
+    force = system["m"] * GRAVITY + load  # not external_force: drag has no potential
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
@@ -304,7 +303,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     # soft is MuJoCo's. For one rod A + R = A / p, so J a is p times what is asked plus 1 - p times
     # what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
     # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
-    # A fall from level adds tau (tau - dt) |d_dot|^2 / L = 6 mm, as Jdot v is left out.
+    # After a fall from level, in semi_implicit, it is tau (tau - dt) |d_dot|^2 / L = 6 mm too long,
+    # as Jdot v is left out.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -315,8 +315,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     )
     return {
         "none": Method(make_force, "asks for gddot = 0: errors stay, and rods drift"),
-        "baumgarte": Method(partial(make_force, w=baumgarte), "asks g to move like a spring"),
-        "impulse": Method(impulse, "asks for g = 0 after a step", integrator="semi_implicit"),
+        "baumgarte": Method(partial(make_force, w=baumgarte), "makes g move like a damped spring"),
+        "impulse": Method(impulse, "aims at g = 0 after a step", integrator="semi_implicit"),
         "soft": Method(soft, "lets a rod yield, as MuJoCo does"),
         "project": Method(make_force, "puts q and v back after each step", project),
     }
@@ -326,8 +326,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 # at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
 # g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
 #     J M^-1 J_start^T dmu = g
-# semi_implicit moved q by dt v, the others nearly: so if q is moved by dq, v changes by dq / dt.
-# Last, v loses what would change a rod's length:
+# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
+# would change a rod's length:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
@@ -385,7 +385,7 @@ def parse_args(argv=None):
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
     add("--stabilization", choices=["all", *every], default="all", help=words)
-    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: near 1/dt it explodes")
+    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too high, it explodes")
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
     add("--dt", type=cli.positive, default=0.005, help="one step in s: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift adds up")
