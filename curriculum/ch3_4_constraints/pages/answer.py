@@ -5,13 +5,7 @@ from html import escape
 
 from curriculum.ch3_4_constraints.mechanics.choice import Setting, chosen
 from curriculum.ch3_4_constraints.results import table
-from curriculum.ch3_4_constraints.results.advice import (
-    milliseconds,
-    name_of,
-    rods_row,
-    thousands,
-    words,
-)
+from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, thousands, words
 
 TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-6  # m: those that are offered, if any setting meets them
 NOTHING = "\N{EN DASH}"
@@ -24,7 +18,7 @@ def of_the_run(args, results, reference, scene):
         cells = [
             table.length(row["max_violation"]),
             table.length(row["final_violation"]),
-            table.per_cent(row["energy_rel_max"]) if scene["conserves"] else NOTHING,
+            table.energy(row),
             table.error(row["error"], reference),
             NOTHING if row["operations"] is None else thousands(row["operations"]),
         ]
@@ -84,7 +78,7 @@ def answers(choice, scene):
             rods = chosen(settings, "rods", within)
             found[words(within)] = {
                 "says": cheapest(choice, within, enough),
-                "holds": rods_hold(choice, within, rods),
+                "holds": rods_hold(choice, within, rods, scene),
                 "rows": "\n".join(ladder_rows(choice, enough, scene)),
             }
     return found
@@ -127,11 +121,13 @@ def cheapest(choice, within, enough):
     return "; ".join(parts) + "."
 
 
-def rods_hold(choice, within, enough):
+def rods_hold(choice, within, enough, scene):
     """The cheapest setting that holds the rods, where that is not the answer already."""
     if choice["why"] or not enough:
         return ""
-    return f"If rods alone matter, {within_for(choice, within)}: {rods_row(enough[0])}."
+    says = f"If rods alone matter, {within_for(choice, within)}: {name_of(enough[0])}"
+    off = f"; its energy is off by {table.per_cent(enough[0].energy)}" if scene["conserves"] else ""
+    return f"{says}{off}."
 
 
 def within_for(choice, within):

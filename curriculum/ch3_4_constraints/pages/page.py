@@ -59,8 +59,8 @@ def play(chapter, args, system, results, reference, choice=None, edited=False):
 
 def about(system):
     """What a scene is: what its file says first or, where there is none, what it is made of."""
-    if "about" in system:
-        first, _, _ = system["about"].partition(". ")
+    first, _, _ = system.get("about", "").strip().partition(". ")
+    if first.strip("."):
         return first.rstrip(".")
     bobs = "1 bob" if len(system["m"]) == 1 else f"{len(system['m'])} bobs"
     return f"{bobs}, {np.sum(system['m']):g} kg, on {np.sum(system['lengths']):g} m of rods"
@@ -103,7 +103,6 @@ def scene_of(chapter, system, integrator, knobs, measures):
         steps = {name: tracer.step(name) for name in rows}
         posts = {name: tracer.post_step(name) for name, row in rows.items() if row.post_step}
         measures = {name: tracer.measure(function) for name, function in measures.items()}
-        conserves = tracer.conserves()
     except Untraceable as why:
         raise NoPage(f"a step cannot be written as JavaScript: {why}") from None
     limit = stability_limit(chapter.INTEGRATORS[integrator])
@@ -125,7 +124,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "anchors": system["anchors"][:, :2].tolist(),
         "pairs": [[int(i), int(j)] for i, j in system["pairs"]],
         "lengths": system["lengths"].tolist(),
-        "conserves": conserves,
+        "conserves": bool(conserves(system, chapter.external_force, chapter.energy)),
         "same_step": same_step,
         "steps": {name: steps[name] for name in first.values()},
         "posts": posts,
@@ -186,10 +185,6 @@ class Tracer:
     def measure(self, function):
         """function(system, q, v) of a state."""
         return Program(lambda q, v: function(self.system, q, v), *[self.live] * 2)
-
-    def conserves(self):
-        """Whether energy should stay as it is."""
-        return conserves(self.system, self.chapter.external_force, self.chapter.energy)
 
     def energy(self, system, q, v):
         """In parts of m g L."""
