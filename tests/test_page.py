@@ -583,6 +583,14 @@ def test_a_bob_that_is_taken_at_its_edge_goes_as_far_as_the_mouse(still):
     assert place == pytest.approx([x, y + 50.0 / scale], abs=2.0 / scale)
 
 
+def test_time_that_went_before_a_hand_pulled_goes_on_after_it(still):
+    click(still, "Play")
+    still.evaluate("hand.drag(run.copies[0], 0, [0, 0]); hand.letGo()")
+    assert still.evaluate("clock.going && !hand.copy")
+    click(still, "Pause")
+    assert not still.evaluate("clock.going")
+
+
 def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(still):
     still.evaluate("clock.going = true; clock.advance(1000); drawing.told = 0; drawing.draw()")
     late, owed, time = still.evaluate("[clock.late, clock.owed, run.time]")
