@@ -1,7 +1,6 @@
 """The chapter as a page: what is built, and in Chromium what its reader touches and sees."""
 
 import re
-from contextlib import contextmanager
 from html import unescape
 
 import numpy as np
@@ -61,31 +60,23 @@ def test_the_equation_that_figures_show_is_the_one_that_gives_the_force(name):
 
 @pytest.fixture(scope="module")
 def shown(visit):
-    return watched(visit(chapter.PAGE))
+    return visit(chapter.PAGE)
 
 
-def watched(page):
-    """A page that keeps what its console says; figure() looks at it."""
-    page.complaints = []
-    page.on("console", lambda message: page.complaints.append(message.text))
-    page.on("pageerror", lambda error: page.complaints.append(str(error)))
-    return page
-
-
-@contextmanager
 def figure(shown, name):
-    """A figure of the page, in mid-screen; what goes wrong on the page fails in the test itself."""
+    """A figure of the page, in the middle of the screen."""
     found = shown.locator(f"[data-figure={name}]")
     found.evaluate("x => x.scrollIntoView({block: 'center'})")
     found.page.wait_for_timeout(100)  # ms: canvases get their size
-    yield found
-    assert shown.complaints == []
+    return found
 
 
 def drag(hand, right, down):
     """Take a hand with the mouse and move it by so many pixels; returns what lets it go."""
-    box, mouse = hand.bounding_box(), hand.page.mouse
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    box = hand.bounding_box()
+    mouse = hand.page.mouse
+    x = box["x"] + box["width"] / 2
+    y = box["y"] + box["height"] / 2
     mouse.move(x, y)
     mouse.down()
     mouse.move(x + right, y + down, steps=5)
@@ -116,7 +107,7 @@ def test_figures_fit_the_screen_are_legible_and_pictures_on_paper(visit, size, t
 
 @pytest.mark.parametrize("width", [1440, 390])
 def test_formulas_are_whole_and_those_in_a_line_stay_in_it(visit, width):
-    shown = watched(visit(chapter.PAGE, viewport={"width": width, "height": 844}))
+    shown = visit(chapter.PAGE, viewport={"width": width, "height": 844})
     clipped = """[...document.querySelectorAll(".block")].filter(x =>
         x.scrollHeight > x.clientHeight + 1).map(x => x.textContent)"""
     assert shown.evaluate(clipped) == []
@@ -148,48 +139,49 @@ def test_a_picture_that_moves_stands_still_for_who_wants_that(visit):
 
 
 def test_the_pendulums_at_the_top_come_apart_as_the_table_says(shown):
-    with figure(shown, "double") as found:
-        click(found, "All 20 s")
-        assert "20.0 s" in found.inner_text()
-        for method in c.make_methods(DT):
-            run = c.run_method(c.build_system("double"), method, "semi_implicit", DT, 4000)
-            worst = table.length(np.max(run.violations)).replace("um", "µm")
-            assert f"{method}\noff by {worst}" in found.inner_text()
+    found = figure(shown, "double")
+    click(found, "All 20 s")
+    assert "20.0 s" in found.inner_text()
+    for method in c.make_methods(DT):
+        run = c.run_method(c.build_system("double"), method, "semi_implicit", DT, 4000)
+        worst = table.length(np.max(run.violations)).replace("um", "µm")
+        assert f"{method}\noff by {worst}" in found.inner_text()
 
 
 def test_the_pendulums_at_the_top_move_at_once_or_for_less_motion_show_their_end(visit):
-    moving = watched(visit(chapter.PAGE, reduced_motion="no-preference"))
-    with figure(moving, "double") as found:
-        found.get_by_role("button", name="Pause").wait_for(timeout=30_000)
-        found.get_by_text(re.compile(r"^[1-9]\.\d s$")).wait_for(timeout=30_000)
-        click(found, "Pause")
-        said = found.inner_text()
-        moving.wait_for_timeout(300)  # ms
-        assert found.inner_text() == said
+    moving = visit(chapter.PAGE, reduced_motion="no-preference")
+    found = figure(moving, "double")
+    found.get_by_role("button", name="Pause").wait_for(timeout=30_000)
+    found.get_by_text(re.compile(r"^[1-9]\.\d s$")).wait_for(timeout=30_000)
+    click(found, "Pause")
+    said = found.inner_text()
+    moving.wait_for_timeout(300)  # ms
+    assert found.inner_text() == said
     moving.close()
-    with figure(watched(visit(chapter.PAGE)), "double") as found:
-        assert "20.0 s" in found.inner_text()
-        assert found.get_by_role("button", name="Play").is_visible()
+    found = figure(visit(chapter.PAGE), "double")
+    assert "20.0 s" in found.inner_text()
+    assert found.get_by_role("button", name="Play").is_visible()
 
 
 def test_from_level_the_rod_pulls_with_three_times_the_weight(shown):
-    with figure(shown, "question") as found:
-        drag(found.locator(".hand"), 0, -150)()  # let go from above: a harder pull
-        found.get_by_text(re.compile("so far: [3-9][0-9].[0-9]+ N")).wait_for(timeout=30_000)
-        click(found, "Let go level")
-        found.get_by_text(f"The hardest pull so far: {3 * 9.81:.2f} N").wait_for(timeout=30_000)
+    found = figure(shown, "question")
+    drag(found.locator(".hand"), 0, -150)()  # let go from above: a harder pull
+    found.get_by_text(re.compile("so far: [3-9][0-9].[0-9]+ N")).wait_for(timeout=30_000)
+    click(found, "Let go level")
+    found.get_by_text(f"The hardest pull so far: {3 * 9.81:.2f} N").wait_for(timeout=30_000)
 
 
 @pytest.mark.parametrize("end", [(-140, -30), (40, -900), (-2000, 60)])
 def test_g_and_its_rate_are_the_chapters_and_what_is_dragged_away_stays_in_sight(shown, end):
-    with figure(shown, "tangent") as found:
-        bob, tip = found.locator(".hand").all()
-        drag(tip, 30, 40)()
-        drag(bob, *end)()
-        d, v = np.insert(numbers(found, r"[dv] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
-        said = numbers(found, r"[gġ] = (\S+) m²")
-        sentence = found.locator(".whole").inner_text()
-        canvas, hand = found.locator("canvas").bounding_box(), bob.bounding_box()
+    found = figure(shown, "tangent")
+    bob, tip = found.locator(".hand").all()
+    drag(tip, 30, 40)()
+    drag(bob, *end)()
+    d, v = np.insert(numbers(found, r"[dv] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
+    said = numbers(found, r"[gġ] = (\S+) m²")
+    sentence = found.locator(".whole").inner_text()
+    canvas = found.locator("canvas").bounding_box()
+    hand = bob.bounding_box()
     _, g, rate, _ = c.constraint_terms(c.build_system("pendulum"), d[None], v[None])
     assert said == pytest.approx([g[0], rate[0]], abs=0.01 * (1.0 + max(abs(d)) + max(abs(v))))
     error = np.linalg.norm(d) - 1.0
@@ -203,14 +195,14 @@ def test_g_and_its_rate_are_the_chapters_and_what_is_dragged_away_stays_in_sight
 def test_the_solve_is_the_chapters_hanging_held_or_thrown(visit, gesture):
     system = c.build_system("double")
     spin = 12.0 * (gesture == "thrown")  # rad/s, the fastest
-    with figure(watched(visit(chapter.PAGE)), "solve") as found:
-        found.evaluate("() => { performance.now = requestAnimationFrame = () => 0; }")  # time stops
-        if gesture != "hangs":
-            let_go = drag(found.get_by_role("button", name="Bob 1"), 90, -70)
-        if gesture == "thrown":
-            let_go()
-        texts = [x.replace("\N{MINUS SIGN}", "-") for x in found.locator("mn").all_text_contents()]
-        v = np.insert(numbers(found, r"v[₀₁] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
+    found = figure(visit(chapter.PAGE), "solve")
+    found.evaluate("() => { performance.now = requestAnimationFrame = () => 0; }")  # time stops
+    if gesture != "hangs":
+        let_go = drag(found.get_by_role("button", name="Bob 1"), 90, -70)
+    if gesture == "thrown":
+        let_go()
+    texts = [x.replace("\N{MINUS SIGN}", "-") for x in found.locator("mn").all_text_contents()]
+    v = np.insert(numbers(found, r"v[₀₁] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
     shown = np.split(np.array(texts, float), [8, 12, 14])  # J without the z axis, A, lambda, b
     first, (x, y) = shown[0][:2], shown[0][6:]  # d of each rod
     q = np.insert(np.cumsum([first, (x, y)], axis=0), 2, 0.0, axis=1)
@@ -226,22 +218,22 @@ def test_all_numbers_of_the_solve_change_in_the_same_frame(visit):
     const drawn = [];
     CanvasRenderingContext2D.prototype.fillText = function(text) { drawn.push(text); };
     """
-    page = watched(visit(chapter.PAGE, reduced_motion="no-preference"))
+    page = visit(chapter.PAGE, reduced_motion="no-preference")
     page.evaluate(spy.replace("const drawn", "window.drawn"))
-    with figure(page, "solve") as found:
-        click(found, "Let go level")
-        look = """async x => {
-            const seen = [];
-            for (let k = 0; k < 60; k++) {
-                window.drawn.length = 0;
-                await new Promise(requestAnimationFrame);
-                const beside = window.drawn.filter(text => /^.?\\d\\.\\d\\d$/.test(text));
-                const entry = x.querySelectorAll("mn")[9].textContent;
-                if (beside.length) seen.push([beside.at(-1), entry]);
-            }
-            return seen;
-        }"""
-        seen = found.evaluate(look)
+    found = figure(page, "solve")
+    click(found, "Let go level")
+    look = """async x => {
+        const seen = [];
+        for (let k = 0; k < 60; k++) {
+            window.drawn.length = 0;
+            await new Promise(requestAnimationFrame);
+            const beside = window.drawn.filter(text => /^.?\\d\\.\\d\\d$/.test(text));
+            const entry = x.querySelectorAll("mn")[9].textContent;
+            if (beside.length) seen.push([beside.at(-1), entry]);
+        }
+        return seen;
+    }"""
+    seen = found.evaluate(look)
     assert len({beside for beside, _ in seen}) > 3
     for beside, entry in seen:
         assert beside == entry
@@ -249,32 +241,32 @@ def test_all_numbers_of_the_solve_change_in_the_same_frame(visit):
 
 def test_half_the_step_halves_the_drift_as_the_proof_says(shown):
     says = r"step (\d+): g = (.*) m²\s+½ Σ \(dt v\)² = (.*) m²"
-    with figure(shown, "drift") as found:
-        click(found, "it halves")
-        for k, dt in enumerate([0.1, 0.05, 0.025]):
-            found.locator(SLIDER).fill(str(k))
-            click(found, "All 0.7 s")
-            ((n, now, proof),) = numbers(found, says)
-            level = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
-            run = c.run_method(level, "none", "semi_implicit", dt, int(n))
-            assert n * dt == pytest.approx(0.7)
-            assert now == proof == pytest.approx((np.sum(run.tip[-1] ** 2) - 1) / 2, abs=1e-6)
-        assert "As you said: it halves. In the end g is" in found.inner_text()
+    found = figure(shown, "drift")
+    click(found, "it halves")
+    for k, dt in enumerate([0.1, 0.05, 0.025]):
+        found.locator(SLIDER).fill(str(k))
+        click(found, "All 0.7 s")
+        ((n, now, proof),) = numbers(found, says)
+        level = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
+        run = c.run_method(level, "none", "semi_implicit", dt, int(n))
+        assert n * dt == pytest.approx(0.7)
+        assert now == proof == pytest.approx((np.sum(run.tip[-1] ** 2) - 1) / 2, abs=1e-6)
+    assert "As you said: it halves. In the end g is" in found.inner_text()
 
 
 def test_the_error_decays_rings_or_explodes_as_theory_says_and_not_before_the_guess(shown):
     limit = stability_limit(c.semi_implicit_step)
-    with figure(shown, "cliff") as found:
-        printed = found.page.get_by_text("diverged").first
-        assert not printed.is_visible()
-        click(found, "at some point it explodes")
-        for z, kind in (0.1, "decays"), (0.82, "rings"), (0.83, "explodes"), (0.9, "explodes"):
-            found.locator(SLIDER).fill(str(round(100 * z) - 5))
-            assert (f"{limit:.3f}" in found.inner_text()) == printed.is_visible() == (z > limit)
-            hangs = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
-            run = c.run_method(hangs, "baumgarte", "semi_implicit", DT, 30, baumgarte=z / DT)
-            error = table.length(run.violations[-1]).replace("um", "µm")
-            assert f"It {kind}: after 30 steps it is {error}." in found.inner_text()
+    found = figure(shown, "cliff")
+    printed = found.page.get_by_text("diverged").first
+    assert not printed.is_visible()
+    click(found, "at some point it explodes")
+    for z, kind in (0.1, "decays"), (0.82, "rings"), (0.83, "explodes"), (0.9, "explodes"):
+        found.locator(SLIDER).fill(str(round(100 * z) - 5))
+        assert (f"{limit:.3f}" in found.inner_text()) == printed.is_visible() == (z > limit)
+        hangs = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
+        run = c.run_method(hangs, "baumgarte", "semi_implicit", DT, 30, baumgarte=z / DT)
+        error = table.length(run.violations[-1]).replace("um", "µm")
+        assert f"It {kind}: after 30 steps it is {error}." in found.inner_text()
 
 
 STARTS = {  # of one_step, by its buttons: d in m, v in m/s
@@ -288,9 +280,9 @@ STARTS = {  # of one_step, by its buttons: d in m, v in m/s
 def test_one_step_of_each_method_ends_where_the_chapters_does(shown, start):
     system = c.build_system("pendulum")
     d, v = np.array(STARTS[start])[:, None]
-    with figure(shown, "one_step") as found:
-        click(found, start)
-        said = found.inner_text()
+    found = figure(shown, "one_step")
+    click(found, start)
+    said = found.inner_text()
     for name, method in c.make_methods(0.2, baumgarte=2.0).items():
         step = c.stabilized(c.semi_implicit_step, system, method)
         q, _ = step(d, v, system["m"], method.make_force(system), 0.2)
@@ -305,19 +297,20 @@ def test_one_step_of_each_method_ends_where_the_chapters_does(shown, start):
 
 
 def test_a_bob_thrown_too_far_for_a_way_back_says_so_and_no_name_leaves_the_figure(shown):
-    with figure(shown, "one_step") as found:
-        click(found, "Right, in mid-swing")
-        _, tip = found.locator(".hand").all()
-        drag(tip, 300, 0)()
-        assert "project no way back onto the rods" in found.inner_text()
+    found = figure(shown, "one_step")
+    click(found, "Right, in mid-swing")
+    _, tip = found.locator(".hand").all()
+    drag(tip, 300, 0)()
+    assert "project no way back onto the rods" in found.inner_text()
 
 
 def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):
-    system, kept = c.build_system("peaucellier"), []
-    with figure(shown, "flat_pose") as found:
-        click(found, "all of them")
-        click(found, "All 5 s")
-        said = found.inner_text().replace("\N{NO-BREAK SPACE}", " ")
+    system = c.build_system("peaucellier")
+    kept = []
+    found = figure(shown, "flat_pose")
+    click(found, "all of them")
+    click(found, "All 5 s")
+    said = found.inner_text().replace("\N{NO-BREAK SPACE}", " ")
     for method in c.make_methods(DT):
         x = c.run_method(system, method, "semi_implicit", DT, 1000).tip[:, 0]
         gone = np.abs(x - x[0]) > 0.05
@@ -328,13 +321,13 @@ def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):
 
 
 def test_equal_starts_stay_equal_and_others_part_as_runs_do(shown):
-    with figure(shown, "chaos") as found:
-        found.locator(SLIDER).fill(str(0))
-        click(found, "All 20 s")
-        assert "8 of their 8 numbers have the same bits" in found.inner_text()
-        found.locator(SLIDER).fill(str(5))
-        click(found, "All 20 s")
-        systems = [c.build_system("double", seed) for seed in (0, 1)]
-        ends = [c.run_method(x, "baumgarte", "semi_implicit", DT, 4000).tip[-1] for x in systems]
-        apart = table.length(np.linalg.norm(ends[1] - ends[0]))
-        assert f"The tips are {apart} apart" in found.inner_text()
+    found = figure(shown, "chaos")
+    found.locator(SLIDER).fill(str(0))
+    click(found, "All 20 s")
+    assert "8 of their 8 numbers have the same bits" in found.inner_text()
+    found.locator(SLIDER).fill(str(5))
+    click(found, "All 20 s")
+    systems = [c.build_system("double", seed) for seed in (0, 1)]
+    ends = [c.run_method(x, "baumgarte", "semi_implicit", DT, 4000).tip[-1] for x in systems]
+    apart = table.length(np.linalg.norm(ends[1] - ends[0]))
+    assert f"The tips are {apart} apart" in found.inner_text()

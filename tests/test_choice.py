@@ -175,17 +175,32 @@ def setting(dt, error=0.0, rods=0.0, operations=None, lost=None, names=("rk4", "
 def test_a_step_that_is_right_by_luck_does_not_win():
     errors = {0.04: 0.5, 0.02: 1e-5, 0.01: 0.3, 0.005: 9e-4, 0.0025: 1e-4}
     pair = [setting(dt, error) for dt, error in errors.items()]
-    assert choice.reached(pair, "error", 1e-3).dt == 0.005
-    assert choice.reached(pair[:3], "error", 1e-3) is None
-    assert choice.reached(pair[:4], "error", 1e-3) is None  # nothing shows that this is not luck
+    assert choice.reached(pair, ["error"], 1e-3).dt == 0.005
+    assert choice.reached(pair[:3], ["error"], 1e-3) is None
+    assert choice.reached(pair[:4], ["error"], 1e-3) is None  # nothing shows that this is not luck
+
+
+def test_what_loses_its_rods_later_comes_last_or_takes_a_shorter_step():
+    """Cheaper, and right as long as the motion is known; but not for the whole run."""
+    drifting = [setting(dt, 1e-4, 0.02, names=("rk4", "none")) for dt in (0.04, 0.02, 0.01)]
+    worst = {0.02: 5e-3, 0.01: 5e-4, 0.005: 5e-5}
+    better = [setting(dt, 1e-4, x, names=("rk4", "baumgarte")) for dt, x in worst.items()]
+    held = [setting(dt, 1e-4, 0.0, names=("rk4", "project")) for dt in (0.005, 0.0025)]
+    found = choice.chosen(drifting + better + held, "error", 1e-3)
+    assert [(x.method, x.dt) for x in found] == [
+        ("baumgarte", 0.01),
+        ("project", 0.005),
+        ("none", 0.04),
+    ]
+    assert [x.method for x in choice.chosen(drifting + held, "rods", 1e-3)] == ["project"]
 
 
 def test_what_is_lost_or_unknown_never_counts():
     lost = [setting(0.02, lost="at 1 s: diverged"), setting(0.01), setting(0.005)]
-    assert choice.reached(lost, "error", 1.0).dt == 0.01
+    assert choice.reached(lost, ["error"], 1.0).dt == 0.01
     unknown = [setting(0.02, error=None), setting(0.01, error=None)]
-    assert choice.reached(unknown, "error", 1.0) is None
-    assert choice.reached(unknown, "rods", 1.0).dt == 0.02
+    assert choice.reached(unknown, ["error"], 1.0) is None
+    assert choice.reached(unknown, ["rods"], 1.0).dt == 0.02
 
 
 @pytest.mark.parametrize(

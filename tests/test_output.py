@@ -5,6 +5,7 @@ import re
 import signal
 import tempfile
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -202,6 +203,36 @@ def test_a_run_that_blew_up_says_nothing_of_the_motion(run):
     printed, _ = run("--system double --dt 0.1 --steps 40 --integrator gauss", *BARE)
     exact = c.run_method(c.build_system("double"), "none", "gauss", 0.1, 40)
     assert f"a step of 0.1 s is long: in {exact.time_scale:.2g} s the motion" in printed
+
+
+def test_a_smoke_run_has_its_steps_whatever_else_is_asked(run):
+    printed, metrics = run("--smoke --steps 100 --stabilization none", *BARE)
+    assert metrics["steps"] == c.SMOKE_STEPS and f"for {c.SMOKE_STEPS} steps of" in printed
+
+
+def test_a_jump_of_energy_is_blamed_on_rods_that_had_left_before_it_and_on_no_others():
+    """Energy jumps from state 2 to 3. Rods leave at state 2, or at state 4."""
+    row = {"tension_max": 1.0, "conserves": True, "energy_step_max": 0.5, "max_violation": 0.2}
+    for violations, blamed in (([0, 0, 0.2, 0, 0], True), ([0, 0, 0, 0, 0.2], False)):
+        run = SimpleNamespace(
+            energies=np.array([0.0, 0.1, 0.0, -20.0, -19.0]),
+            violations=np.array(violations),
+            loads=10.0,
+            shortest=1.0,
+        )
+        (said,) = table.doubts(row, run)
+        assert said.startswith("energy jumps by 50 % of m g L in one step")
+        assert said.endswith("; rods had left the constraint by 20 cm") == blamed
+
+
+def test_a_force_is_doubted_if_rods_are_off_by_what_can_make_it():
+    """30 times all loads comes from an angle of 1/30, which rods that are off by 1/900 make."""
+    run = SimpleNamespace(loads=10.0, shortest=2.0)
+    row = {"tension_max": 300.0, "conserves": True, "energy_step_max": 0.0}
+    for off, doubted in ((2.0 * 0.08 / 900.0, False), (2.0 * 0.12 / 900.0, True)):
+        assert bool(table.doubts(row | {"max_violation": off}, run)) == doubted
+    row |= {"tension_max": 99.0, "max_violation": 1.0}  # less than ten times its loads
+    assert table.doubts(row, run) == []
 
 
 def test_a_force_that_may_be_larger_between_the_steps_says_so(run):

@@ -282,6 +282,59 @@ def reference_of(system, dt=0.005, steps=4000, others=None, **how):
     return find_reference(system, force, c.project, [run])
 
 
+def test_the_reference_is_of_the_longest_run_and_of_two_seconds_at_most():
+    double = c.systems.check_system(c.build_system("double"), c.PIVOT)
+    runs = []
+    for steps in (10, 90, 40):  # two were lost
+        q = np.zeros((steps + 1, 2, 3))
+        runs.append(SimpleNamespace(dt=0.01, q=q, is_compiled=True, edited=False))
+    found = find_reference(double, c.make_force(double), c.project, runs)
+    assert (found.step, found.at) == (90, "at 0.9 s")
+    assert found.error(runs[0].q) is None
+    where = np.repeat(found.q[None], 91, axis=0)
+    where[-1, 1] = where[-1, 1] + [0.03, 0.0, -0.04]
+    assert found.error(where) == pytest.approx(0.05)
+    assert reference_of(double, 0.01, 1000).step == 200
+
+
+def test_an_outcome_knows_what_its_rods_may_have_to_bear_and_how_quick_it_is():
+    """A bob of 2 kg on 0.5 m, under a load of 5 N, that gets from 1 to 3 m/s in 0.1 s."""
+    q = np.array([[[0.0, 0.0, 0.0]], [[0.1, 0.0, 0.0]], [[-0.05, 0.0, 0.0]]])
+    v = np.array([[[1.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]]])
+    run = c.Run(q, v, q[:, -1], np.zeros(3), np.zeros(3))
+    step = SimpleNamespace(
+        how="", is_compiled=True, edited=False, source="", failure=None, seconds=6e-6
+    )
+    system = {"m": np.array([[2.0]]), "lengths": np.array([0.5]), "load": [[3.0, -4.0, 0.0]]}
+    done = c.Outcome(run, system, 0.1, step)
+    assert done.loads == pytest.approx(2.0 * 9.81 + 5.0 + 2.0 * 9.0 / 0.5 + 2.0 * 20.0)
+    assert done.time_scale == pytest.approx(0.05 / 3.0)
+    assert done.pace == pytest.approx(3.0) and done.stopped is None
+
+
+ENDS = [  # energies, whether states end in NaN, why a step failed, and how the run is told
+    ([1.0, np.inf, 2.0, 2.0], False, None, "lost at 0 s: diverged"),
+    ([1.0, 1.0, np.nan, np.nan], True, "it is torn", "lost at 0.1 s: it is torn"),
+    ([1.0, 1.0, np.nan, np.nan], True, None, "its loop ended at 0.1 s"),
+    ([1.0, 1.0, 1.0, 1.0], False, None, None),
+]
+
+
+@pytest.mark.parametrize(("energies", "ends", "failure", "told"), ENDS)
+def test_an_outcome_says_when_and_why_its_run_ended(energies, ends, failure, told):
+    q = np.zeros((4, 1, 3))
+    if ends:
+        q[2:] = np.nan
+    step = SimpleNamespace(
+        how="", is_compiled=True, edited=False, source="", failure=failure, seconds=0.0
+    )
+    run = c.Run(q, q, q[:, -1], np.zeros(4), np.array(energies))
+    done = c.Outcome(run, {"m": np.ones((1, 1)), "lengths": np.ones(1)}, 0.1, step)
+    assert done.stopped == told
+    assert done.lost == (told if told and told.startswith("lost") else None)
+    assert len(done.q) == len(done.energies) == (4 if told is None else 1 + (energies[1] == 1.0))
+
+
 SCALED = ("double", 2.0**-10, 1.0), ("double", 1.0, 2.0**10)
 
 

@@ -36,7 +36,8 @@ def lost(tmp_path_factory):
 @pytest.mark.parametrize("name", ["none", "impulse", "soft", "project"])
 def test_particles_rods_and_curves_are_those_of_the_run_and_rod_errors_have_colours(name, lost):
     seen = chunks(RrdReader(str(lost)))
-    system, method = c.build_system("double"), c.make_methods(0.05)[name]
+    system = c.build_system("double")
+    method = c.make_methods(0.05)[name]
     run = c.run_method(system, name, "semi_implicit", 0.05, 60)
     force = method.make_force(system)
     tile = {key.rpartition("/")[2]: x for key, x in seen.items() if f"/methods/{name}/" in key}
@@ -65,7 +66,8 @@ def test_particles_rods_and_curves_are_those_of_the_run_and_rod_errors_have_colo
 
 def test_a_lost_method_leaves_the_picture_says_so_and_bends_no_axis(lost):
     reader = RrdReader(str(lost))
-    seen, blueprint = chunks(reader), chunks(reader, store=reader.blueprints()[0])
+    seen = chunks(reader)
+    blueprint = chunks(reader, store=reader.blueprints()[0])
     runs = {
         name: c.run_method(c.build_system("double"), name, "semi_implicit", 0.05, 60, baumgarte=40)
         for name in ("baumgarte", "soft")
@@ -98,7 +100,8 @@ def test_what_moves_fills_its_view_and_each_plot_names_its_curves(system, tmp_pa
     flags = f"--system={system}", "--stabilization=project", "--steps=400", "--no-page"
     c.main([*flags, f"--out={tmp_path}"])
     reader = RrdReader(str(tmp_path / output.RECORDING))
-    seen, blueprint = chunks(reader), chunks(reader, store=reader.blueprints()[0])
+    seen = chunks(reader)
+    blueprint = chunks(reader, store=reader.blueprints()[0])
     (eye,) = [x for key, x in blueprint.items() if key.endswith("EyeControls3D")]
     ((position,),) = eye["position"]
     ((target,),) = eye["look_target"]

@@ -11,6 +11,7 @@ from conftest import ROOT
 
 import constraints as c
 from curriculum.ch3_4_constraints import make
+from curriculum.ch3_4_constraints.mechanics import systems
 from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.studies import __main__ as studies
 from curriculum.ch3_4_constraints.studies import hard_cases as hard
@@ -132,8 +133,8 @@ def drawn(monkeypatch, tmp_path, *more):
     found |= settings("MuJoCo hinges", *[(dt, 30.0 * dt**4, 1e-3 / dt) for dt in steps])
     for line in more:
         found |= line
-    measured = speed.Measured("double", 5.0, found, 1e-13, 1.0, {}, 0.005, 5)
-    return work_precision.text_of(measured, speed.GOALS, speed.winners), found
+    measured = speed.Measured("double", 5.0, found, speed.GOALS, 1e-13, 1.0, {}, 0.005, 5)
+    return work_precision.text_of(measured, speed.winners), found
 
 
 def lines_of(text):
@@ -175,6 +176,17 @@ def test_a_diagram_names_what_is_quickest_in_its_colour_and_leaves_the_others_gr
     peer = work_precision.shown(found["MuJoCo hinges"])
     assert text.count(work_precision.OPEN) == len(peer) > 5
     assert "open circles: MuJoCo" in text and ">MuJoCo hinges<" in text
+
+
+def test_a_small_scene_is_asked_for_its_coarsest_goal():
+    found = settings("rk4 none", (0.02, 5e-7, 1e-5), (0.01, 4e-7, 2e-5))
+    measured = speed.Measured("flea", 0.1, found, [1e-6, 1e-9], 1e-13, 1.0, {}, 0.005, 5)
+    text = work_precision.text_of(measured, speed.winners)
+    assert "flea: quickest to 1 µm is rk4 none<" in text and ">1 mm<" not in text
+    nobody = measured._replace(goals=[1e-9])
+    assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(nobody, speed.winners)
+    far = nobody._replace(found=settings("rk4 none", (0.02, 9.0, 1e-5)))
+    assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(far, speed.winners)
 
 
 def test_words_of_a_diagram_are_read_on_a_phone(monkeypatch, tmp_path):
@@ -246,6 +258,16 @@ def test_a_scene_that_nobody_knows_for_so_long_is_followed_for_less(tmp_path, ca
     printed = capsys.readouterr().out
     assert "nobody knows where it is after 0.5 s: so it is followed for 0.25 s" in printed
     assert "\npendulum, 0.25 s; " in printed
+
+
+@pytest.mark.parametrize(("size", "goals"), [(2.0, 5), (0.02, 4), (1e-4, 3)])
+def test_what_is_as_large_as_the_scene_is_no_goal(size, goals, monkeypatch):
+    monkeypatch.setattr(speed, "STEPS", {"rk4 none": speed.STEPS["rk4 none"]})
+    monkeypatch.setattr(speed, "find_spec", lambda name: None)
+    rows = {"q0": np.array([[size, 0.0, 0.0]]), "lengths": np.array([size])}
+    system = systems.check_system(c.build_system("pendulum") | rows, c.PIVOT)
+    measured = speed.measure("swing", system, 0.1 * np.sqrt(size), 0.02, 1)
+    assert tuple(measured.goals) == speed.GOALS[-goals:]
 
 
 def test_mujoco_need_not_be_there(tmp_path, capsys, monkeypatch):

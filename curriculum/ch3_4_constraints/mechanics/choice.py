@@ -196,13 +196,13 @@ def ladder(take, counts, digits, within):
     """
     found = [take(x) for x in counts]
     first = counts[0]
-    while first > 1 and any(is_within(found[0], key, within) for key in KEYS):
+    while first > 1 and any(is_within(found[0], [key], within) for key in KEYS):
         first = fewer(first, digits)
         found.insert(0, take(first))
         if found[0].operations >= found[1].operations:  # gauss takes it in parts
             break
     for key in KEYS:
-        right = [is_within(x, key, within) for x in found]
+        right = [is_within(x, [key], within) for x in found]
         if right[-1] and not right[-2]:
             found.append(take(2 * counts[-1]))
             break
@@ -214,19 +214,20 @@ def fewer(count, digits):
     return min(range(count // 2, count // 4, -1), key=digits)
 
 
-def is_within(setting, key, within):
-    x = getattr(setting, key)
-    return setting.lost is None and x is not None and x <= within
+def is_within(setting, keys, within):
+    """Whether a setting is not lost, and knows each of these to be at most so many metres."""
+    known = [getattr(setting, key) for key in keys]
+    return setting.lost is None and all(x is not None and x <= within for x in known)
 
 
-def reached(settings, key, within, cost="operations"):
-    """The cheapest of a pair's settings, from long steps to short ones, whose `key` is within.
+def reached(settings, keys, within, cost="operations"):
+    """The cheapest of a pair's settings, from long steps to short ones, whose `keys` are within.
 
     It counts only if the next finer one is within, too; else it may be luck. None if there is none.
     """
     there = []
     for x, finer in pairwise(settings):
-        if is_within(x, key, within) and is_within(finer, key, within):
+        if is_within(x, keys, within) and is_within(finer, keys, within):
             there.append(x)
     return min(there, key=lambda x: getattr(x, cost), default=None)
 
@@ -247,12 +248,21 @@ def in_order(settings, key, cost="operations"):
 
 
 def chosen(settings, key, within):
-    """Of each pair the cheapest setting whose `key` is within, in order."""
+    """Of each pair the cheapest setting whose `key` is within, in order.
+
+    A pair that holds its rods to it, too, comes before those that do not.
+    """
     pairs = {}
     for x in settings:
         pairs.setdefault((x.integrator, x.method), []).append(x)
-    best = [reached(x, key, within) for x in pairs.values()]
-    return in_order([x for x in best if x], key)
+    order = []
+    for keys in ((key, "rods"), (key,)):
+        best = [reached(pair, keys, within) for pair in pairs.values()]
+        best = in_order([x for x in best if x], key)
+        order += best
+        for x in best:
+            del pairs[x.integrator, x.method]
+    return order
 
 
 class Choice(NamedTuple):
@@ -343,7 +353,7 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
     early = seconds / counts[min(EARLY, len(counts)) - 1]
     found = chosen(settings, "error", right)
-    if reference.q is not None and not any(x.dt >= early for x in found):
+    if reference.q is not None and not any(x.dt >= early and x.rods <= within for x in found):
         pairs = build(chapter, system, [x for x in chapter.INTEGRATORS if x in LAST], knobs, each)
         counts, _ = affordable(pairs, first, span, MORE)
         settings += climb(pairs, counts)

@@ -26,7 +26,8 @@ from curriculum.ch3_4_constraints.pages.page import as_script, page_file, palett
 from curriculum.ch3_4_constraints.pictures.make_pictures import still
 
 HERE = Path(__file__).parents[1]
-SOURCE, PAGE = HERE / "README.md", HERE / "chapter.html"
+SOURCE = HERE / "README.md"
+PAGE = HERE / "chapter.html"
 
 
 def equation(system, q, v):
@@ -103,7 +104,8 @@ def colored(code, language):
 
 def fence(tokens, k, *_):
     """A listing; of a region of constraints.py each function that is in KEYS is folded."""
-    language, code = tokens[k].info or "text", tokens[k].content
+    language = tokens[k].info or "text"
+    code = tokens[k].content
     is_region = k > 0 and tokens[k - 1].content.startswith("<!-- region")
     pieces = re.split(r"(?<=\n\n\n)", code) if is_region else [code]
     text = "".join(folded(piece, language) for piece in pieces)

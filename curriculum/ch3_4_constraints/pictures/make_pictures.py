@@ -50,7 +50,8 @@ class Sheet:
     """A drawing of the box from `low` to `high`, `width` by `height` units, two to a pixel."""
 
     def __init__(self, width, height, low, high):
-        self.size, self.low = (width, height), low
+        self.size = (width, height)
+        self.low = low
         self.scale = np.divide(self.size, np.subtract(high, low))
         self.parts = [
             STYLE,
@@ -61,6 +62,9 @@ class Sheet:
     def at(self, point):
         x, y = (np.array(point)[:2] - self.low) * self.scale
         return f"{x:.0f} {self.size[1] - y:.0f}"
+
+    def strokes(self, lines):
+        return "".join(f"M{self.at(a)}L{self.at(b)}" for a, b in lines)
 
     def line(self, points, colour, width=6, dash=""):
         style = f"stroke-dasharray:{dash}" if dash else "stroke-linecap:round"
@@ -100,9 +104,12 @@ class Sheet:
 
 def axes(height, x_ticks, y_ticks, upright=False):
     """A sheet with axes over ticks {place: words}; `upright`: lines rise from those below, too."""
-    (left, *_, right), (bottom, *_, top) = x_ticks, y_ticks
-    wide, high = right - left, top - bottom
-    low, end = (left - 0.16 * wide, bottom - 0.14 * high), (right + 0.07 * wide, top + 0.24 * high)
+    left, *_, right = x_ticks
+    bottom, *_, top = y_ticks
+    wide = right - left
+    high = top - bottom
+    low = (left - 0.16 * wide, bottom - 0.14 * high)
+    end = (right + 0.07 * wide, top + 0.24 * high)
     sheet = Sheet(1200, height, low, end)
     for y, words in y_ticks.items():
         sheet.line([(left, y), (right, y)], "reference", 1)
@@ -116,7 +123,8 @@ def axes(height, x_ticks, y_ticks, upright=False):
 
 def chart(name, curves, x_ticks, y_ticks, y_name):
     """Curves (name, colour, x, y) over axes."""
-    (left, *_, right), (bottom, *_, top) = x_ticks, y_ticks
+    left, *_, right = x_ticks
+    bottom, *_, top = y_ticks
     sheet = axes(600, x_ticks, y_ticks)
     sheet.words((left, top), y_name, "reference", "start", 64)
     lengths = [len(words) + 2 for words, *_ in curves]
@@ -157,17 +165,19 @@ def tiles(name, scene, begin, end, every=1, upright=None, methods=tuple(METHODS)
             sheet.line(
                 [(line + shift[0], y + shift[1]) for y in (low[1], high[1])], "ink", 3, "4 12"
             )
-            gap = [(at + shift, [line + shift[0], at[1] + shift[1]]) for at in q[:, upright]]
-            gaps = [f"M{sheet.at(joint)}L{sheet.at(end)}" for joint, end in gap]
+            gaps = []
+            for joint in q[:, upright]:
+                beside = [line, joint[1], 0.0]
+                gaps.append(sheet.strokes([(joint + shift, beside + shift)]))
             sheet.path(gaps, "long", 5, dt=every * DT)
-        right, much, missing = (part + shift for part in rod_parts(system, q))
+        right, much, missing = rod_parts(system, q)
         for parts, *style in (
             (right, colour, 7, ""),
             (missing[:, :, [0, 0]], colour, 20, "stroke-linecap:round"),  # particles
             (much, "long", 12, ""),
             (missing, "short", 7, "stroke-dasharray:6"),
         ):
-            data = ["".join(f"M{sheet.at(a)}L{sheet.at(b)}" for a, b in part) for part in parts]
+            data = [sheet.strokes(part + shift) for part in parts]
             sheet.path(data, *style, every * DT)
         for anchor in system["anchors"] + shift:
             sheet.line([anchor, anchor], "reference", 14)
@@ -175,7 +185,8 @@ def tiles(name, scene, begin, end, every=1, upright=None, methods=tuple(METHODS)
         sheet.words(top, method, colour, up=-50)
         sheet.words(top, f"rods off by {length(found.violations.max())}", colour, up=-100)
     top = low + place(len(runs)) + [0.5 * wide, tall, 0.0]
-    sheet.words(top, f"{scene}, {'to' if begin < end else 'at'} {end:g} s", up=-50)
+    when = "to" if begin < end else "at"
+    sheet.words(top, f"{scene}, {when} {end:g} s", up=-50)
     sheet.words(top, "red: too long", "long", up=-100)
     sheet.words(top, "blue: too short", "short", up=-150)
     sheet.write(name)
@@ -203,9 +214,10 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
         x, y, _ = ends[name][0]
         below = min(below - 0.095, y)
         error = c.rod_lengths(system, ends[name])[0] - 1.0
-        words = f"{'+' if error > 0.0 else MINUS}{length(abs(error))}"
-        if abs(error) < 1e-9:
-            words = "right"
+        words = "right"
+        if abs(error) > 1e-9:
+            sign = "+" if error > 0.0 else MINUS
+            words = sign + length(abs(error))
         sheet.line([(x, y), (x, y)], METHODS[name], 22)
         sheet.line([(x, y), (0.85, below)], METHODS[name], 2)
         sheet.words((0.87, below), f"{name} {words}", METHODS[name], "start", -10)
@@ -220,7 +232,8 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
 
 def main():
     """Make them all: those that are curves, then those that move."""
-    double, times = c.build_system("double"), np.arange(0, 4001, 32) * DT
+    double = c.build_system("double")
+    times = np.arange(0, 4001, 32) * DT
     runs = {method: run(double, method) for method in METHODS}
     worst = {x: np.maximum(runs[x].violations[::32], 1e-13) for x in ("none", "baumgarte")}
     curves = [(x, METHODS[x], times, np.log10(errors)) for x, errors in worst.items()]
@@ -230,13 +243,15 @@ def main():
     curves = [(x, METHODS[x], times, gain / (2 * 9.81 * 2)) for x, gain in gained.items()]
     ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
     chart("energy", curves, TIMES, ticks, "energy gained, of m g L")
-    curves, hung = [], c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
+    curves = []
+    hung = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
     for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
         found = run(hung, "baumgarte", steps=40, baumgarte=z / DT)
         curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
     ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
     chart("cliff", curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
-    curves, tip = [], run(double, "project").tip
+    curves = []
+    tip = run(double, "project").tip
     for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
         thrown = double | {"v0": np.array([[0.0, 0.0, 0.0], [0.0, 10.0**-digits, 0.0]])}
         apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[32::32]

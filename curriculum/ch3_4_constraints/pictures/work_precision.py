@@ -75,18 +75,19 @@ def shown(settings):
 class Diagram:
     """The sheet of a scene that was measured, and where an error and a time are on it."""
 
-    def __init__(self, measured, goals, winners):
+    def __init__(self, measured, winners):
         self.measured = measured
-        self.goals = goals
+        self.goals = measured.goals
+        self.main = MAIN if MAIN in self.goals else self.goals[0]
         self.winners = winners
         self.best = {}  # {goal: the Setting that is quickest to it}
-        for goal in goals:
+        for goal in self.goals:
             for first in winners(measured.found, goal)[:1]:
                 self.best[goal] = first
         self.lines = {name: shown(settings) for name, settings in measured.found.items()}
-        times = [x.seconds for line in self.lines.values() for x in line]
+        times = [x.seconds for line in self.lines.values() for x in line] or [1e-3]  # none is near
         self.fastest = math.floor(math.log10(min(times)))
-        self.slowest = math.ceil(math.log10(max(times)))
+        self.slowest = max(self.fastest + 1, math.ceil(math.log10(max(times))))
         self.rows = LINE * len(self.best)
         self.bottom = self.rows + 5.5 * LINE
         self.height = round(self.bottom + HIGH + 4 * LINE)
@@ -128,7 +129,7 @@ class Diagram:
         for goal in self.goals:
             x = self.x(goal)
             top = self.bottom + HIGH
-            if goal == MAIN:
+            if goal == self.main:
                 self.sheet.line([(x, self.bottom), (x, top)], "ink", 4)
             else:
                 self.sheet.line([(x, self.bottom), (x, top)], "reference", 1)
@@ -168,7 +169,7 @@ class Diagram:
             self.sheet.path(
                 [f"M{self.sheet.at(self.at(best))}{DOT}"], colour, 2, f"fill:var(--{colour})"
             )
-            style = HALO + BOLD if goal == MAIN else HALO
+            style = HALO + BOLD if goal == self.main else HALO
             text = f"{best.name}, {milliseconds(best.dt)}"
             if x < 0.5 * (LEFT + RIGHT):
                 names.append(((x + 10, row), text, colour, "start", style))
@@ -180,7 +181,7 @@ class Diagram:
     def draw_best_peer(self):
         """The name of the peer that is quickest to the main goal, at the end of its line."""
         peers = {name: line for name, line in self.measured.found.items() if is_peer(name)}
-        there = self.winners(peers, MAIN)
+        there = self.winners(peers, self.main)
         if not there or there[0].name in {x.name for x in self.best.values()}:
             return
         name = there[0].name
@@ -201,7 +202,7 @@ class Diagram:
         elif any(-NEAR < gap < 0.0 for gap in gaps):
             anchor = "start"
             x -= 16
-        bold = BOLD if goal == MAIN else ""
+        bold = BOLD if goal == self.main else ""
         self.words((x, self.bottom - LINE), words(goal), "ink", anchor, bold)
 
     def words(self, place, text, colour, anchor, style):
@@ -213,9 +214,9 @@ class Diagram:
         """What is seen, above, and how it was measured, below."""
         scene = shorten(self.measured.scene)
         top = self.height - LINE
-        title = f"{scene}: quickest to {words(MAIN)} is nobody"
-        if MAIN in self.best:
-            title = f"{scene}: quickest to {words(MAIN)} is {self.best[MAIN].name}"
+        title = f"{scene}: quickest to {words(self.main)} is nobody"
+        if self.main in self.best:
+            title = f"{scene}: quickest to {words(self.main)} is {self.best[self.main].name}"
         self.words((30, top), title, "ink", "start", BOLD)
         said = ["colour: quickest to a length; grey: all others"]
         if any(map(is_peer, self.lines)):
@@ -235,15 +236,15 @@ def shorten(name):
     return name if len(name) <= LONGEST else name[: LONGEST - 3] + "..."
 
 
-def text_of(measured, goals, winners):
+def text_of(measured, winners):
     """The diagram as an SVG; winners(found, goal) are Settings in order, the quickest first."""
-    sheet = Diagram(measured, goals, winners).draw()
+    sheet = Diagram(measured, winners).draw()
     box = 'viewBox="0 0 {} {}" width="{}"'.format(*sheet.size, 640)
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>'
     return "\n".join([head, *sheet.parts, "</svg>\n"])
 
 
-def draw_for_the_chapter(measured, goals, winners):
+def draw_for_the_chapter(measured, winners):
     """Write the diagram of a shipped scene beside the other pictures."""
     path = FOLDER / f"work_precision_{measured.scene}.svg"
-    path.write_text(text_of(measured, goals, winners), encoding="utf-8")
+    path.write_text(text_of(measured, winners), encoding="utf-8")

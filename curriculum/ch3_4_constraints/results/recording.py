@@ -15,7 +15,8 @@ from curriculum.common.tracing import vmap
 
 TIMELINE = "sim_time"  # in s
 FRAME_RATE = 60  # states shown in a simulated second,
-FEW, MANY = 50, 3600  # but at least so many, if there are, and at most
+FEW = 50  # but at least so many, if there are,
+MANY = 3600  # and at most so many
 POINTS = 300_000  # of particles, at most, in all states of a method
 TRAIL = 1.0  # s of the last particle's path
 FIELD_OF_VIEW = np.radians(55.0)  # from top to bottom, of Rerun's eye
@@ -115,7 +116,8 @@ def send(stream, entity, seconds, rows, style=None):
 
 def frames(run):
     """The steps of a run that are shown."""
-    steps, particles = len(run.tip) - 1, run.q.shape[1]
+    steps = len(run.tip) - 1
+    particles = run.q.shape[1]
     every = min(round(1.0 / (FRAME_RATE * run.dt)), steps // FEW)
     every = max(1, every, -(-steps // min(MANY, POINTS // particles)))
     return np.append(np.arange(0, steps, every), steps)
@@ -147,7 +149,8 @@ def blueprint(results, seen, values):
     height = MARGIN * max(size[1], size[0] / WIDE)
     away = [0.0, 0.0, 0.5 * size[2] + 0.5 * height / np.tan(0.5 * FIELD_OF_VIEW)]
     eye = rrb.EyeControls3D(position=middle + away, look_target=middle, eye_up=[0.0, 1.0, 0.0])
-    begin, now = (rrb.TimeRangeBoundary.cursor_relative(seconds=s) for s in (-TRAIL, 0.0))
+    begin = rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL)
+    now = rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     trail = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)])
     dark = rgb(palette.PAPER)
     ground = rrb.archetypes.PlotBackground(color=dark)

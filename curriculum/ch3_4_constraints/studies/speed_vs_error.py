@@ -28,6 +28,7 @@ from curriculum.common.tracing import CompiledSteps
 
 SCENES = {"double": 5.0, "jansen_leg": 2.0, "windows": 1.0}  # how long each is followed, in s
 GOALS = 1e-2, 1e-3, 1e-6, 1e-9, 1e-12  # m
+COARSE = 0.1  # of all rods together: a larger goal says nothing
 USUAL = 0.005  # s: the first step is a multiple of it where it can be
 SHOWN = 8  # of the first steps: so many times shorter are those whose errors are printed
 MANY = 10**9  # steps in all: enough to be worth machine code
@@ -117,6 +118,7 @@ def peer(name, system, seconds, steps):
     """A run of MuJoCo, by a row of PEERS."""
     import mujoco
 
+    mujoco.set_mju_user_warning(lambda text: None)  # else what diverges leaves a file of its own
     model, data = model_of_peer(name, system, seconds / steps)
     clock = time.perf_counter()
     mujoco.mj_step(model, data, steps)
@@ -162,10 +164,10 @@ def reference(system, seconds):
     return known.q, known.uncertainty
 
 
-def ladder(name, run, first, system, seconds, known, limit):
+def ladder(name, run, first, system, seconds, known, coarsest, limit):
     """The Settings of a pair, from long steps to short ones: `first` is how many are the longest.
 
-    Still longer ones are taken as long as they are within the coarsest goal.
+    Still longer ones are taken as long as they are within the coarsest goal, in m.
     """
 
     def take(steps):
@@ -175,7 +177,7 @@ def ladder(name, run, first, system, seconds, known, limit):
 
     found = [take(first)]
     steps = first
-    while steps > 1 and found[0].error <= max(GOALS):
+    while steps > 1 and found[0].error <= coarsest:
         steps = choice.fewer(steps, partial(choice.digits, seconds))
         found.insert(0, take(steps))
         if found[0].seconds >= found[1].seconds:  # gauss takes it in parts
@@ -198,6 +200,7 @@ class Measured(NamedTuple):
     scene: str
     seconds: float  # that it was followed
     found: dict
+    goals: list  # m: those that the scene is large enough for, and the reference sure enough
     uncertainty: float  # m, of the reference
     built: float  # s, in which machine code was built
     missing: dict  # {peer: why it is not there}
@@ -217,6 +220,10 @@ def measure(scene, system, seconds, limit, turns):
     seconds = known.step * part
     last = max(1, round(seconds / USUAL))
     first = choice.first_count(system, c.make_force(system), seconds / last, last)
+    largest = COARSE * np.sum(system["lengths"])
+    goals = [goal for goal in GOALS if known.uncertainty < goal < largest]
+    if not goals:
+        raise ArgumentTypeError(f"it is too small: {words(largest)} is less than all goals")
     runs = {}
     clock = time.perf_counter()
     for name, step in STEPS.items():
@@ -231,20 +238,21 @@ def measure(scene, system, seconds, limit, turns):
             runs[name] = run
     found = {}
     for name in progress.each(runs):
-        found[name] = ladder(name, runs[name], first, system, seconds, known.q, limit)
+        found[name] = ladder(name, runs[name], first, system, seconds, known.q, goals[0], limit)
     for _ in progress.each(f"{scene}, turn {k}" for k in range(1, turns)):
         for name, settings in found.items():
             for x in settings:
                 if x.times[0] < SHORT:
                     x.times.append(runs[name](round(seconds / x.dt))[0])
     shown = seconds / (SHOWN * first)
-    return Measured(scene, seconds, found, known.uncertainty, built, missing, shown, turns)
+    parts = scene, seconds, found, goals, known.uncertainty, built, missing, shown, turns
+    return Measured(*parts)
 
 
 # --- what is printed ---
 def reached(settings, goal):
     """The quickest of settings that are within a goal, as is the next finer one; or None."""
-    return choice.reached(settings, "error", goal, "seconds")
+    return choice.reached(settings, ["error"], goal, "seconds")
 
 
 def cell(setting):
@@ -255,14 +263,9 @@ def cell(setting):
     return f"{took:g}/{step:g}"
 
 
-def goals_of(measured):
-    """Those that the reference is sure enough for."""
-    return [goal for goal in GOALS if goal > measured.uncertainty]
-
-
 def lines(measured):
     """The rows of a scene, and what they say."""
-    goals = goals_of(measured)
+    goals = measured.goals
     scene = f"{measured.scene}, {measured.seconds:g} s"
     yield f"{scene}; the reference is known to {measured.uncertainty:.0e} m"
     shown = f"m off at {milliseconds(measured.shown)}"
@@ -324,7 +327,7 @@ def main(argv=None):
         for line in lines(measured):
             print(line)
         if args.picture:
-            work_precision.draw_for_the_chapter(measured, goals_of(measured), winners)
+            work_precision.draw_for_the_chapter(measured, winners)
     return 0
 
 
@@ -347,7 +350,7 @@ def one_of_your_own(parser, args, limit, turns):
         text.insert(0, f"{shorter} {measured.seconds:g} s")
     for line in text:
         print(line)
-    picture = work_precision.text_of(measured, goals_of(measured), winners)
+    picture = work_precision.text_of(measured, winners)
     write_together(args.out, {TEXT: "\n".join(text) + "\n", DIAGRAM: picture})
     print(f"wrote {args.out}: {TEXT}, {DIAGRAM}")
     return 0
