@@ -338,6 +338,17 @@ ENDS = [  # energies, whether states end in NaN, why a step failed, and how the 
 ]
 
 
+def test_an_outcome_ends_where_rods_are_a_hundred_times_as_long_as_all_together():
+    q = np.zeros((4, 1, 3))
+    step = SimpleNamespace(
+        how="", is_compiled=True, edited=False, source="", failure=None, seconds=0.0
+    )
+    system = {"m": np.ones((1, 1)), "lengths": np.array([0.5, 1.5])}
+    for worst, told in ((199.0, None), (201.0, "lost at 0.1 s: diverged")):
+        run = c.Run(q, q, q[:, -1], np.array([0.0, 0.1, worst, 0.1]), np.zeros(4))
+        assert c.Outcome(run, system, 0.1, step).lost == told
+
+
 @pytest.mark.parametrize(("energies", "ends", "failure", "told"), ENDS)
 def test_an_outcome_says_when_and_why_its_run_ended(energies, ends, failure, told):
     q = np.zeros((4, 1, 3))
