@@ -572,6 +572,10 @@ def test_m_g_l_is_of_what_moves_and_without_gravity_of_how_fast_it_is():
     held = [(0, -1), (1, -2), (1, -3), (1, -4), (2, 1)]  # particle 1 is pinned by three rods
     system = make_system([[3, 0, 0], [4, 4, 4], [4, 4, 6]], held, corner, m=[2.0, 1e9, 1.0])
     assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
+    held += [(3, -2), (3, -3), (1, 3)]  # which helps to pin particle 3
+    places = [*system["q0"], [9, 9, 1]]
+    system = make_system(places, held, corner, m=[2.0, 1e9, 1.0, 1e8])
+    assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
     flat = make_system([[1, -1, 0]], [(0, -1), (0, -2), (0, -3)], [[0, 0, 0], [2, 0, 0], [3, 0, 0]])
     rods = 2.0 * math.sqrt(2.0) + math.sqrt(5.0)  # out of their plane it swings
     assert c.systems.m_g_L(flat, c.GRAVITY) == pytest.approx(9.81 * rods)
