@@ -569,7 +569,7 @@ def test_m_g_l_is_of_what_moves_and_without_gravity_of_how_fast_it_is():
     assert c.systems.m_g_L(system, 0.0 * c.GRAVITY) == pytest.approx(0.5 * 2.5 * 4.0)
     assert c.systems.m_g_L(system | {"v0": 0.0 * system["v0"]}, 0.0 * c.GRAVITY) == 1.0
     corner = [[0, 0, 0], [5, 0, 0], [0, 5, 0], [0, 0, 5]]
-    held = [(0, -1), (1, -2), (1, -3), (1, -4), (2, 1)]  # particle 1 is pinned by three rods
+    held = [(0, -1), (1, -2), (1, -3), (1, -4), (1, 2)]  # particle 1 is pinned by three rods
     system = make_system([[3, 0, 0], [4, 4, 4], [4, 4, 6]], held, corner, m=[2.0, 1e9, 1.0])
     assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
     held += [(3, -2), (3, -3), (1, 3)]  # which helps to pin particle 3
