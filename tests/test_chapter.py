@@ -22,7 +22,7 @@ SOURCE = ROOT / "constraints.py"
 
 def test_the_committed_page_is_what_its_builder_makes_and_its_links_work_from_anywhere():
     text = chapter.page()
-    stale = "make it again: python -m curriculum.ch3_4_constraints.pages.chapter"
+    stale = "make it again: python -m curriculum.ch3_4_constraints.make"
     assert chapter.PAGE.read_text(encoding="utf-8") == text, stale
     assert "animate" not in text  # what moves, a reader can stop
     for link in re.findall(r'href="(?!https:)([^"]+)"', text):

@@ -14,12 +14,6 @@ SVG = "{http://www.w3.org/2000/svg}"
 DT = 0.005  # s
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(make_pictures, "FOLDER", tmp_path)
-    return tmp_path
-
-
 def words(root):
     """{text: (x, y)} of a picture."""
     found = [(x.text, (float(x.get("x")), float(x.get("y")))) for x in root.iter(f"{SVG}text")]
@@ -39,9 +33,8 @@ def drawn(root, colour, kind=None):
     return [x for x in paths if x.get("class") == kind]
 
 
-def test_tiles_draw_the_last_state_of_each_method_and_its_worst_rod(folder):
-    make_pictures.tiles("some", "double", 1.0, 3.0, 10)
-    root = ElementTree.parse(folder / "some.svg").getroot()
+def test_tiles_draw_the_last_state_of_each_method_and_its_worst_rod():
+    root = ElementTree.fromstring(make_pictures.tiles("double", 1.0, 3.0, 10))
     system = c.build_system("double")
     for k, method in enumerate(c.make_methods(DT)):
         run = c.run_method(system, method, "semi_implicit", DT, 600)
@@ -55,9 +48,8 @@ def test_tiles_draw_the_last_state_of_each_method_and_its_worst_rod(folder):
         assert np.allclose(shown, scale * d, atol=1.5)
 
 
-def test_red_is_what_a_rod_has_too_much(folder):
-    make_pictures.tiles("some", "double", 20.0, 20.0, methods=["none"])
-    root = ElementTree.parse(folder / "some.svg").getroot()
+def test_red_is_what_a_rod_has_too_much():
+    root = ElementTree.fromstring(make_pictures.tiles("double", 20.0, 20.0, methods=["none"]))
     run = c.run_method(c.build_system("double"), "none", "semi_implicit", DT, 4000)
     (much,) = drawn(root, "long")
     rods, _ = drawn(root, "m0")
@@ -68,10 +60,9 @@ def test_red_is_what_a_rod_has_too_much(folder):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 6, 8])
-def test_however_many_methods_no_tile_covers_another_or_the_legend(folder, count):
+def test_however_many_methods_no_tile_covers_another_or_the_legend(count):
     methods = [*c.make_methods(DT), *c.make_methods(DT)][:count]
-    make_pictures.tiles("some", "double", 0.5, 0.5, methods=methods)
-    root = ElementTree.parse(folder / "some.svg").getroot()
+    root = ElementTree.fromstring(make_pictures.tiles("double", 0.5, 0.5, methods=methods))
     wide, tall = map(float, root.get("viewBox").split()[2:])
     places = [(float(x.get("x")), float(x.get("y"))) for x in root.iter(f"{SVG}text")]
     assert len(places) == 2 * count + 3
@@ -80,9 +71,8 @@ def test_however_many_methods_no_tile_covers_another_or_the_legend(folder, count
         assert 0.0 < x < wide and 0.0 < y < tall
 
 
-def test_peaucelliers_joint_has_its_dashed_line_and_a_red_gap_where_it_left_it(folder):
-    make_pictures.tiles("some", "peaucellier", 4.0, 4.0, upright=3)
-    root = ElementTree.parse(folder / "some.svg").getroot()
+def test_peaucelliers_joint_has_its_dashed_line_and_a_red_gap_where_it_left_it():
+    root = ElementTree.fromstring(make_pictures.tiles("peaucellier", 4.0, 4.0, upright=3))
     system = c.build_system("peaucellier")
     dashed = [x for x in drawn(root, "ink") if "dasharray" in x.get("style")]
     gaps = [x for x in drawn(root, "long") if "width:5" in x.get("style")]
@@ -96,9 +86,8 @@ def test_peaucelliers_joint_has_its_dashed_line_and_a_red_gap_where_it_left_it(f
         assert (abs(joint[0] - end[0]) > 4.0) == (abs(off) > 0.05)
 
 
-def test_one_step_says_the_rods_error_after_it_with_its_sign(folder):
-    make_pictures.one_step((0.0, -1.12), (2.0, -1.0))
-    seen = words(ElementTree.parse(folder / "one_step.svg").getroot())
+def test_one_step_says_the_rods_error_after_it_with_its_sign():
+    seen = words(ElementTree.fromstring(make_pictures.one_step((0.0, -1.12), (2.0, -1.0))))
     system = c.build_system("pendulum")
     q = np.array([[0.0, -1.12, 0.0]])
     v = np.array([[2.0, -1.0, 0.0]])
@@ -111,12 +100,11 @@ def test_one_step_says_the_rods_error_after_it_with_its_sign(folder):
         assert f"{name} {said}" in seen
 
 
-def test_curves_end_where_the_runs_end_and_names_keep_apart(folder):
+def test_curves_end_where_the_runs_end_and_names_keep_apart():
     x = np.linspace(0.0, 20.0, 5)
     curves = [(f"curve {k}", "m0", x, 0.1 * k * x) for k in range(5)]
     ticks = {0.0: "0", 1.0: "1", 2.0: "2"}
-    make_pictures.chart("some", curves, make_pictures.TIMES, ticks, "up")
-    root = ElementTree.parse(folder / "some.svg").getroot()
+    root = ElementTree.fromstring(make_pictures.chart(curves, make_pictures.TIMES, ticks, "up"))
     places = words(root)
     unit = places["1"][1] - places["2"][1]
     ends = [np.array(re.findall(r"[\d.]+", x.get("d")), float)[-1] for x in drawn(root, "m0")]

@@ -8,9 +8,7 @@ its block.
 """
 
 import re
-import tempfile
 from functools import cache, partial
-from pathlib import Path
 
 from curriculum.ch3_4_constraints.pages import texts
 from curriculum.ch3_4_constraints.pages.page import NoPage
@@ -31,14 +29,7 @@ def content(path):
 @cache  # it takes seconds
 def drawn():
     """{path: text} of the pictures that make_pictures draws."""
-    usual = make_pictures.FOLDER
-    with tempfile.TemporaryDirectory() as folder:
-        make_pictures.FOLDER = Path(folder)
-        try:
-            make_pictures.main()
-        finally:
-            make_pictures.FOLDER = usual
-        return {usual / x.name: x.read_text(encoding="utf-8") for x in Path(folder).iterdir()}
+    return {make_pictures.FOLDER / f"{name}.svg": svg for name, svg in make_pictures.drawn()}
 
 
 def pictures():

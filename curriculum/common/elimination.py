@@ -100,6 +100,7 @@ def refined(A, near, b, failure):
         more = near(left)
         return x + more, left - A @ more, size(left)
 
-    enough, x = 1e-30 * size(b), near(b)
-    start = x, b - A @ x, np.inf
-    return while_loop(is_going, another, *start, most=ROUNDS, failure=failure)[0]
+    enough = 1e-30 * size(b)
+    x = near(b)
+    found = while_loop(is_going, another, x, b - A @ x, np.inf, most=ROUNDS, failure=failure)
+    return found[0]

@@ -10,7 +10,7 @@ def write_together(folder, contents):
     """Write files {name: text or bytes} aside, then rename them into `folder`.
 
     A name whose content is None is not there afterwards. If one cannot be written, or Ctrl-C comes
-    before they are renamed, all is as it was. Raises OSError.
+    before they are renamed, all is as it was. Raises OSError, also where a name cannot be taken.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".unfinished-", dir=folder) as aside:
@@ -18,6 +18,9 @@ def write_together(folder, contents):
             if content is not None:
                 content = content.encode() if isinstance(content, str) else content
                 Path(aside, name).write_bytes(content)
+
+        for name in contents:
+            check_writable(folder / name)
 
         def rename_all():
             for name, content in contents.items():

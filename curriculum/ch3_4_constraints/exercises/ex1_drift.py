@@ -29,7 +29,7 @@ def expected_g(speeds, dt):
 
 
 def main():
-    """What the guesses were about: four Runs."""
+    """What the guesses were about: four runs."""
     level = c.build_system("pendulum")
     hanging = level | {"q0": np.array([[0.0, -1.0, 0.0]]), "v0": np.array([[1.0, 0.0, 0.0]])}
     let_go = c.run_method(level, "none", "semi_implicit", DT, STEPS)

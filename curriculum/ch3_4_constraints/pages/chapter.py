@@ -1,7 +1,5 @@
 """The chapter's README as one page whose pictures live: chapter.html, in the folder above.
 
-    python -m curriculum.ch3_4_constraints.pages.chapter
-
 A picture whose name has a figure in figures.js becomes that figure; printed, or without JavaScript,
 it stays the picture. What moves the figures is the chapter's own code (see page.scene_of).
 """
@@ -193,8 +191,3 @@ def scenes():
     other = constraints.build_system("double", 1)
     found["seed1"] = np.ravel([other["q0"], other["v0"]]).tolist()
     return found
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page())
-    print(f"wrote {PAGE.name}: {PAGE.stat().st_size / 1000:.0f} kB")

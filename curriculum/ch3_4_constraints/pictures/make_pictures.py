@@ -1,5 +1,4 @@
-"""Make the pictures, but those drawn by hand and those of a study:
-python -m curriculum.ch3_4_constraints.pictures.make_pictures"""
+"""Draws the pictures, but those drawn by hand and those of a study."""
 
 import re
 from functools import partial
@@ -95,11 +94,12 @@ class Sheet:
         place = f'x="{x}" y="{int(y) - up}" text-anchor="{anchor}"'
         self.parts.append(f'<text {place} style="fill:var(--{colour})">{escape(words)}</text>')
 
-    def write(self, name):
-        box = 'viewBox="0 0 {} {}" width="{}"'.format(*self.size, self.size[0] // 2)
+    def text(self, width=None):
+        """The drawing as SVG, by default half as many pixels wide as it has units."""
+        width = width or self.size[0] // 2
+        box = 'viewBox="0 0 {} {}" width="{}"'.format(*self.size, width)
         head = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>'
-        text = "\n".join([head, *self.parts, "</svg>\n"])
-        (FOLDER / f"{name}.svg").write_text(text, encoding="utf-8")
+        return "\n".join([head, *self.parts, "</svg>\n"])
 
 
 def axes(height, x_ticks, y_ticks, upright=False):
@@ -121,7 +121,7 @@ def axes(height, x_ticks, y_ticks, upright=False):
     return sheet
 
 
-def chart(name, curves, x_ticks, y_ticks, y_name):
+def chart(curves, x_ticks, y_ticks, y_name):
     """Curves (name, colour, x, y) over axes."""
     left, *_, right = x_ticks
     bottom, *_, top = y_ticks
@@ -132,10 +132,10 @@ def chart(name, curves, x_ticks, y_ticks, y_name):
         sheet.line(zip(x, np.clip(y, bottom, top), strict=True), colour)
         share = (sum(lengths[:k]) + 0.5 * lengths[k]) / sum(lengths)  # long names have more room
         sheet.words((left + share * (right - left), top), words, colour, up=18)
-    sheet.write(name)
+    return sheet.text()
 
 
-def tiles(name, scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
+def tiles(scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps.
 
     `upright`: a particle that should keep its x, if there is one. A dashed line says where.
@@ -189,7 +189,7 @@ def tiles(name, scene, begin, end, every=1, upright=None, methods=tuple(METHODS)
     sheet.words(top, f"{scene}, {when} {end:g} s", up=-50)
     sheet.words(top, "red: too long", "long", up=-100)
     sheet.words(top, "blue: too short", "short", up=-150)
-    sheet.write(name)
+    return sheet.text()
 
 
 def one_step(d, v, dt=0.2, baumgarte=2.0):
@@ -227,29 +227,29 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
             sheet.arrow(plain, ends[name][0], "lambda")
     sheet.line([(0, 0), (0, 0)], "reference", 16)
     sheet.line([d, d], "ink", 26)
-    sheet.write("one_step")
+    return sheet.text()
 
 
-def main():
-    """Make them all: those that are curves, then those that move."""
+def drawn():
+    """Yield (name, text) of each: those that are curves, then those that move."""
     double = c.build_system("double")
     times = np.arange(0, 4001, 32) * DT
     runs = {method: run(double, method) for method in METHODS}
     worst = {x: np.maximum(runs[x].violations[::32], 1e-13) for x in ("none", "baumgarte")}
     curves = [(x, METHODS[x], times, np.log10(errors)) for x, errors in worst.items()]
     ticks = {k: length(10.0**k) for k in range(-4, 1)}
-    chart("two_methods", curves, TIMES, ticks, "worst rod error")
+    yield "two_methods", chart(curves, TIMES, ticks, "worst rod error")
     gained = {x: (found.energies - found.energies[0])[::32] for x, found in runs.items()}
     curves = [(x, METHODS[x], times, gain / (2 * 9.81 * 2)) for x, gain in gained.items()]
     ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
-    chart("energy", curves, TIMES, ticks, "energy gained, of m g L")
+    yield "energy", chart(curves, TIMES, ticks, "energy gained, of m g L")
     curves = []
     hung = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
     for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
         found = run(hung, "baumgarte", steps=40, baumgarte=z / DT)
         curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
     ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
-    chart("cliff", curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+    yield "cliff", chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
     curves = []
     tip = run(double, "project").tip
     for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
@@ -257,15 +257,11 @@ def main():
         apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[32::32]
         curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
     ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
-    chart("chaos", curves, TIMES, ticks, "distance between the tips")
-    one_step((0.0, -1.12), (2.0, -1.0))
-    tiles("flat_pose", "peaucellier", 4.0, 4.0, upright=3)
-    tiles("double", "double", 12.0, 20.0, 10)
-    tiles("triple", "triple", 12.0, 20.0, 10)
-    tiles("peaucellier", "peaucellier", 0.0, 6.0, 20, upright=3)
-    tiles("jansen_leg", "jansen_leg", 0.0, 5.0, 20)
-    tiles("windows", "windows", 0.0, 6.0, 40)
-
-
-if __name__ == "__main__":
-    main()
+    yield "chaos", chart(curves, TIMES, ticks, "distance between the tips")
+    yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
+    yield "flat_pose", tiles("peaucellier", 4.0, 4.0, upright=3)
+    yield "double", tiles("double", 12.0, 20.0, 10)
+    yield "triple", tiles("triple", 12.0, 20.0, 10)
+    yield "peaucellier", tiles("peaucellier", 0.0, 6.0, 20, upright=3)
+    yield "jansen_leg", tiles("jansen_leg", 0.0, 5.0, 20)
+    yield "windows", tiles("windows", 0.0, 6.0, 40)

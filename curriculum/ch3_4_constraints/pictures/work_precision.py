@@ -238,10 +238,7 @@ def shorten(name):
 
 def text_of(measured, winners):
     """The diagram as an SVG; winners(found, goal) are Settings in order, the quickest first."""
-    sheet = Diagram(measured, winners).draw()
-    box = 'viewBox="0 0 {} {}" width="{}"'.format(*sheet.size, 640)
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" {box}>'
-    return "\n".join([head, *sheet.parts, "</svg>\n"])
+    return Diagram(measured, winners).draw().text(640)
 
 
 def draw_for_the_chapter(measured, winners):
