@@ -113,7 +113,7 @@ def test_the_verdict_is_the_ratio_of_the_worst_errors_where_it_is_above_three(fl
     assert ratio > 3.0 and said in printed
 
 
-NO_VERDICTS = ["--smoke --baumgarte 600", "--smoke --system chain --links 2"]
+NO_VERDICTS = ["--smoke --baumgarte 600", "--smoke --system spin"]
 
 
 @pytest.mark.parametrize("flags", [*NO_VERDICTS, "--smoke --stabilization none"])

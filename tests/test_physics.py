@@ -16,7 +16,7 @@ from conftest import ROOT, python
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, Reference, find_reference
-from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
+from curriculum.ch3_4_constraints.mechanics.stability import grows, stability_limit
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError
 from curriculum.ch3_4_constraints.results import table
 from curriculum.common.gauss import make_gauss
@@ -232,6 +232,8 @@ LIMITS = {  # of dt w
 def test_baumgarte_is_stable_up_to_the_limit_of_theory(integrator):
     """At rest, the rod 1e-9 m too long: below dt w = limit the error dies, above it grows."""
     assert stability_limit(c.INTEGRATORS[integrator]) == pytest.approx(LIMITS[integrator], rel=1e-8)
+    assert not grows(c.INTEGRATORS[integrator], 0.999 * LIMITS[integrator])
+    assert grows(c.INTEGRATORS[integrator], 1.001 * LIMITS[integrator])
     hanging = make_system([[0.0, -1.0 - 1e-9, 0.0]], row(1)) | {"lengths": np.ones(1)}
     for share in (0.999, 1.001):
         w = share * LIMITS[integrator] / 0.005
