@@ -212,7 +212,7 @@ def test_a_smoke_run_has_its_steps_whatever_else_is_asked(run):
 
 def test_a_jump_of_energy_is_blamed_on_rods_that_had_left_before_it_and_on_no_others():
     """Energy jumps from state 2 to 3. Rods leave at state 2, or at state 4."""
-    row = {"tension_max": 1.0, "conserves": True, "energy_step_max": 0.5, "max_violation": 0.2}
+    row = {"tension_max": 1.0, "conserves": True, "energy_rel_max": 0.5, "max_violation": 0.2}
     for violations, blamed in (([0, 0, 0.2, 0, 0], True), ([0, 0, 0, 0, 0.2], False)):
         run = SimpleNamespace(
             energies=np.array([0.0, 0.1, 0.0, -20.0, -19.0]),
@@ -227,8 +227,8 @@ def test_a_jump_of_energy_is_blamed_on_rods_that_had_left_before_it_and_on_no_ot
 
 def test_a_force_is_doubted_if_rods_are_off_by_what_can_make_it():
     """30 times all loads comes from an angle of 1/30, which rods that are off by 1/900 make."""
-    run = SimpleNamespace(loads=10.0, shortest=2.0)
-    row = {"tension_max": 300.0, "conserves": True, "energy_step_max": 0.0}
+    run = SimpleNamespace(loads=10.0, shortest=2.0, energies=np.zeros(2))
+    row = {"tension_max": 300.0, "conserves": True, "energy_rel_max": 0.0}
     for off, doubted in ((2.0 * 0.08 / 900.0, False), (2.0 * 0.12 / 900.0, True)):
         assert bool(table.doubts(row | {"max_violation": off}, run)) == doubted
     row |= {"tension_max": 99.0, "max_violation": 1.0}  # less than ten times its loads

@@ -20,7 +20,7 @@ from curriculum.ch3_4_constraints.mechanics.stability import grows, stability_li
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError
 from curriculum.ch3_4_constraints.results import table
 from curriculum.common.gauss import make_gauss
-from curriculum.common.tracing import compiled
+from curriculum.common.tracing import Report, compiled
 
 METHODS = c.make_methods(dt=0.005)
 REFERENCE = json.loads((ROOT / "tests/reference.json").read_text(encoding="utf-8"))
@@ -279,8 +279,8 @@ def reference_of(system, dt=0.005, steps=4000, others=None, **how):
     def force(q, v):
         return rods(q, v) if others is None else rods(q, v) + others(q, v)
 
-    how = {"is_compiled": True, "edited": False} | how
-    run = SimpleNamespace(dt=dt, q=np.zeros((steps + 1, 1, 3)), **how)
+    taken = Report(**{"is_compiled": True} | how)
+    run = SimpleNamespace(dt=dt, q=np.zeros((steps + 1, 1, 3)), step=taken)
     return find_reference(system, force, c.project, [run])
 
 
@@ -289,7 +289,7 @@ def test_the_reference_is_of_the_longest_run_and_of_two_seconds_at_most():
     runs = []
     for steps in (10, 90, 40):  # two were lost
         q = np.zeros((steps + 1, 2, 3))
-        runs.append(SimpleNamespace(dt=0.01, q=q, is_compiled=True, edited=False))
+        runs.append(SimpleNamespace(dt=0.01, q=q, step=Report(is_compiled=True)))
     found = find_reference(double, c.make_force(double), c.project, runs)
     assert (found.step, found.at) == (90, "at 0.9 s")
     assert found.error(runs[0].q) is None
@@ -304,9 +304,7 @@ def test_an_outcome_knows_what_its_rods_may_have_to_bear_and_how_quick_it_is():
     q = np.array([[[0.0, 0.0, 0.0]], [[0.1, 0.0, 0.0]], [[-0.05, 0.0, 0.0]]])
     v = np.array([[[1.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]]])
     run = c.Run(q, v, q[:, -1], np.zeros(3), np.zeros(3))
-    step = SimpleNamespace(
-        how="", is_compiled=True, edited=False, source="", failure=None, seconds=6e-6
-    )
+    step = SimpleNamespace(report=Report(timed=2, seconds=6e-6))
     system = {"m": np.array([[2.0]]), "lengths": np.array([0.5]), "load": [[3.0, -4.0, 0.0]]}
     done = c.Outcome(run, system, 0.1, step)
     assert done.loads == pytest.approx(2.0 * 9.81 + 5.0 + 2.0 * 9.0 / 0.5 + 2.0 * 20.0)
@@ -324,9 +322,7 @@ ENDS = [  # energies, whether states end in NaN, why a step failed, and how the 
 
 def test_an_outcome_ends_where_rods_are_a_hundred_times_as_long_as_all_together():
     q = np.zeros((4, 1, 3))
-    step = SimpleNamespace(
-        how="", is_compiled=True, edited=False, source="", failure=None, seconds=0.0
-    )
+    step = SimpleNamespace(report=Report())
     system = {"m": np.ones((1, 1)), "lengths": np.array([0.5, 1.5])}
     for worst, told in ((199.0, None), (201.0, "lost at 0.1 s: diverged")):
         run = c.Run(q, q, q[:, -1], np.array([0.0, 0.1, worst, 0.1]), np.zeros(4))
@@ -338,9 +334,7 @@ def test_an_outcome_says_when_and_why_its_run_ended(energies, ends, failure, tol
     q = np.zeros((4, 1, 3))
     if ends:
         q[2:] = np.nan
-    step = SimpleNamespace(
-        how="", is_compiled=True, edited=False, source="", failure=failure, seconds=0.0
-    )
+    step = SimpleNamespace(report=Report(failure=failure))
     run = c.Run(q, q, q[:, -1], np.zeros(4), np.array(energies))
     done = c.Outcome(run, {"m": np.ones((1, 1)), "lengths": np.ones(1)}, 0.1, step)
     assert done.stopped == told
