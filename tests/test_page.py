@@ -416,6 +416,8 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
         "rk4 with project at 10 ms; with semi_implicit, nothing that was tried."
     )
     assert list(found) == ["1 cm", "1 mm", "100 µm", "1 µm"]
+    unsure = answer.answers(chosen(uncertainty=9e-7), {"colors": {}, "conserves": True})
+    assert list(unsure) == ["1 cm", "1 mm", "100 µm"]
     exact = answer.answers(chosen(1e-9), {"colors": {}, "conserves": True})
     assert list(exact) == ["1 cm", "1 mm", "100 µm", "1 µm", "1 nm"]
     assert exact["1 nm"]["says"] == "Right to 1 nm after 2 s: nothing is, down to steps of 5 ms."
@@ -424,11 +426,12 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
 def test_an_answer_whose_rods_are_wrong_later_says_so():
     choice = chosen()
     for setting in choice["settings"]:
-        setting["rods"] = 0.044
+        setting["rods"] = 0.0044
         setting["energy"] = 0.35
     found = answer.answers(choice, {"colors": {}, "conserves": True})
-    assert "project at 40 ms (its rods, 4.4 cm off later); with" in found["1 mm"]["says"]
+    assert "project at 40 ms (its rods, 0.44 cm off later); with" in found["1 mm"]["says"]
     assert found["1 mm"]["holds"] == ""
+    assert "impulse at 10 ms (its rods, 0.44 cm off later), for 1.5" in found["1 mm"]["says"]
     for setting in choice["settings"]:
         setting["rods"] = 1e-4
     holds = answer.answers(choice, {"colors": {}, "conserves": True})["1 mm"]["holds"]
@@ -589,6 +592,8 @@ def test_time_that_went_before_a_hand_pulled_goes_on_after_it(still):
     assert still.evaluate("clock.going && !hand.copy")
     click(still, "Pause")
     assert not still.evaluate("clock.going")
+    shown = still.locator("#time").inner_text()
+    assert shown == still.evaluate("`${fixed(run.time, 2)} s`"), "what was told less often, too"
 
 
 def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(still):

@@ -73,7 +73,8 @@ def answers(choice, scene):
     settings = settings_of(choice)
     found = {}
     for within in sorted({*TOLERANCES, choice["within"]}, reverse=True):
-        enough = chosen(settings, measure(choice), within)
+        unsure = choice["uncertainty"] or 0.0  # m: of the true motion, where that is compared
+        enough = chosen(settings, measure(choice), within - unsure)
         if enough or within == choice["within"]:
             rods = chosen(settings, "rods", within)
             found[words(within)] = {
@@ -108,17 +109,21 @@ def cheapest(choice, within, enough):
         shortest = min(x.dt for x in settings)
         return f"{what}: nothing is, down to steps of {milliseconds(shortest)}."
     best = enough[0]
-    later = f" (its rods, {table.length(best.rods)} off later)" if best.rods > within else ""
-    parts = [f"{what}: {name_of(best)}{later}"]
+    parts = [f"{what}: {name_of(best)}{later(best, within)}"]
     for integrator in integrators(settings):
         mine = [x for x in enough if x.integrator == integrator]
         if not mine:
             parts.append(f"with {integrator}, nothing that was tried")
         elif integrator != best.integrator:
             times = float(f"{mine[0].operations / best.operations:.2g}")
-            step = f"{mine[0].method} at {milliseconds(mine[0].dt)}"
+            step = f"{mine[0].method} at {milliseconds(mine[0].dt)}{later(mine[0], within)}"
             parts.append(f"with {integrator}, {step}, for {times:g} times the work")
     return "; ".join(parts) + "."
+
+
+def later(setting, within):
+    """What becomes of rods that do not stay within it as long as they were followed."""
+    return f" (its rods, {table.length(setting.rods)} off later)" if setting.rods > within else ""
 
 
 def rods_hold(choice, within, enough, scene):
