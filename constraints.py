@@ -2,11 +2,11 @@
 
 A weight that is let go falls; on a rod it swings. How hard does the rod pull? Gravity is given. The
 rod's force is not: we solve for it each time an integrator calls force(q, v). This file derives the
-linear system, hides it in force(q, v) for chapter 3.3's integrators, and measures how far rods
+linear system, hides it in force(q, v) for chapter 3.3's integrators, and measures how far lengths
 drift, what stops the drift, and what that costs.
 
     python constraints.py                a double pendulum, 20 s, with each method
-    python constraints.py --within 1mm   which method, at which step, is right to that
+    python constraints.py --within 1mm   the cheapest method and step right to 1 mm
     python constraints.py --help         what to change, and why you would
 """
 
@@ -18,12 +18,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-# The mechanics of chains is all in this file. Imported are:
+# All the mechanics of rods is in this file. These imports only support it:
 from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # load and check systems
 from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve  # linear systems
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference  # the true motion
-from curriculum.ch3_4_constraints.results import advice, output, table  # what is said
+from curriculum.ch3_4_constraints.results import advice, output, table  # what is printed
 from curriculum.common import cli, progress  # flags; a progress bar
 from curriculum.common.gauss import make_gauss  # a very accurate integrator
 from curriculum.common.tracing import compiled, plain, vmap, while_loop  # same numbers, only faster
@@ -40,16 +40,14 @@ PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
 #     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, if j is
 #                      -1, to PIVOT, which stands still
 #     lengths  (C,)    of the rods, in m
-# A scene may have two more: anchors (K, 3), in m, the fixed points for j = -1, -2, ..., instead of
-# PIVOT alone; and load (N, 3), another constant force on each particle, in newtons.
-# A state is q and v, (N, 3) each: positions in m and velocities in m/s, now.
+# A state is q and v, (N, 3) each: positions in m and velocities in m/s at one time.
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_chain(rods, rng):
-    """Rods of 1 m, bobs of 1 kg, at rest, along +x but for a tilt, drawn by `rng` or of a seed."""
+    """Rods of 1 m, bobs of 1 kg, at rest along +x, tilted a little; `rng` may be a seed."""
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
-    cosine, sine = systems.cos_sin(-tilt)  # the last digit of np.cos depends on the processor
+    cosine, sine = systems.cos_sin(-tilt)  # np.cos and np.sin, but the same everywhere
     along = np.array([cosine, sine, 0.0])
     system = {
         "q0": PIVOT + np.arange(1.0, rods + 1.0)[:, None] * along,  # bob 0 at 1 m, bob 1 at 2 m
@@ -71,16 +69,16 @@ def build_system(name, rng=0, links=10):
 
 
 def external_force(system, q, v=None):
-    """Every force but the rods', (N, 3) in newtons. Add drag, say: energy() will not know."""
-    return system["m"] * GRAVITY + system.get("load", 0.0)
+    """All forces but the rods', (N, 3) in newtons. Add drag here if you like: energy() omits it."""
+    return system["m"] * GRAVITY + system.get("load", 0.0)  # a scene may have a load, (N, 3) in N
 
 
 def rod_lengths(system, q):
     """How long each rod is, (..., C) in m, at q (..., N, 3): in one state or in each of many."""
-    anchors = system.get("anchors", [PIVOT])
+    anchors = system.get("anchors", [PIVOT])  # a scene may have more, for j = -1, -2, ...
     lengths = []
     for i, j in system["pairs"]:
-        end = anchors[-1 - j] if j < 0 else q[..., j, :]  # j = -1 is anchors[0], and so on
+        end = anchors[-1 - j] if j < 0 else q[..., j, :]
         d = q[..., i, :] - end
         lengths.append(np.sqrt(np.sum(d * d, axis=-1)))
     return np.stack(lengths, axis=-1)
@@ -102,7 +100,7 @@ def rod_lengths(system, q):
 # multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal: each mass
 # three times) and all other forces f, says
 #     M a = f + J^T lambda
-# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So put, into J a + Jdot v = 0,
+# If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So set gddot = 0, and put in
 # a = M^-1 (f + J^T lambda):
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # As many equations as rods, and only lambda is unknown. That is the chapter.
@@ -111,7 +109,7 @@ def rod_lengths(system, q):
 def constraint_terms(system, q, v):
     """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
     anchors = system.get("anchors", [PIVOT])
-    jac = []  # lists, to be stacked: what is to be compiled fills no arrays
+    jac = []  # in each list an entry per rod; stacked at the end
     g = []
     gdot = []
     jdotv = []
@@ -140,16 +138,16 @@ def constraint_terms(system, q, v):
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
 # That is critical damping: less damping would overshoot, more would be slower. With w = 20 rad/s
 # 1 % of an error is left after 1/3 s. But steps make new ones: semi_implicit leaves a rod short by
-# dt |d_dot|^2 / (w L), 5 mm after a fall from level.
+# dt |d_dot|^2 / (w L), 5 mm for one pendulum fallen from level.
 def constraint_force(system, q, v, w=0.0):
-    """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets the spring on g."""
+    """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
     f = external_force(system, q, v).ravel()
     jac, g, gdot, jdotv = constraint_terms(system, q, v)
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    lam = solve(system, A, b, v)  # np.linalg.solve(A, b), unless rods close a loop
+    lam = solve(system, A, b, v)  # np.linalg.solve(A, b); in loops v helps, too
     return (jac.T @ lam).reshape(q.shape)
 
 
@@ -167,7 +165,7 @@ def make_force(system, w=0.0):
 
 # --- endregion ---
 # --- region: integrators ---
-# The first three are chapter 3.3's, word for word: (q, v, m, force, dt) -> (q, v), in m and m/s.
+# The code of the first three is chapter 3.3's: (q, v, m, force, dt) -> (q, v), in m and m/s.
 def euler_step(q, v, m, force, dt):
     """Explicit Euler, order 1: everything at the old state. It adds energy to a pendulum."""
     a = force(q, v) / m
@@ -213,9 +211,8 @@ def energy(system, q, v):
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    force = system["m"] * GRAVITY + system.get(
-        "load", 0.0
-    )  # not external_force: drag has no potential
+    load = system.get("load", 0.0)
+    force = system["m"] * GRAVITY + load  # not external_force: drag has no potential
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
@@ -233,7 +230,7 @@ def tensions(system, q, v, force):
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
     lam = least_squares(jac.T, rods_force.ravel())
-    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rows you add to J come last
+    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rods only: your rows come last
 
 
 @dataclass
@@ -298,15 +295,16 @@ class Method:
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The methods by name. `dt` and `time_constant`, tau, in s; `baumgarte` in rad/s."""
-    # impulse (dt lambda d is one; E. Catto, GDC 2005): semi_implicit takes g to g + dt J v_next,
-    # plus dt^2 |d_dot|^2 / 2, which is dropped. Set the rest to 0: J v_next = -g/dt.
+    # impulse, a force times dt (E. Catto, GDC 2005): semi_implicit takes g to g + dt J v_next, plus
+    # dt^2 |d_dot|^2 / 2, which is dropped. Set the rest to 0: J v_next = -g/dt.
     # As v_next = v + dt a and J v = gdot, that is J a = -gdot/dt - g/dt^2.
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's. For one rod A + R = A / p, so J a is p times what is asked, and 1 - p times
+    # soft is MuJoCo's. For one rod A + R = A / p, so J a is p times what is asked plus 1 - p times
     # what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
     # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
-    # A fall from level adds tau (tau - dt) |d_dot|^2 / L = 6 mm, as Jdot v is left out.
+    # After a fall from level, in semi_implicit, it is tau (tau - dt) |d_dot|^2 / L = 6 mm too long,
+    # as Jdot v is left out.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -317,8 +315,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     )
     return {
         "none": Method(make_force, "asks for gddot = 0: errors stay, and rods drift"),
-        "baumgarte": Method(partial(make_force, w=baumgarte), "asks g to move like a spring"),
-        "impulse": Method(impulse, "asks for g = 0 after the step", integrator="semi_implicit"),
+        "baumgarte": Method(partial(make_force, w=baumgarte), "makes g move like a damped spring"),
+        "impulse": Method(impulse, "aims at g = 0 after a step", integrator="semi_implicit"),
         "soft": Method(soft, "lets a rod yield, as MuJoCo does"),
         "project": Method(make_force, "puts q and v back after each step", project),
     }
@@ -328,7 +326,7 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 # at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
 # g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
 #     J M^-1 J_start^T dmu = g
-# semi_implicit moved q by dt v: so if q is moved by dq, v changes by dq / dt. Last, v loses what
+# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
 # would change a rod's length:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
@@ -387,14 +385,14 @@ def parse_args(argv=None):
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
     add("--stabilization", choices=["all", *every], default="all", help=words)
-    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: near 0.8/dt it explodes")
+    add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too high, it explodes")
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
-    add("--dt", type=cli.positive, default=0.005, help="s, one step: halve it, see what halves")
+    add("--dt", type=cli.positive, default=0.005, help="one step in s: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift adds up")
     add("--within", type=advice.tolerance, help="find the cheapest settings right to 1mm, 1um, ...")
     add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
-    add("--device", choices=["cpu"], default="cpu", help="there is no other")
+    add("--device", choices=["cpu"], default="cpu", help="the only choice")
     add("--rerun", action=cli.Switch, default=True, help="write a recording")
     add("--page", action=cli.Switch, default=True, help="write play.html")
     add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where to write")
@@ -414,23 +412,23 @@ def parse_args(argv=None):
 
 def run_method(system, name, integrator, dt, steps, **knobs):
     """Run a method by name on a copy of the system; `knobs` are those of make_methods."""
-    functions = external_force, constraint_violation, energy
-    system = systems.check_run(system, PIVOT, dt, steps, *functions)
+    yours = external_force, constraint_violation, energy  # you may have edited them
+    system = systems.check_run(system, PIVOT, dt, steps, *yours)
     method = make_methods(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step = compiled(systems.checked_step(step_fn, integrator, method), steps)  # only faster
     run = simulate(step, system, method.make_force(system), dt, steps)
-    return Outcome(run, system, dt, step)  # up to a step that fails, and why it ended
+    return Outcome(run, system, dt, step)  # up to a failure, and its cause
 
 
 def summary(system, run, method, reference):
     """What metrics.json says about a run."""
     pull = partial(tensions, system, force=method.make_force(system))
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: mass x 9.81 x length, as energies begin near 0
+    m_g_L = systems.m_g_L(system, GRAVITY)  # J: the scale, as energies begin near 0
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
-        "conserves": systems.conserves(system, external_force, energy),  # or energy need not stay
+        "conserves": systems.conserves(system, external_force, energy),  # or energy may vary
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         **table.largest_force(vmap(pull)(run.q, run.v)),  # N, over rods and states
         "tip_final": run.tip[-1].tolist(),  # m
@@ -454,7 +452,7 @@ def print_table(args, runs, results, reference):
         force = table.force(row)
         error = table.error(row["error"], reference)
         pace = f"{runs[name].pace:.3g}"
-        star = "*" if table.doubts(row, runs[name]) else ""  # notes, below, say what to doubt
+        star = "*" if table.doubts(row, runs[name]) else ""  # the notes below say why
         print(f"{name + star:12}{worst:>8}{end:>10}{drift:>12}{force:>11}{error:>13}{pace:>10}")
     table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
     table.verdict(results, runs)
@@ -471,8 +469,8 @@ def main(argv=None):
         for name in progress.each(args.methods, always=args.plain):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Rods can be right and the path wrong. So compare places with gauss and project, in steps
-        # so short that shorter ones change nothing, at a time before chaos has spread.
+        # Rods can be right, the path wrong. So compare places with gauss and project, in steps so
+        # short that shorter ones change nothing, at a time before chaos has spread.
         reference = find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)

@@ -296,12 +296,14 @@ def test_one_step_of_each_method_ends_where_the_chapters_does(shown, start):
         assert f"{name} {words}\n" in said + "\n"
 
 
-def test_a_bob_thrown_too_far_for_a_way_back_says_so_and_no_name_leaves_the_figure(shown):
+def test_a_bob_at_rest_can_be_thrown_and_too_far_for_a_way_back_says_so(shown):
     found = figure(shown, "one_step")
-    click(found, "Right, in mid-swing")
+    click(found, "Off its rod, at rest")
     _, tip = found.locator(".hand").all()
     drag(tip, 300, 0)()
     assert "project no way back onto the rods" in found.inner_text()
+    click(found, "Both")
+    assert "project right" in found.inner_text()
 
 
 def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):

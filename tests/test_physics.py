@@ -320,6 +320,17 @@ ENDS = [  # energies, whether states end in NaN, why a step failed, and how the 
 ]
 
 
+def test_an_outcome_ends_where_rods_are_a_hundred_times_as_long_as_all_together():
+    q = np.zeros((4, 1, 3))
+    step = SimpleNamespace(
+        how="", is_compiled=True, edited=False, source="", failure=None, seconds=0.0
+    )
+    system = {"m": np.ones((1, 1)), "lengths": np.array([0.5, 1.5])}
+    for worst, told in ((199.0, None), (201.0, "lost at 0.1 s: diverged")):
+        run = c.Run(q, q, q[:, -1], np.array([0.0, 0.1, worst, 0.1]), np.zeros(4))
+        assert c.Outcome(run, system, 0.1, step).lost == told
+
+
 @pytest.mark.parametrize(("energies", "ends", "failure", "told"), ENDS)
 def test_an_outcome_says_when_and_why_its_run_ended(energies, ends, failure, told):
     q = np.zeros((4, 1, 3))
@@ -541,8 +552,12 @@ def test_m_g_l_is_of_what_moves_and_without_gravity_of_how_fast_it_is():
     assert c.systems.m_g_L(system, 0.0 * c.GRAVITY) == pytest.approx(0.5 * 2.5 * 4.0)
     assert c.systems.m_g_L(system | {"v0": 0.0 * system["v0"]}, 0.0 * c.GRAVITY) == 1.0
     corner = [[0, 0, 0], [5, 0, 0], [0, 5, 0], [0, 0, 5]]
-    held = [(0, -1), (1, -2), (1, -3), (1, -4), (2, 1)]  # particle 1 is pinned by three rods
+    held = [(0, -1), (1, -2), (1, -3), (1, -4), (1, 2)]  # particle 1 is pinned by three rods
     system = make_system([[3, 0, 0], [4, 4, 4], [4, 4, 6]], held, corner, m=[2.0, 1e9, 1.0])
+    assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
+    held += [(3, -2), (3, -3), (1, 3)]  # which helps to pin particle 3
+    places = [*system["q0"], [9, 9, 1]]
+    system = make_system(places, held, corner, m=[2.0, 1e9, 1.0, 1e8])
     assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
     flat = make_system([[1, -1, 0]], [(0, -1), (0, -2), (0, -3)], [[0, 0, 0], [2, 0, 0], [3, 0, 0]])
     rods = 2.0 * math.sqrt(2.0) + math.sqrt(5.0)  # out of their plane it swings

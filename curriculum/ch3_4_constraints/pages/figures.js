@@ -488,6 +488,7 @@ figures.one_step = figure => {
   const {methods, posts} = pendulum;
   const box = [-0.6, -1.6, 1.5, 0.1], color = k => inkOf(methods[k]);
   let d, v;
+  const tip = () => plus(d, size(v) < 0.5 ? [0.1, 0] : times(v, dt)); // apart, to take hold of it
   const begun = (scene, method) => {
     const bob = new Motion(scene, method, knobs);
     bob.begin([...d, 0, ...v, 0]);
@@ -506,7 +507,7 @@ figures.one_step = figure => {
     stage.circle([0, 0], 1, "quiet");
     stage.system(begun(pendulum, methods[0]), "quiet", "ink");
     stage.arrow(d, times(v, dt), "v", 2.5);
-    stage.symbol("dt v", plus(d, v, dt), "v", [0, -18]);
+    stage.symbol("dt v", tip(), "v", [0, -18]);
     const seen = ends.map((end, k) => ({...end, k})).filter(({at}) => at);
     for (const {at, k} of seen) {
       stage.line([[0, 0], at], color(k), 1, [2, 5]);
@@ -538,8 +539,7 @@ figures.one_step = figure => {
   const near = point => Math.abs(size(point) - 1) < 0.02; // so that right is right
   stage.hand("The bob", () => d,
     point => size(point) > 0.3 && put(near(point) ? unit(point) : point, v));
-  stage.hand("The end of dt v", () => plus(d, v, dt),
-    point => put(d, times(plus(point, d, -1), 1 / dt)));
+  stage.hand("The end of dt v", tip, point => put(d, times(plus(point, d, -1), 1 / dt)));
   const both = () => put([0, -1.12], [2, -1]);
   const buttons = [makeButton("Off its rod, at rest", () => put([0, -1.15], [0, 0])),
     makeButton("Right, in mid-swing", () => put([0, -1], [2, -1])), makeButton("Both", both)];

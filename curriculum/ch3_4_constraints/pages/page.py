@@ -72,14 +72,15 @@ def page_file(name):
 
 
 def palette_css():
-    """The palette as variables of CSS: m0, m1 ... of the methods, and those of what is shown."""
+    """The palette as CSS: variables, m0, m1 ... of the methods, and classes that are called so."""
     colors = {f"m{k}": pair for k, pair in enumerate(palette.METHODS)}
     colors |= {"reference": palette.REFERENCE, "ink": palette.INK, "paper": palette.PAPER}
     colors |= {"long": palette.TOO_LONG, "short": palette.TOO_SHORT}
     light = "".join(f"--{name}: {color}; " for name, (color, _) in colors.items())
     dark = "".join(f"--{name}: {color}; " for name, (_, color) in colors.items())
     at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
-    return f":root {{ {light}}}\n{at_night}\n"
+    classes = [f".m{k} {{ color: var(--m{k}); }}" for k in range(len(palette.METHODS))]
+    return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
 
 
 def scene_of(chapter, system, integrator, knobs, measures):
