@@ -411,7 +411,7 @@ def parse_args(argv=None):
 
 
 def run_method(system, name, integrator, dt, steps, **knobs):
-    """Run a method by name on a copy of the system; `knobs` are those of make_methods."""
+    """The Outcome of a method, by name, on a copy of the system; `knobs` are make_methods'."""
     yours = external_force, constraint_violation, energy  # you may have edited them
     system = systems.check_run(system, PIVOT, dt, steps, *yours)
     method = make_methods(dt, **knobs)[name]
