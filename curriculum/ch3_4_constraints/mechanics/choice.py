@@ -27,10 +27,12 @@ LEAST = 2  # rungs: of a single one nothing can be said
 MANY = 30_000  # steps of a pair: they repay machine code
 BUDGET = 3.5e8  # operations of all pairs: some 5 s without llvmlite
 MORE = 2e7  # those of the pairs that are tried last
-QUICK, TURNS = 2e-3, 3  # s: what took less is timed as often again
+QUICK = 2e-3  # s: what took less is timed again,
+TURNS = 3  # so many times
 SAMPLE = 16  # states of a run whose steps are counted
 COUNTED = 400_000  # operations: a step of more is counted from fewer states
-TIE, BETTER = 1.05, 0.1  # so much more work is as cheap; an error so much smaller comes first
+TIE = 1.05  # times as much work is as cheap
+BETTER = 0.1  # of the error, or less, comes first where two are as cheap
 HALVED = 3  # times at most that the time of the reference is halved until there is one
 KEYS = ("error", "rods")  # of a Setting: what must be within
 

@@ -13,10 +13,12 @@ from curriculum.ch3_4_constraints.results import palette
 from curriculum.ch3_4_constraints.results.advice import milliseconds, words
 
 WIDTH = 900  # units, two to a pixel: letters of 30 have 12 pixels where the whole has 360
-LEFT, RIGHT = 120, 860  # of the plot
+LEFT = 120  # edges of the plot
+RIGHT = 860
 LINE = 42  # from a line of words to the next
 HIGH = 560  # of the plot
-COARSE, FINE = 0.5, 13.5  # -log10 of the errors in m at its edges
+COARSE = 0.5  # -log10 of the errors in m at these edges
+FINE = 13.5
 NEAR = 100  # from one length below the plot to the next, at least
 BOLD = "font-weight:bold;"
 HALO = "paint-order:stroke;stroke:var(--paper);stroke-width:9px;"  # words over lines

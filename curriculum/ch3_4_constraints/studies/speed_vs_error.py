@@ -34,9 +34,11 @@ SHOWN = 8  # of the first steps: so many times shorter are those whose errors ar
 MANY = 10**9  # steps in all: enough to be worth machine code
 STRETCH = 4000  # steps at once: what they leave stays in the cache
 LIMIT = 1.0  # s for a pair
-SHORT, TURNS = 0.05, 5  # runs below SHORT s are timed in turns
+SHORT = 0.05  # s: what takes less is timed in turns
+TURNS = 5
 TIED = 1.1  # times as long is as quick
-TEXT, DIAGRAM = "speed_vs_error.txt", "speed_vs_error.svg"  # of a scene of one's own
+TEXT = "speed_vs_error.txt"  # of a scene of one's own
+DIAGRAM = "speed_vs_error.svg"
 
 
 class Setting(NamedTuple):
@@ -315,9 +317,11 @@ def parse_args(argv):
 def main(argv=None):
     """Measure, print and, if asked to, draw."""
     parser, args = parse_args(argv)
-    limit, turns = LIMIT, TURNS
+    limit = LIMIT
+    turns = TURNS
     if args.quick:
-        limit, turns = LIMIT / 50.0, 2
+        limit = LIMIT / 50.0
+        turns = 2
         print("coarse: one scene, and nothing that takes long")
     if args.system:
         return one_of_your_own(parser, args, limit, turns)
