@@ -211,6 +211,11 @@ def test_errors_are_of_two_seconds_whatever_the_step(run):
     assert cells(printed, "project")[4] == table.length(row["error"])
 
 
+def test_what_is_not_finite_is_null_in_metrics_and_the_rest_is_rounded():
+    found = output.rounded([1.23456, -np.inf, np.nan, None, "lost", True], 3)
+    assert found == [1.235, None, None, None, "lost", True]
+
+
 def test_a_smoke_run_has_its_steps_whatever_else_is_asked(run):
     printed, metrics = run("--smoke --steps 100 --stabilization none", *BARE)
     assert metrics["steps"] == c.SMOKE_STEPS and f"for {c.SMOKE_STEPS} steps of" in printed
