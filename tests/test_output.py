@@ -205,6 +205,18 @@ def test_a_run_that_blew_up_says_nothing_of_the_motion(run):
     assert f"a step of 0.1 s is long: in {exact.time_scale:.2g} s the motion" in printed
 
 
+def test_errors_are_of_two_seconds_whatever_the_step(run):
+    printed, metrics = run("--dt 0.02 --steps 150 --stabilization project", *BARE)
+    row = metrics["results"]["project"]
+    assert (metrics["error_at"], metrics["dt"]) == (2.0, 0.02) and "at 2 s" in printed
+    assert cells(printed, "project")[4] == table.length(row["error"])
+
+
+def test_what_is_not_finite_is_null_in_metrics_and_the_rest_is_rounded():
+    found = output.rounded([1.23456, -np.inf, np.nan, None, "lost", True], 3)
+    assert found == [1.235, None, None, None, "lost", True]
+
+
 def test_a_smoke_run_has_its_steps_whatever_else_is_asked(run):
     printed, metrics = run("--smoke --steps 100 --stabilization none", *BARE)
     assert metrics["steps"] == c.SMOKE_STEPS and f"for {c.SMOKE_STEPS} steps of" in printed
@@ -223,6 +235,7 @@ def test_a_jump_of_energy_is_blamed_on_rods_that_had_left_before_it_and_on_no_ot
         (said,) = table.doubts(row, run)
         assert said.startswith("energy jumps by 50 % of m g L in one step")
         assert said.endswith("; rods had left the constraint by 20 cm") == blamed
+        assert ("rods had left" in said) == blamed
 
 
 def test_a_force_is_doubted_if_rods_are_off_by_what_can_make_it():
