@@ -88,7 +88,7 @@ def test_a_length_has_two_digits_and_its_unit_and_a_share_is_per_cent():
     assert words == ["-", "< 2 nm", "3 nm"]
     assert [*map(table.per_cent, (0.384, 1.0, 2.44e-5))] == ["38 %", "100 %", "0.0024 %"]
     words = map(table.length, (9.9e-13, 4.56e-10, 2.34e-8, 9.94e-4, 9.96e-4, 0.384, 0.999, 123.4))
-    assert [*words] == ["< 1 pm", "460 pm", "23 nm", "990 µm", "0.1 cm", "38 cm", "1 m", "120 m"]
+    assert [*words] == ["< 1 pm", "460 pm", "23 nm", "990 µm", "1 mm", "38 cm", "1 m", "120 m"]
 
 
 def test_a_readers_own_row_is_in_all_files_and_fails_alone(run, tmp_path, monkeypatch):

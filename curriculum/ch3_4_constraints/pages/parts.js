@@ -23,7 +23,7 @@ const unit = a => times(a, 1 / (size(a) || 1));
 const across = ([a, b]) => [-b, a];
 const largest = numbers => numbers.reduce((most, x) => Math.max(most, Math.abs(x)), 0);
 
-const UNITS = [[1, "m", 1], [1e-3, "cm", 1e-2], [1e-6, "µm"], [1e-9, "nm"], [1e-12, "pm"]];
+const UNITS = {m: 1, cm: 1e-2, mm: 1e-3, µm: 1e-6, nm: 1e-9, pm: 1e-12}; // in m
 const minus = text => text.replace("-", "\u2212");
 const brief = x => minus(String(Number(x.toPrecision(2)))); // two digits, as the table has them
 const fixed = (x, digits) => minus((Number(x.toFixed(digits)) + 0).toFixed(digits)); // no -0.0
@@ -31,8 +31,8 @@ const perCent = share => `${brief(Math.abs(share) < 1e-6 ? 0 : 100 * share)} %`;
 function metric(x) { // a length in m, as the table prints it
   if (x < 1e-12) return "< 1 pm";
   const rounded = Number(x.toPrecision(2));
-  const [least, name, each = least] = UNITS.find(([least]) => rounded >= least);
-  return `${brief(rounded / each)} ${name}`;
+  const unit = Object.keys(UNITS).find(unit => rounded >= UNITS[unit]);
+  return `${brief(rounded / UNITS[unit])} ${unit}`;
 }
 
 function make(tag, settings = {}, ...inside) {

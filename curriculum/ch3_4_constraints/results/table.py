@@ -16,12 +16,7 @@ TWO_DIGITS = 0.05
 SANE = 0.5  # of rods, and of m g L: a run that is off by more tells nothing of the motion
 MOVES = 1e-9  # of the shortest rod: what moves by less, stands still
 ROUNDING = 1e-9  # of the shortest rod: errors below are not of a method
-UNITS = (  # the least length that has it, how long it is in m, and its sign
-    (1.0, 1.0, "m"),
-    (1e-3, 1e-2, "cm"),
-    (1e-6, 1e-6, "µm"),
-    (1e-9, 1e-9, "nm"),
-)
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "pm": 1e-12}  # in m
 
 
 def length(x):
@@ -29,10 +24,8 @@ def length(x):
     if x < 1e-12:
         return "< 1 pm"
     x = float(f"{x:.2g}")
-    for least, size, unit in UNITS:
-        if x >= least:
-            return f"{x / size:g} {unit}"
-    return f"{x / 1e-12:g} pm"
+    unit = next(unit for unit, size in UNITS.items() if x >= size)
+    return f"{x / UNITS[unit]:g} {unit}"
 
 
 def per_cent(share):
