@@ -431,6 +431,7 @@ def summary(system, run, method, reference):
         "conserves": systems.conserves(system, external_force, energy),  # or energy may vary
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         **table.largest_force(vmap(pull)(run.q, run.v)),  # N, over rods and states
+        "operations": run.operations,  # for a second of motion
         "tip_final": run.tip[-1].tolist(),  # m
         "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
         "stopped": run.stopped,  # when and why, if it ended early

@@ -208,7 +208,6 @@ def played(*flags, chapter=c, choice=None, edited=False):
         results[name] = c.summary(system, run, methods[name], reference)
         acts = chapter.external_force, chapter.energy
         results[name]["conserves"] = systems.conserves(system, *acts)
-    choosing.count_operations(c, args, system, runs, results)
     return page.play(chapter, args, system, results, reference, choice, edited)
 
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics import reference as truth
-from curriculum.ch3_4_constraints.mechanics.outcome import FAR
+from curriculum.ch3_4_constraints.mechanics.outcome import FAR, average, six_digits
 from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
-from curriculum.common.tracing import CompiledSteps, Untraceable, ordered
-from curriculum.common.tracing.counting import Counter, counter_of
+from curriculum.common.tracing import CompiledSteps, ordered
+from curriculum.common.tracing.counting import Counter
 from curriculum.common.tracing.tape import current
 
 LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
@@ -29,8 +29,6 @@ BUDGET = 3.5e8  # operations of all pairs: some 5 s without llvmlite
 MORE = 2e7  # those of the pairs that are tried last
 QUICK = 2e-3  # s: what took less is timed again,
 TURNS = 3  # so many times
-SAMPLE = 16  # states of a run whose steps are counted
-COUNTED = 400_000  # operations: a step of more is counted from fewer states
 TIE = 1.05  # times as much work is as cheap
 BETTER = 0.1  # of the error, or less, comes first where two are as cheap
 HALVED = 3  # times at most that the time of the reference is halved until there is one
@@ -78,43 +76,6 @@ def step_of(chapter, system, integrator, method, knobs):
         return chapter.stabilized(step_fn, system, held)(q, v, system["m"], force, dt)
 
     return step
-
-
-def operations_of(chapter, system, integrator, method, dt, knobs, q, v):
-    """Operations for a second of motion in a run q, v (steps + 1, N, 3); None if not traceable."""
-    step = step_of(chapter, system, integrator, method, knobs)
-    try:
-        count = counter_of(step, [system["q0"], system["v0"]], knobs=1)
-    except Untraceable:
-        return None
-    return average(count, q, v, dt)
-
-
-def average(count, q, v, dt):
-    """Operations for a second of motion, as SAMPLE steps of a run take on average."""
-    steps = max(1, len(q) - 1)
-    first = count([q[0], v[0]], dt)
-    many = min(SAMPLE, steps, 1 + COUNTED // max(1, first)) if count.varies else 1
-    total = 0
-    for k in range(many):
-        at = (2 * k + 1) * steps // (2 * many)
-        total += count([q[at], v[at]], dt)
-    return rounded(total / many / dt)
-
-
-def count_operations(chapter, args, system, runs, results):
-    """Add to each row of results the operations for a second of motion; None if not compiled."""
-    for name, row in results.items():
-        row["operations"] = None
-        if not args.plain:
-            run = runs[name]
-            what = chapter, system, args.integrator, name, args.dt, args.knobs
-            row["operations"] = operations_of(*what, run.q, run.v)
-
-
-def rounded(x):
-    """Six digits of a number: what is left is the same everywhere."""
-    return float(f"{float(x):.6g}")
 
 
 def pairs_of(chapter, integrators):
@@ -168,17 +129,17 @@ def measure(chapter, pair, reference, seconds, span, count):
     violations = chapter.constraint_violation(system, q)
     far = violations > FAR * np.sum(system["lengths"])
     good = int(np.argmax(far)) if far.any() else len(q)
-    operations = average(pair.count, q[:good], v[:good], dt)
+    operations = average(pair.count, q[:good], v[:good], dt, dt)
     error = None
     if reference.q is not None and good > count:
-        error = rounded(truth.distance(q[count], reference.q))
+        error = six_digits(truth.distance(q[count], reference.q))
     if good <= steps:
         lost = f"at {(good - 1) * dt:.3g} s: {why_lost(pair, q[good - 1], v[good - 1], dt)}"
         return Setting(pair.integrator, pair.method, dt, None, None, error, operations, spent, lost)
     energies = chapter.energy(system, q, v)
     energy = np.max(np.abs(energies - energies[0])) / m_g_L(system, chapter.GRAVITY)
     rods = np.max(violations)
-    row = rounded(rods), rounded(energy), error, operations, spent, None
+    row = six_digits(rods), six_digits(energy), error, operations, spent, None
     return Setting(pair.integrator, pair.method, dt, *row)
 
 
@@ -380,7 +341,7 @@ def as_metrics(choice, advice):
         "within": choice.within,
         "span": choice.span,
         "error_at": choice.error_at,
-        "uncertainty": rounded(choice.reference.uncertainty) if known else None,
+        "uncertainty": six_digits(choice.reference.uncertainty) if known else None,
         "why": None if known else choice.reference.why,
         "shortened": "; ".join(shortened) or None,
         "settings": rows,

@@ -8,7 +8,6 @@ import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.mechanics.choice import count_operations
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
@@ -63,7 +62,6 @@ def write(args, system, runs, results, reference, choice, chapter):
 
     `choice`: what metrics.json says of it, or None.
     """
-    count_operations(chapter, args, system, runs, results)
     text = metrics(args, system, results, reference, choice)
     files = {METRICS: text, PAGE: None, RECORDING: None}
     edited = any(run.step.edited for run in runs.values())
