@@ -13,7 +13,7 @@ import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics import reference as truth
 from curriculum.ch3_4_constraints.mechanics.outcome import FAR, average, six_digits
-from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
+from curriculum.ch3_4_constraints.mechanics.systems import EARTH, m_g_L
 from curriculum.common.tracing import CompiledSteps, ordered
 from curriculum.common.tracing.counting import Counter
 from curriculum.common.tracing.tape import current
@@ -97,7 +97,7 @@ def first_count(system, force, dt, last):
     """
     _, turn = truth.time_scales(system, force)
     lengths = system["lengths"].tolist()
-    swing = math.sqrt(sum(lengths) / len(lengths) / 9.81)
+    swing = math.sqrt(sum(lengths) / len(lengths) / EARTH)
     seconds = last * dt
     least = max(1, math.ceil(seconds / min(SWING * swing, truth.TURN * turn)))
 

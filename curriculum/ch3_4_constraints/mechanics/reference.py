@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.mechanics.systems import differences
+from curriculum.ch3_4_constraints.mechanics.systems import EARTH, differences
 from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps, Untraceable
 
@@ -145,7 +145,7 @@ def time_scales(system, force):
     a = force(q, v) / m
     apart = differences(a, fixed, pairs)
     across = apart - np.sum(apart * along, axis=1)[:, None] * along
-    g = np.maximum(9.81, np.linalg.norm(across, axis=1))
+    g = np.maximum(EARTH, np.linalg.norm(across, axis=1))
     rates = [np.max(np.linalg.norm(differences(v, fixed, pairs), axis=1) / lengths)]
     near = NEAR * np.min(lengths)
     for way in (a, v):
