@@ -16,7 +16,7 @@ from curriculum.ch3_4_constraints.mechanics.outcome import FAR, average, six_dig
 from curriculum.ch3_4_constraints.mechanics.systems import EARTH, m_g_L
 from curriculum.common.tracing import CompiledSteps, ordered
 from curriculum.common.tracing.counting import Counter
-from curriculum.common.tracing.tape import current
+from curriculum.common.tracing.plainly import OwnStep
 
 LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
 LAST = ("gauss",)  # a step costs so much that it is tried only where no other is right
@@ -145,10 +145,9 @@ def measure(chapter, pair, reference, seconds, span, count):
 
 def why_lost(pair, q, v, dt):
     """Why the step from q, v has no result: in the words of the loop that fails, or diverged."""
-    current.failure = None
-    with np.errstate(all="ignore"):
-        pair.step(ordered(q), ordered(v), dt)
-    return current.failure or "diverged"
+    own = OwnStep(pair.step, [q, v, dt])
+    _ = own.result  # which takes it
+    return own.failure or "diverged"
 
 
 def ladder(take, counts, digits, within):

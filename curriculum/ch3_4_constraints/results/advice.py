@@ -12,7 +12,8 @@ from curriculum.common.tracing import Untraceable
 
 UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10
 SHOWN = {"m": 0, "cm": -2, "mm": -3, "µm": -6, "nm": -9}  # to say a tolerance
-LEAST, MOST = 1e-12, 1e6  # m
+LEAST = 1e-12  # m
+MOST = 1e6
 LINES = 10  # at most
 ROWS = (3, 2), (2, 2), (2, 1), (1, 1)  # settings for places and for rods: the first that fit
 WIDTH = 80  # columns
