@@ -18,7 +18,7 @@ MOST_STEPS = 20_000  # of one rod at once: more take too long
 STEPS = 800  # for each rod, as a guess: many repay machine code
 ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
-MAX_RODS = 40  # for more the reference takes longer than the run
+MAX_RODS = 40  # for more the reference takes longer than the run, and browsers are too slow
 
 
 class Reference(NamedTuple):

@@ -68,6 +68,11 @@ def has_loop(system):
     return any(loop for _, loop in components(system["pairs"]))
 
 
+def is_flat(system):
+    """Whether all of it is, and moves, in the plane z = 0."""
+    return not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
+
+
 def m_g_L(system, gravity):
     """All masses times gravity times the length of all rods, in J, of what can move.
 

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS
 from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
-from curriculum.ch3_4_constraints.mechanics.systems import conserves, m_g_L
+from curriculum.ch3_4_constraints.mechanics.systems import conserves, is_flat, m_g_L
 from curriculum.ch3_4_constraints.pages import answer
 from curriculum.ch3_4_constraints.results import palette
 from curriculum.common.tracing import Untraceable
@@ -21,7 +22,6 @@ from curriculum.common.tracing.javascript import javascript_of
 from curriculum.common.tracing.trace import Program
 
 HERE = Path(__file__).parent
-MOST = 40  # rods: more are too slow for a browser
 DAMPING = 0.1  # s: the hand's spring resists 1 m/s as it does a stretch of so many metres
 HARDEST = 30.0  # m/s^2: times the mass of all, it is the hand's largest force
 
@@ -90,11 +90,11 @@ def scene_of(chapter, system, integrator, knobs, measures):
     page may change, with the values it begins with. `measures`: {name: function(system, q, v) ->
     array}, to be added to those that every page has. Raises NoPage.
     """
-    if len(system["pairs"]) > MOST:
-        raise NoPage(f"more than {MOST} rods are too slow for a browser")
+    if len(system["pairs"]) > MAX_RODS:
+        raise NoPage(f"more than {MAX_RODS} rods are too slow for a browser")
     if integrator == "gauss":
         raise NoPage("gauss steps are too slow for a browser")
-    if any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors")):
+    if not is_flat(system):
         raise NoPage("a page shows scenes in the plane z = 0 only")
     every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
