@@ -325,12 +325,17 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     return Choice(*parts)
 
 
+def shortened(choice):
+    """What was left out of a Choice, and why, in a sentence; or ""."""
+    said = list(choice.left_out)
+    if choice.span < choice.whole:
+        said.append(f"rods and energy are of the first {choice.span:.3g} s")
+    return "; ".join(said)
+
+
 def as_metrics(choice, advice):
     """What metrics.json says of a Choice, with the sentences that were printed of it."""
     known = choice.reference.q is not None
-    shortened = list(choice.left_out)
-    if choice.span < choice.whole:
-        shortened.append(f"rods and energy are of the first {choice.span:.3g} s")
     rows = []
     for x in choice.settings:
         row = x._asdict()
@@ -342,7 +347,7 @@ def as_metrics(choice, advice):
         "error_at": choice.error_at,
         "uncertainty": six_digits(choice.reference.uncertainty) if known else None,
         "why": None if known else choice.reference.why,
-        "shortened": "; ".join(shortened) or None,
+        "shortened": shortened(choice) or None,
         "settings": rows,
         "places": [choice.settings.index(x) for x in choice.places],
         "rods_hold": [choice.settings.index(x) for x in choice.rods_hold],

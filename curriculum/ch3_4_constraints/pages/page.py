@@ -34,8 +34,8 @@ def play(chapter, args, system, results, reference, choice=None, edited=False):
     """The text of the page of a run: what was found, and its scene under each method.
 
     `chapter`: the script as its reader has edited it (see results/output.py). `results`: what
-    metrics.json says of each method. `choice`: what --within found, or None. `edited`: whether the
-    run's loop changed its states, which the page does not. Same arguments, same bytes. Raises
+    metrics.json says of each method. `choice`: the Choice of --within, or None. `edited`: whether
+    the run's loop changed its states, which the page does not. Same arguments, same bytes. Raises
     NoPage.
     """
     scene = scene_of(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})

@@ -177,7 +177,7 @@ def line(x, text, pace=" (0.000 µs)"):
 
 
 def give(chapter, args, system, runs, reference):
-    """Print which settings are right to args.within, and return what metrics.json says of them.
+    """Print which settings are right to args.within, and return the Choice of them.
 
     None without the flag, or where there is no answer; then a line says why.
     """
@@ -203,7 +203,14 @@ def give(chapter, args, system, runs, reference):
     if why:
         say(f"no answer to --within {words(args.within)}: {why}")
         return None
-    every = sentences(found)
-    for x, text in every:
+    for x, text in sentences(found):
         say(line(x, text, f" ({microseconds(x.seconds)} µs)" if x else ""))
-    return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in every])
+    return found
+
+
+def as_metrics(choice):
+    """What metrics.json says of a Choice, if there is one."""
+    if choice is None:
+        return None
+    said = [line(x, text, "").strip() for x, text in sentences(choice)]
+    return choosing.as_metrics(choice, said)
