@@ -39,6 +39,7 @@ TURNS = 5
 TIED = 1.1  # times as long is as quick
 TEXT = "speed_vs_error.txt"  # of a scene of one's own
 DIAGRAM = "speed_vs_error.svg"
+OUT = "outputs/ch3.4-constraints"
 
 
 class Setting(NamedTuple):
@@ -302,12 +303,16 @@ def parse_args(argv):
     add = parser.add_argument
     add("--system", help="one of your own: a scene, or its file (those of the chapter)")
     add("--seconds", type=cli.positive, help="how long it is followed")
-    add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where its files go")
+    add("--out", type=cli.folder, help=f"where its files go ({OUT})")
     add("--quick", action="store_true", help="coarse, and of one scene")
     add("--picture", action="store_true", help="draw the chapter's diagrams again")
     args = parser.parse_args(argv)
-    if args.seconds and not args.system:
-        parser.error("argument --seconds: is for --system")
+    for flag in "seconds", "out":
+        if getattr(args, flag) and not args.system:
+            parser.error(f"argument --{flag}: is for --system")
+    if args.picture and args.system:
+        parser.error("argument --picture: is for the chapter's scenes, not for --system")
+    args.out = args.out or Path(OUT)
     return parser, args
 
 
