@@ -435,7 +435,7 @@ def test_a_wrong_tolerance_is_refused_by_flag_and_value(text, refused):
     ],
 )
 def test_a_tolerance_is_said_as_one_would_say_it(metres, text):
-    assert advice.words(metres) == text
+    assert advice.spoken(metres) == text
 
 
 def test_numbers_have_three_digits_and_thousands():

@@ -38,10 +38,10 @@ class Parser(argparse.ArgumentParser):
         return action
 
     def parse_args(self, words=None, namespace=None):
-        """The flags; and, as `words`, how the program was called."""
+        """The flags; and, as `command`, how the program was called."""
         args = super().parse_args(words, namespace)
         started = ["python", self.prog] if self.prog.endswith(".py") else [self.prog]
-        args.words = started + list(sys.argv[1:] if words is None else words)
+        args.command = started + list(sys.argv[1:] if words is None else words)
         return args
 
     def error(self, message):

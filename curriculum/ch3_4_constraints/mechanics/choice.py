@@ -1,7 +1,6 @@
 """Which method, at which step: what each costs and how far it is off, on a ladder of steps.
 
-A `chapter` is whatever has the chapter's INTEGRATORS, make_methods, make_force, project,
-stabilized, constraint_violation, energy and GRAVITY, as its reader has edited them.
+What a `chapter` is to have is said in results/output.py.
 """
 
 import math
@@ -171,6 +170,15 @@ def ladder(take, counts, digits, within):
     return found
 
 
+def ladders(chapter, reference, seconds, span, within, pairs, counts):
+    """The Settings of several pairs."""
+    found = []
+    for pair in pairs:
+        take = partial(measure, chapter, pair, reference, seconds, span)
+        found += ladder(take, counts, partial(digits, seconds), within)
+    return found
+
+
 def fewer(count, digits):
     """Half of a count or less, down to a quarter: the one whose step has the fewest digits."""
     return min(range(count // 2, count // 4, -1), key=digits)
@@ -303,14 +311,7 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     if len(counts) < RUNGS:
         finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
         left_out.append(f"the ladder of steps ends at {finest}: more would take long")
-
-    def climb(pairs, counts):
-        found = []
-        for pair in pairs:
-            take = partial(measure, chapter, pair, reference, seconds, span)
-            found += ladder(take, counts, partial(digits, seconds), within)
-        return found
-
+    climb = partial(ladders, chapter, reference, seconds, span, within)
     settings = climb(pairs, counts)
     right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
     early = seconds / counts[min(EARLY, len(counts)) - 1]

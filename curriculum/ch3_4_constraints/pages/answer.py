@@ -5,7 +5,7 @@ from html import escape
 
 from curriculum.ch3_4_constraints.mechanics.choice import chosen, shortened
 from curriculum.ch3_4_constraints.results import table
-from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, thousands, words
+from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, spoken, thousands
 
 TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-6  # m: those that are offered, if any setting meets them
 NOTHING = "\N{EN DASH}"
@@ -42,7 +42,7 @@ def at_first(args, choice, answers):
         if args.within is not None:
             says = "Which method, and which step? The run found no answer, and said why."
         return {"says": says, "holds": "", "ladder": ""}
-    first = answers[words(choice.within)]
+    first = answers[spoken(choice.within)]
     return {
         "says": escape(first["says"]),
         "holds": escape(first["holds"]),
@@ -55,7 +55,7 @@ def ladder(choice, rows):
     heads = [f'<th scope="col">{escape(x)}' for x in integrators(choice.settings)]
     return f"""<table id="ladder">
       <caption>The cheapest step that is enough for
-        <span id="within">{escape(words(choice.within))}</span>, and the operations that a
+        <span id="within">{escape(spoken(choice.within))}</span>, and the operations that a
         second of motion then takes. {escape(as_sentence(shortened(choice)))}</caption>
       <thead><tr><th scope="col">method{"".join(heads)}
       <tbody>{rows}
@@ -75,7 +75,7 @@ def answers(choice, scene):
         enough = chosen(choice.settings, compared(choice), within - unsure)
         if enough or within == choice.within:
             rods = chosen(choice.settings, "rods", within)
-            found[words(within)] = {
+            found[spoken(within)] = {
                 "says": cheapest(choice, within, enough),
                 "holds": rods_hold(choice, within, rods, scene),
                 "rows": "\n".join(ladder_rows(choice, enough, scene)),
@@ -98,7 +98,7 @@ def integrators(settings):
 
 def cheapest(choice, within, enough):
     """The cheapest setting that is enough and, beside it, that of each other integrator."""
-    what = f"Right to {words(within)} after {choice.error_at:.3g} s"
+    what = f"Right to {spoken(within)} after {choice.error_at:.3g} s"
     if not is_known(choice):
         what = f"{as_sentence(choice.reference.why)} Rods {within_for(choice, within)}"
     if not enough:
@@ -132,7 +132,7 @@ def rods_hold(choice, within, enough, scene):
 
 
 def within_for(choice, within):
-    return f"within {words(within)} for {choice.span:.3g} s"
+    return f"within {spoken(within)} for {choice.span:.3g} s"
 
 
 def ladder_rows(choice, enough, scene):
@@ -175,7 +175,7 @@ def as_sentence(text):
 
 def command(args):
     """The command of this run, with --within; it writes where a run writes if nothing is said."""
-    typed = list(args.words)
+    typed = list(args.command)
     while "--out" in typed:
         k = typed.index("--out")
         del typed[k : k + 2]

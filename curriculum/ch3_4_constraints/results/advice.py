@@ -38,7 +38,7 @@ def tolerance(text):
     return x
 
 
-def words(x):
+def spoken(x):
     """A tolerance of x m as one would say it: 0.001 is "1 mm"."""
     for unit, power in SHOWN.items():
         size = float(f"{Decimal(x).scaleb(-power):.6g}")
@@ -93,7 +93,7 @@ def rungs(choice):
 
 
 def places_head(choice):
-    right = f"right to {words(choice.within)} at {choice.error_at:.3g} s"
+    right = f"right to {spoken(choice.within)} at {choice.error_at:.3g} s"
     if choice.reference.q is None:
         return f"Nobody knows which places are right: {choice.reference.why}"
     if choice.places:
@@ -112,8 +112,8 @@ def rods_head(choice):
     if choice.span < choice.whole:
         span = f"for the first {choice.span:.3g} s (all would take long)"
     if choice.rods_hold:
-        return f"Rods right to {words(choice.within)} {span}:"
-    return f"No step {rungs(choice)} holds the rods to {words(choice.within)} {span}"
+        return f"Rods right to {spoken(choice.within)} {span}:"
+    return f"No step {rungs(choice)} holds the rods to {spoken(choice.within)} {span}"
 
 
 def why_they_differ(choice):
@@ -201,7 +201,7 @@ def give(chapter, args, system, runs, reference):
         except Untraceable as cause:
             why = f"steps cannot be compiled: {cause}"
     if why:
-        say(f"no answer to --within {words(args.within)}: {why}")
+        say(f"no answer to --within {spoken(args.within)}: {why}")
         return None
     for x, text in sentences(found):
         say(line(x, text, f" ({microseconds(x.seconds)} µs)" if x else ""))

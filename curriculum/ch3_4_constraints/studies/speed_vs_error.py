@@ -19,7 +19,7 @@ from curriculum.ch3_4_constraints.mechanics import choice
 from curriculum.ch3_4_constraints.mechanics.reference import distance, horizon
 from curriculum.ch3_4_constraints.mechanics.systems import has_loop, is_flat
 from curriculum.ch3_4_constraints.pictures import work_precision
-from curriculum.ch3_4_constraints.results.advice import milliseconds, words
+from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli, progress
@@ -223,7 +223,7 @@ def measure(scene, system, seconds, limit, turns):
     largest = COARSE * np.sum(system["lengths"])
     goals = [goal for goal in GOALS if known.uncertainty < goal < largest]
     if not goals:
-        raise ArgumentTypeError(f"it is too small: {words(largest)} is less than all goals")
+        raise ArgumentTypeError(f"it is too small: {spoken(largest)} is less than all goals")
     runs = {}
     clock = time.perf_counter()
     for name, step in STEPS.items():
@@ -270,7 +270,7 @@ def lines(measured):
     yield f"{scene}; the reference is known to {measured.uncertainty:.0e} m"
     shown = f"m off at {milliseconds(measured.shown)}"
     yield f"{'':21}{shown:>16}   ms of computing / ms a step, to be right to"
-    yield f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{words(goal):>12}" for goal in goals)
+    yield f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{spoken(goal):>12}" for goal in goals)
     for name, settings in measured.found.items():
         at = next(x for x in settings if x.dt <= 1.001 * measured.shown)
         cells = "".join(f"{cell(reached(settings, goal)):>12}" for goal in goals)
@@ -292,10 +292,10 @@ def quickest(found, goal):
     """A sentence: who is quickest to a goal, and who as quick."""
     there = winners(found, goal)
     if not there:
-        return f"to {words(goal)}: nobody"
+        return f"to {spoken(goal)}: nobody"
     least = min(x.seconds for x in there)
     first = [f"{x.name} {cell(x)}" for x in there if x.seconds <= TIED * least]
-    return f"to {words(goal)}: {', '.join(first)}"
+    return f"to {spoken(goal)}: {', '.join(first)}"
 
 
 def parse_args(argv):
