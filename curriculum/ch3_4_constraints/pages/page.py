@@ -83,6 +83,16 @@ def palette_css():
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
 
 
+def refuse(system, integrator):
+    """Raise NoPage for what no page can show."""
+    if len(system["pairs"]) > MAX_RODS:
+        raise NoPage(f"more than {MAX_RODS} rods are too slow for a browser")
+    if integrator == "gauss":
+        raise NoPage("gauss steps are too slow for a browser")
+    if not is_flat(system):
+        raise NoPage("a page shows scenes in the plane z = 0 only")
+
+
 def scene_of(chapter, system, integrator, knobs, measures):
     """What a Motion of parts.js knows of a scene, a dict: data, and a Program for each function.
 
@@ -90,12 +100,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     page may change, with the values it begins with. `measures`: {name: function(system, q, v) ->
     array}, to be added to those that every page has. Raises NoPage.
     """
-    if len(system["pairs"]) > MAX_RODS:
-        raise NoPage(f"more than {MAX_RODS} rods are too slow for a browser")
-    if integrator == "gauss":
-        raise NoPage("gauss steps are too slow for a browser")
-    if not is_flat(system):
-        raise NoPage("a page shows scenes in the plane z = 0 only")
+    refuse(system, integrator)
     every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
     tracer = Tracer(chapter, system, integrator, list(knobs))
