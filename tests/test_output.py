@@ -221,6 +221,18 @@ def test_methods_that_the_file_has_are_left_out_by_name_and_no_others(run, monke
     assert said not in printed
 
 
+def test_errors_are_of_two_seconds_whatever_the_step(run):
+    printed, metrics = run("--dt 0.02 --steps 150 --stabilization project", *BARE)
+    row = metrics["results"]["project"]
+    assert (metrics["error_at"], metrics["dt"]) == (2.0, 0.02) and "at 2 s" in printed
+    assert cells(printed, "project")[4] == table.length(row["error"])
+
+
+def test_what_is_not_finite_is_null_in_metrics_and_the_rest_is_rounded():
+    found = output.rounded([1.23456, -np.inf, np.nan, None, "lost", True], 3)
+    assert found == [1.235, None, None, None, "lost", True]
+
+
 def test_a_smoke_run_has_its_steps_whatever_else_is_asked(run):
     printed, metrics = run("--smoke --steps 100 --stabilization none", *BARE)
     assert metrics["steps"] == c.SMOKE_STEPS and f"for {c.SMOKE_STEPS} steps of" in printed
@@ -239,6 +251,7 @@ def test_a_jump_of_energy_is_blamed_on_rods_that_had_left_before_it_and_on_no_ot
         (said,) = table.doubts(row, run)
         assert said.startswith("energy jumps by 50 % of m g L in one step")
         assert said.endswith("; rods had left the constraint by 20 cm") == blamed
+        assert ("rods had left" in said) == blamed
 
 
 def test_a_force_is_doubted_if_rods_are_off_by_what_can_make_it():

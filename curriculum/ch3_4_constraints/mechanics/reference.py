@@ -122,7 +122,7 @@ def true_motion(system, force, project, dt, last, why=""):
         signs = (-1.0) ** np.arange(q.size).reshape(q.shape)
         digit = 2.0**-52 * (np.abs(q) + np.max(system["lengths"])) * np.any([q, v], axis=(0, 1))
         change = distance(end(count, q + signs * digit), best)
-        uncertainty += 2.0 * math.sqrt(count) * change  # each step rounds, as steps at random do
+        uncertainty += 4.0 * math.sqrt(count) * change  # each step rounds, as steps at random do
     if not uncertainty < known:
         near = "a nanometre" if known == KNOWN else "a millionth of the shortest rod"
         return unknown._replace(why=f"shorter steps do not agree to {near}")
