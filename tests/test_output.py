@@ -205,6 +205,22 @@ def test_a_run_that_blew_up_says_nothing_of_the_motion(run):
     assert f"a step of 0.1 s is long: in {exact.time_scale:.2g} s the motion" in printed
 
 
+def test_methods_that_the_file_has_are_left_out_by_name_and_no_others(run, monkeypatch):
+    def make_methods(*_, **__):
+        return {
+            "none": c.Method(c.make_force, ""),
+            "mine": c.Method(c.make_force, "", integrator="rk4"),
+        }
+
+    monkeypatch.setattr(c, "make_methods", make_methods)
+    said = " is left out: it is not made for "
+    printed, metrics = run("--smoke", *BARE)
+    assert f"mine{said}semi_implicit\n" in printed and printed.count(said) == 1
+    assert [*metrics["results"]] == ["none"]
+    printed, _ = run("--smoke --integrator rk4", *BARE)
+    assert said not in printed
+
+
 def test_errors_are_of_two_seconds_whatever_the_step(run):
     printed, metrics = run("--dt 0.02 --steps 150 --stabilization project", *BARE)
     row = metrics["results"]["project"]
