@@ -5,14 +5,14 @@ What a `chapter` is to have is said in results/output.py.
 
 import math
 from functools import partial
-from itertools import pairwise
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics import reference as truth
 from curriculum.ch3_4_constraints.mechanics.outcome import FAR, average, six_digits
-from curriculum.ch3_4_constraints.mechanics.systems import EARTH, m_g_L
+from curriculum.ch3_4_constraints.mechanics.systems import EARTH, conserves, m_g_L
 from curriculum.common.tracing import CompiledSteps, ordered
 from curriculum.common.tracing.counting import Counter
 from curriculum.common.tracing.plainly import OwnStep
@@ -32,6 +32,7 @@ TIE = 1.05  # times as much work is as cheap
 BETTER = 0.1  # of the error, or less, comes first where two are as cheap
 HALVED = 3  # times at most that the time of the reference is halved until there is one
 KEYS = ("error", "rods")  # of a Setting: what must be within
+ENERGY = 0.05  # of m g L: rods that change it by more come after the others
 
 
 class Setting(NamedTuple):
@@ -41,7 +42,7 @@ class Setting(NamedTuple):
     method: str
     dt: float  # s
     rods: float | None  # m, the worst, over the span
-    energy: float | None  # the largest change, as a share of m g L
+    energy: float | None  # the largest change, as a share of m g L; None if it need not stay
     error: float | None  # m, of the worst particle, at the reference's time
     operations: float  # for a second of motion
     seconds: float  # of computing, for a second of motion, on this machine
@@ -57,6 +58,7 @@ class Pair:
         self.system = system
         self.step = step_of(chapter, system, integrator, method, knobs)
         self.start = [system["q0"], system["v0"]]
+        self.conserves = conserves(system, chapter.external_force, chapter.energy)
         self.run = CompiledSteps(self.step, self.start, MANY, knobs=1)
         self.count = Counter(self.run.program)
 
@@ -135,10 +137,12 @@ def measure(chapter, pair, reference, seconds, span, count):
     if good <= steps:
         lost = f"at {(good - 1) * dt:.3g} s: {why_lost(pair, q[good - 1], v[good - 1], dt)}"
         return Setting(pair.integrator, pair.method, dt, None, None, error, operations, spent, lost)
-    energies = chapter.energy(system, q, v)
-    energy = np.max(np.abs(energies - energies[0])) / m_g_L(system, chapter.GRAVITY)
-    rods = np.max(violations)
-    row = six_digits(rods), six_digits(energy), error, operations, spent, None
+    energy = None
+    if pair.conserves:
+        energies = chapter.energy(system, q, v)
+        change = np.max(np.abs(energies - energies[0]))
+        energy = six_digits(change / m_g_L(system, chapter.GRAVITY))
+    row = six_digits(np.max(violations)), energy, error, operations, spent, None
     return Setting(pair.integrator, pair.method, dt, *row)
 
 
@@ -157,13 +161,13 @@ def ladder(take, counts, digits, within):
     """
     found = [take(x) for x in counts]
     first = counts[0]
-    while first > 1 and any(is_within(found[0], [key], within) for key in KEYS):
+    while first > 1 and any(is_within(found[0], {key: within}) for key in KEYS):
         first = fewer(first, digits)
         found.insert(0, take(first))
         if found[0].operations >= found[1].operations:  # gauss takes it in parts
             break
     for key in KEYS:
-        right = [is_within(x, [key], within) for x in found]
+        right = [is_within(x, {key: within}) for x in found]
         if right[-1] and not right[-2]:
             found.append(take(2 * counts[-1]))
             break
@@ -184,22 +188,20 @@ def fewer(count, digits):
     return min(range(count // 2, count // 4, -1), key=digits)
 
 
-def is_within(setting, keys, within):
-    """Whether a setting is not lost, and knows each of these to be at most so many metres."""
-    known = [getattr(setting, key) for key in keys]
-    return setting.lost is None and all(x is not None and x <= within for x in known)
+def is_within(setting, limits):
+    """Whether a setting is not lost, and knows each {key: most} of limits to be at most that."""
+    known = [(getattr(setting, key), most) for key, most in limits.items()]
+    return setting.lost is None and all(x is not None and x <= most for x, most in known)
 
 
-def reached(settings, keys, within, cost="operations"):
-    """The cheapest of a pair's settings, from long steps to short ones, whose `keys` are within.
+def reached(settings, limits, cost="operations"):
+    """The cheapest of a pair's settings, from long steps to short ones, that is within limits.
 
-    It counts only if the next finer one is within, too; else it may be luck. None if there is none.
+    It counts only if all finer ones are within, too, and there is one; else it may be luck. So a
+    stricter limit never gives a longer step. None if there is none.
     """
-    there = []
-    for x, finer in pairwise(settings):
-        if is_within(x, keys, within) and is_within(finer, keys, within):
-            there.append(x)
-    return min(there, key=lambda x: getattr(x, cost), default=None)
+    there = list(takewhile(lambda x: is_within(x, limits), reversed(settings)))
+    return min(reversed(there[1:]), key=lambda x: getattr(x, cost), default=None)
 
 
 def in_order(settings, key, cost="operations"):
@@ -217,17 +219,21 @@ def in_order(settings, key, cost="operations"):
     return order
 
 
-def chosen(settings, key, within):
-    """Of each pair the cheapest setting whose `key` is within, in order.
+def chosen(settings, key, within, sure=0.0):
+    """Of each pair the cheapest setting that holds the rods to `within` for the span, in order.
 
-    A pair that holds its rods to it, too, comes before those that do not.
+    By "error" it also puts places right to it, which are known to `sure` only. By "rods" a pair
+    that holds them comes last if none of its steps keeps the energy.
     """
     pairs = {}
     for x in settings:
         pairs.setdefault((x.integrator, x.method), []).append(x)
+    tiers = [{"rods": within, "error": within - sure}]
+    if key == "rods":
+        tiers = [{"rods": within, "energy": ENERGY}, {"rods": within}]
     order = []
-    for keys in ((key, "rods"), (key,)):
-        best = [reached(pair, keys, within) for pair in pairs.values()]
+    for limits in tiers:
+        best = [reached(pair, limits) for pair in pairs.values()]
         best = in_order([x for x in best if x], key)
         order += best
         for x in best:
@@ -245,7 +251,7 @@ class Choice(NamedTuple):
     whole: float  # s, of the run; more than the span if that would take long
     left_out: list  # what else was left out, and why, in sentences
     settings: list
-    places: list  # those that put every place right to `within`, the cheapest first
+    places: list  # those that put every place and all rods right to `within`, cheapest first
     rods_hold: list  # those that hold the rods to it for the whole span
 
 
@@ -313,14 +319,14 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
         left_out.append(f"the ladder of steps ends at {finest}: more would take long")
     climb = partial(ladders, chapter, reference, seconds, span, within)
     settings = climb(pairs, counts)
-    right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
+    sure = reference.uncertainty  # where it is not below `within`, nobody can tell
     early = seconds / counts[min(EARLY, len(counts)) - 1]
-    found = chosen(settings, "error", right)
-    if reference.q is not None and not any(x.dt >= early and x.rods <= within for x in found):
+    found = chosen(settings, "error", within, sure)
+    if reference.q is not None and not any(x.dt >= early for x in found):
         pairs = build(chapter, system, [x for x in chapter.INTEGRATORS if x in LAST], knobs, each)
         counts, _ = affordable(pairs, first, span, MORE)
         settings += climb(pairs, counts)
-    places = chosen(settings, "error", right)
+    places = chosen(settings, "error", within, sure)
     rods_hold = chosen(settings, "rods", within)
     parts = within, span, seconds, reference, whole, left_out, settings, places, rods_hold
     return Choice(*parts)

@@ -66,14 +66,14 @@ def microseconds(x):
     return f"{x:,.0f}" if x >= 1000.0 else f"{x:g}"
 
 
-def place_row(x, within):
-    """What is said of a setting that puts every place right to `within`."""
-    later = f"; rods, {length(x.rods)} later" if x.rods > within else ""
-    return f"{name_of(x)}, {length(x.error)} off{later}"
+def place_row(x):
+    """What is said of a setting that puts every place right."""
+    return f"{name_of(x)}, {length(x.error)} off"
 
 
 def rods_row(x):
-    return f"{name_of(x)}, {length(x.rods)}, energy {per_cent(x.energy)}"
+    energy = "" if x.energy is None else f", energy {per_cent(x.energy)}"
+    return f"{name_of(x)}, {length(x.rods)}{energy}"
 
 
 def spread(settings, many):
@@ -97,14 +97,20 @@ def places_head(choice):
     if choice.reference.q is None:
         return f"Nobody knows which places are right: {choice.reference.why}"
     if choice.places:
-        return f"Every place {right}, by the operations for a second of motion:"
+        return f"Places {right}, rods for {choice.span:.3g} s, by operations a second of motion:"
     if choice.reference.uncertainty >= choice.within:
         return f"Places are known to {length(choice.reference.uncertainty)} only"
     known = [x for x in choice.settings if x.error is not None and not x.lost]
     if not known:
         return f"No step {rungs(choice)} is {right}: all are lost"
-    best = min(known, key=lambda x: x.error)
-    return f"No step {rungs(choice)} is {right}; nearest, {name_of(best)}: {length(best.error)} off"
+    best = min(known, key=lambda x: max(x.error, x.rods))
+    nearest = f"nearest, {place_row(best)}{later(best, choice.within)}"
+    return f"No step {rungs(choice)} has places {right} and holds its rods; {nearest}"
+
+
+def later(x, within):
+    """What becomes of rods that do not stay within it as long as they were followed."""
+    return f"; rods, {length(x.rods)} later" if x.rods > within else ""
 
 
 def rods_head(choice):
@@ -165,7 +171,7 @@ def sentences(choice):
 def said(choice, rows, tail):
     """The sentences with so many rows for places and for rods, and with those of the tail."""
     found = [(None, places_head(choice))]
-    found += [(x, place_row(x, choice.within)) for x in spread(choice.places, rows[0])]
+    found += [(x, place_row(x)) for x in spread(choice.places, rows[0])]
     found += [(None, rods_head(choice))]
     found += [(x, rods_row(x)) for x in spread(choice.rods_hold, rows[1])]
     return found + [(None, x) for x in tail]

@@ -251,8 +251,8 @@ def measure(scene, system, seconds, limit, turns):
 
 # --- what is printed ---
 def reached(settings, goal):
-    """The quickest of settings that are within a goal, as is the next finer one; or None."""
-    return choice.reached(settings, ["error"], goal, "seconds")
+    """The quickest of settings that are within a goal, as are all finer ones; or None."""
+    return choice.reached(settings, {"error": goal}, "seconds")
 
 
 def cell(setting):
