@@ -308,9 +308,12 @@ def test_on_paper_it_is_light_and_without_what_only_a_screen_can_do(pages):
 
 def test_it_opens_at_the_step_of_the_run_and_says_so(pages):
     for flags, facts in (
-        ((), "semi_implicit, steps of 5 ms, the run’s."),
-        (("--dt", "0.0125"), "semi_implicit, steps of 12.5 ms, the run’s."),
-        (("--integrator", "rk4"), "rk4, steps of 5 ms, the run’s. impulse is left out: it is made"),
+        ((), "semi_implicit, steps of 5 ms, as in the run."),
+        (("--dt", "0.0125"), "semi_implicit, steps of 12.5 ms, as in the run."),
+        (
+            ("--integrator", "rk4"),
+            "rk4, steps of 5 ms, as in the run. impulse is left out: it is made",
+        ),
     ):
         shown = pages(*flags, "--steps", "9")
         assert shown.locator("#facts").inner_text().startswith(facts)
@@ -368,7 +371,7 @@ def test_terminal_metrics_and_page_give_the_same_answer(tmp_path, capsys):
     shown = sum(": " in cell for row in steps.values() for cell in row)
     assert shown == len(choice["places"])
     assert text.count("<td><b>") == 1
-    for key, words in ("places", says), ("rods_hold", holds):
+    for key, words in ("places", says), ("rods_hold", holds or says):
         row = choice["settings"][choice[key][0]]
         setting = f"{row['integrator']} with {row['method']} at {advice.milliseconds(row['dt'])}"
         assert f": {setting}" in words and f": {setting}" in printed
@@ -401,15 +404,20 @@ def chosen(within=1e-3, uncertainty=1e-12):
     return choosing.Choice(within, 20.0, 2.0, reference, 20.0, [], settings, [], [])
 
 
+def answers(choice, scene, *flags):
+    """What the page says of a choice, of a run with these flags."""
+    return answer.answers(c.parse_args(flags)[0], choice, scene)
+
+
 def with_all(choice, **known):
     return choice._replace(settings=[x._replace(**known) for x in choice.settings])
 
 
 def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_better():
-    found = answer.answers(chosen(), {"colors": {}, "conserves": True})
+    found = answers(chosen(), {"colors": {}, "conserves": True})
     assert found["1 mm"]["says"] == (
-        "Right to 1 mm after 2 s: rk4 with project at 40 ms; with semi_implicit, impulse at 10 ms,"
-        " for 1.5 times the work."
+        "Right to 1 mm after 2 s, rods for 20 s: rk4 with project at 40 ms; with semi_implicit,"
+        " impulse at 10 ms, for 1.5 times the operations."
     )
     steps = cells(f"<tbody>{found['1 mm']['rows']}</table>", 0)
     assert steps["none"] == ["2 cm off at 5 ms", "40 ms: 8,000"]
@@ -419,29 +427,68 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
         "rk4 with project at 10 ms; with semi_implicit, nothing that was tried."
     )
     assert list(found) == ["1 cm", "1 mm", "100 µm", "1 µm"]
-    unsure = answer.answers(chosen(uncertainty=9e-7), {"colors": {}, "conserves": True})
+    unsure = answers(chosen(uncertainty=9e-7), {"colors": {}, "conserves": True})
     assert list(unsure) == ["1 cm", "1 mm", "100 µm"]
-    exact = answer.answers(chosen(1e-9), {"colors": {}, "conserves": True})
+    exact = answers(chosen(1e-9), {"colors": {}, "conserves": True})
     assert list(exact) == ["1 cm", "1 mm", "100 µm", "1 µm", "1 nm"]
-    assert exact["1 nm"]["says"] == "Right to 1 nm after 2 s: nothing is, down to steps of 5 ms."
+    assert exact["1 nm"]["says"] == (
+        "Right to 1 nm after 2 s, rods for 20 s: nothing is, down to steps of 5 ms."
+    )
 
 
-def test_an_answer_whose_rods_are_wrong_later_says_so():
-    choice = with_all(chosen(), rods=0.0044, energy=0.35)
-    found = answer.answers(choice, {"colors": {}, "conserves": True})
-    assert "project at 40 ms (its rods, 4.4 mm off later); with" in found["1 mm"]["says"]
-    assert found["1 mm"]["holds"] == ""
-    assert "impulse at 10 ms (its rods, 4.4 mm off later), for 1.5" in found["1 mm"]["says"]
-    choice = with_all(choice, rods=1e-4)
-    holds = answer.answers(choice, {"colors": {}, "conserves": True})["1 mm"]["holds"]
-    assert holds.startswith("If rods alone matter, within 1 mm for 20 s: semi_implicit")
-    assert holds.endswith("; its energy is off by 35 %.")
+def test_places_whose_rods_are_wrong_later_are_no_answer_and_say_so():
+    scene = {"colors": {}, "conserves": True}
+    found = answers(with_all(chosen(), rods=0.0044), scene)["1 mm"]
+    assert found["says"].endswith(": nothing is, down to steps of 5 ms.")
+    steps = cells(f"<tbody>{found['rows']}</table>", 0)
+    assert steps["project"] == ["–", "30 nm off at 5 ms; rods, 4.4 mm later"]
+    assert steps["none"] == ["2 cm off at 5 ms", "2 µm off at 10 ms; rods, 4.4 mm later"]
+
+
+def test_rods_alone_say_what_they_cost_in_places_and_energy():
+    scene = {"colors": {}, "conserves": True}
+    holds = answers(with_all(chosen(), rods=1e-4, energy=0.35), scene)["1 mm"]["holds"]
+    assert holds == (
+        "If rods alone matter, within 1 mm for 20 s: semi_implicit with none at 20 ms;"
+        " its energy is off by 35 %."
+    )
+    wrong = with_all(chosen(), rods=1e-4, energy=0.02, error=0.5)
+    holds = answers(wrong, scene)["1 mm"]["holds"]
+    assert holds.endswith("; but places are 50 cm off after 2 s; its energy is off by 2 %.")
+    braked = with_all(chosen(), rods=1e-4, energy=None)
+    assert "energy" not in answers(braked, scene)["1 mm"]["holds"]
+
+
+def test_what_is_lost_says_when_why_and_in_which_steps():
+    lost = with_all(chosen(), rods=None, energy=None, lost="at 3.35 s: diverged")
+    found = answers(lost, {"colors": {}, "conserves": True})["1 mm"]
+    steps = cells(f"<tbody>{found['rows']}</table>", 0)
+    assert steps["impulse"] == ["lost at 3.35 s in steps of 5 ms: diverged", "–"]
+
+
+def test_an_answer_has_the_command_that_runs_it_and_asks_for_other_tolerances(tmp_path):
+    flags = "--smoke", "--stabilization=project", "--within", "1mm", "--no-rerun", "--no-page"
+    found = answers(chosen(), {"colors": {}, "conserves": True}, *flags, "--dt=0.01")
+    typed = re.findall("<code>(.*?)</code>", found["1 mm"]["how"])
+    assert [x.partition("--")[2] for x in typed] == [
+        "no-rerun --no-page --integrator rk4 --dt 0.04 --steps 500"
+    ]
+    words = typed[0].split()
+    c.main([*words[words.index("--no-rerun") :], f"--out={tmp_path}"])
+    metrics = json.loads((tmp_path / output.METRICS).read_text())
+    assert (metrics["integrator"], metrics["dt"], metrics["steps"]) == ("rk4", 0.04, 500)
+    for within, flag in ("1 cm", "1cm"), ("1 µm", "1um"):
+        asks = f"Of the steps tried for 1 mm, without gauss: <code>--within {flag}</code>"
+        assert asks in found[within]["how"]
+    gauss = choosing.Setting("gauss", "none", 0.2, 0.0, 0.0, 1.0, 9e9, 0.0, None)
+    tried = chosen()._replace(settings=[*chosen().settings, gauss])
+    assert "without" not in answers(tried, {"colors": {}, "conserves": True})["1 µm"]["how"]
 
 
 def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why():
     unknown = Reference(400, "at 2 s", why="chaos decides")
     choice = with_all(chosen(), error=None)._replace(reference=unknown)
-    found = answer.answers(choice, {"colors": {}, "conserves": True})["1 mm"]
+    found = answers(choice, {"colors": {}, "conserves": True})["1 mm"]
     assert found["says"].startswith("Chaos decides. Rods within 1 mm for 20 s: ")
     assert found["holds"] == ""
 
@@ -452,9 +499,11 @@ def test_the_reader_changes_the_tolerance_among_those_that_were_measured(pages):
     assert tolerances.all_inner_texts() == ["1 cm", "1 mm", "100 µm", "1 µm"]
     pressed = "all => all.filter(x => x.ariaPressed === 'true').map(x => x.textContent)"
     assert tolerances.evaluate_all(pressed) == ["1 mm"]
-    found = answer.answers(chosen(), page.scene_of(c, c.build_system("double"), "rk4", USUAL, {}))
+    found = answers(chosen(), page.scene_of(c, c.build_system("double"), "rk4", USUAL, {}))
     assert shown.locator("#says").inner_text() == found["1 mm"]["says"]
+    assert shown.locator("#how code").inner_text().endswith("--dt 0.04 --steps 500")
     click(shown, "1 µm")
+    assert "--dt 0.01 --steps 2000" in shown.locator("#how code").first.inner_text()
     assert tolerances.evaluate_all(pressed) == ["1 µm"]
     assert shown.locator("#says").inner_text() == found["1 µm"]["says"]
     assert shown.locator("#within").inner_text() == "1 µm"
@@ -481,6 +530,9 @@ def test_as_it_was_has_the_numbers_of_the_run_and_draws_its_pose(still):
         words = f"{metres(abs(worst))} too {'long' if worst > 0 else 'short'}"
         expected = "rods are right" if name == "project" else words
         assert still.locator(".off").nth(k).inner_text() == expected
+        now = np.max(np.linalg.norm(found.q[-1] - fine[-1], axis=-1))
+        tile = still.locator(".tile").nth(k)
+        assert tile.get_by_text(f"{metres(now)} from true motion").count() == 1
         away = np.max(np.linalg.norm(found.q - fine, axis=-1))
         assert f"{name} {metres(away)}" in told(still)
     click(still, "Energy")
@@ -692,3 +744,27 @@ def test_half_the_step_is_compared_at_the_same_time(still):
         assert f"{name} {metres(worst[0])}, {metres(worst[1])}" in told(still)
     click(still, "As it was")
     assert "cm, " not in told(still)
+
+
+def test_the_step_slider_reaches_the_longest_step_that_is_advised(pages):
+    choice = with_all(chosen(), rods=1e-4, energy=0.01)
+    shown = pages("--integrator", "rk4", "--steps", "9", choice=choice)
+    values = shown.evaluate("sliders[0].values")
+    assert max(values) == 0.05 and 0.04 in values
+    long = [x._replace(dt=5.0 * x.dt) for x in choice.settings]
+    shown = pages("--integrator", "rk4", "--steps", "9", choice=choice._replace(settings=long))
+    assert max(shown.evaluate("sliders[0].values")) == 0.2
+
+
+@pytest.mark.parametrize("wide", [1100, 390])
+def test_a_wide_scene_fills_its_tiles_and_no_bob_is_cut_off(pages, wide):
+    shown = pages("--system", "windows", "--steps", "9", viewport={"width": wide, "height": 900})
+    rooms = shown.locator(".tile").evaluate_all("all => all.map(x => x.clientHeight)")
+    scale = shown.evaluate("run.copies[0].view.scale[0]")
+    assert max(rooms) <= 180 and 2.0 * scale > 0.3 * max(rooms)
+    steps(shown, 100)
+    edges = """run.copies.flatMap(copy => copy.points.map(point => {
+      const [x, y] = copy.view.pixels(point);
+      return Math.min(x, y, copy.view.width - x, copy.view.height - y);
+    }))"""
+    assert min(shown.evaluate(edges)) > 7.0

@@ -3,9 +3,15 @@
 import shlex
 from html import escape
 
-from curriculum.ch3_4_constraints.mechanics.choice import chosen, shortened
+from curriculum.ch3_4_constraints.mechanics.choice import LAST, chosen, shortened
 from curriculum.ch3_4_constraints.results import table
-from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, spoken, thousands
+from curriculum.ch3_4_constraints.results.advice import (
+    later,
+    milliseconds,
+    name_of,
+    spoken,
+    thousands,
+)
 
 TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-6  # m: those that are offered, if any setting meets them
 NOTHING = "\N{EN DASH}"
@@ -38,14 +44,14 @@ def of_the_run(args, results, reference, scene):
 def at_first(args, choice, answers):
     """Which method and which step, as the page opens: {blank of play.html: its HTML}."""
     if choice is None:
-        says = f"Which method, and which step? Ask <code>{escape(command(args))}</code>"
+        ask = command(args, {"--within": "1mm"})
+        says = f"Which method, and which step? Ask <code>{escape(ask)}</code>"
         if args.within is not None:
             says = "Which method, and which step? The run found no answer, and said why."
-        return {"says": says, "holds": "", "ladder": ""}
+        return {"says": says, "how": "", "holds": "", "ladder": ""}
     first = answers[spoken(choice.within)]
     return {
-        "says": escape(first["says"]),
-        "holds": escape(first["holds"]),
+        **{key: first[key] for key in ("says", "how", "holds")},
         "ladder": ladder(choice, first["rows"]),
     }
 
@@ -62,23 +68,27 @@ def ladder(choice, rows):
     </table>"""
 
 
-def answers(choice, scene):
-    """{tolerance: sentences, and the rows of the table of steps}, of which the page shows one.
+def answers(args, choice, scene):
+    """{tolerance: sentences and the rows of the table of steps, as HTML}: the page shows one.
 
-    The tolerances are that of the run, and those of TOLERANCES that any setting meets.
+    The tolerances are that of the run, and those of TOLERANCES that any setting meets. `steps`: of
+    the run's integrator, those that are advised, in s.
     """
     if choice is None:
         return {}
     found = {}
     for within in sorted({*TOLERANCES, choice.within}, reverse=True):
-        unsure = choice.reference.uncertainty if is_known(choice) else 0.0  # m
-        enough = chosen(choice.settings, compared(choice), within - unsure)
+        sure = choice.reference.uncertainty if is_known(choice) else 0.0  # m
+        enough = chosen(choice.settings, compared(choice), within, sure)
         if enough or within == choice.within:
             rods = chosen(choice.settings, "rods", within)
+            advised = [x for x in enough[:1] + rods[:1] if x.integrator == args.integrator]
             found[spoken(within)] = {
-                "says": cheapest(choice, within, enough),
-                "holds": rods_hold(choice, within, rods, scene),
-                "rows": "\n".join(ladder_rows(choice, enough, scene)),
+                "says": escape(cheapest(choice, within, enough)),
+                "how": how(args, choice, within, enough),
+                "holds": escape(rods_hold(choice, within, enough, rods)),
+                "rows": "\n".join(ladder_rows(choice, within, enough, scene)),
+                "steps": [float(f"{x.dt:.9g}") for x in advised],
             }
     return found
 
@@ -98,56 +108,75 @@ def integrators(settings):
 
 def cheapest(choice, within, enough):
     """The cheapest setting that is enough and, beside it, that of each other integrator."""
-    what = f"Right to {spoken(within)} after {choice.error_at:.3g} s"
+    rods = f"rods for {choice.span:.3g} s"
+    what = f"Right to {spoken(within)} after {choice.error_at:.3g} s, {rods}"
     if not is_known(choice):
         what = f"{as_sentence(choice.reference.why)} Rods {within_for(choice, within)}"
     if not enough:
         shortest = min(x.dt for x in choice.settings)
         return f"{what}: nothing is, down to steps of {milliseconds(shortest)}."
     best = enough[0]
-    parts = [f"{what}: {name_of(best)}{later(best, within)}"]
+    parts = [f"{what}: {name_of(best)}"]
     for integrator in integrators(choice.settings):
         mine = [x for x in enough if x.integrator == integrator]
         if not mine:
             parts.append(f"with {integrator}, nothing that was tried")
         elif integrator != best.integrator:
             times = float(f"{mine[0].operations / best.operations:.2g}")
-            step = f"{mine[0].method} at {milliseconds(mine[0].dt)}{later(mine[0], within)}"
-            parts.append(f"with {integrator}, {step}, for {times:g} times the work")
+            step = f"{mine[0].method} at {milliseconds(mine[0].dt)}"
+            parts.append(f"with {integrator}, {step}, for {times:g} times the operations")
     return "; ".join(parts) + "."
 
 
-def later(setting, within):
-    """What becomes of rods that do not stay within it as long as they were followed."""
-    return f" (its rods, {table.length(setting.rods)} off later)" if setting.rods > within else ""
+def how(args, choice, within, enough):
+    """The command that runs the answer; and where more would be tried, the flag: HTML."""
+    parts = []
+    if enough:
+        best = enough[0]
+        changed = {
+            "--integrator": best.integrator,
+            "--dt": f"{best.dt:.9g}",
+            "--steps": str(max(1, round(choice.whole / best.dt))),
+        }
+        parts.append(f"To run it: <code>{escape(command(args, changed))}</code>")
+    if within != choice.within:
+        without = [f"without {x}" for x in LAST if x not in integrators(choice.settings)]
+        tried = ", ".join([f"Of the steps tried for {spoken(choice.within)}", *without])
+        typed = spoken(within).replace(" ", "").replace("µ", "u")
+        parts.append(f"{tried}: <code>--within {typed}</code> tries more.")
+    return "<br>".join(parts)
 
 
-def rods_hold(choice, within, enough, scene):
+def rods_hold(choice, within, enough, rods):
     """The cheapest setting that holds the rods, where that is not the answer already."""
-    if not is_known(choice) or not enough:
+    if not is_known(choice) or not rods or rods[0] in enough[:1]:
         return ""
-    says = f"If rods alone matter, {within_for(choice, within)}: {name_of(enough[0])}"
-    off = f"; its energy is off by {table.per_cent(enough[0].energy)}" if scene["conserves"] else ""
-    return f"{says}{off}."
+    x = rods[0]
+    parts = [f"If rods alone matter, {within_for(choice, within)}: {name_of(x)}"]
+    if x.error is not None and x.error > within:
+        parts.append(f"but places are {table.length(x.error)} off after {choice.error_at:.3g} s")
+    if x.energy is not None:
+        parts.append(f"its energy is off by {table.per_cent(x.energy)}")
+    return "; ".join(parts) + "."
 
 
 def within_for(choice, within):
     return f"within {spoken(within)} for {choice.span:.3g} s"
 
 
-def ladder_rows(choice, enough, scene):
+def ladder_rows(choice, within, enough, scene):
     """A row a method: under each integrator the cheapest step that is enough, and what it costs."""
     for method in dict.fromkeys(x.method for x in choice.settings):
         cells = []
         for integrator in integrators(choice.settings):
             tried = [x for x in choice.settings if (x.integrator, x.method) == (integrator, method)]
-            cell = escape(in_words(tried, enough, compared(choice)))
+            cell = escape(in_words(tried, within, enough, compared(choice)))
             is_best = enough and enough[0] in tried
             cells.append(f"<b>{cell}</b>" if is_best else cell)
         yield html_row(method, scene, cells)
 
 
-def in_words(tried, enough, key):
+def in_words(tried, within, enough, key):
     """The one that is enough, of those tried; or how far off the shortest step still is."""
     if not tried:
         return NOTHING
@@ -156,8 +185,10 @@ def in_words(tried, enough, key):
             return f"{milliseconds(setting.dt)}: {thousands(setting.operations)}"
     last = min(tried, key=lambda x: x.dt)
     if last.lost:
-        return f"lost in steps of {milliseconds(last.dt)}"
-    return f"{table.length(getattr(last, key))} off at {milliseconds(last.dt)}"
+        when, _, why = last.lost.partition(": ")
+        return f"lost {when} in steps of {milliseconds(last.dt)}: {why}"
+    off = f"{table.length(getattr(last, key))} off at {milliseconds(last.dt)}"
+    return off + later(last, within) if key == "error" and last.error <= within else off
 
 
 def html_row(method, scene, cells, wide=1):
@@ -173,11 +204,22 @@ def as_sentence(text):
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def command(args):
-    """The command of this run, with --within; it writes where a run writes if nothing is said."""
-    typed = list(args.command)
-    while "--out" in typed:
-        k = typed.index("--out")
-        del typed[k : k + 2]
-    typed = [x for x in typed if not x.startswith("--out=")]
-    return shlex.join([*typed, "--within", "1mm"])
+def command(args, changed):
+    """The command of this run with some flags changed, {flag: value}.
+
+    It is for all methods, and writes where a run writes if nothing is said.
+    """
+    new = {"--out", "--within", "--stabilization", *changed}
+    if "--steps" in new:
+        new.add("--smoke")
+    kept = []
+    words = iter(args.command)
+    for word in words:
+        flag, has_value, _ = word.partition("=")
+        if flag not in new:
+            kept.append(word)
+        elif not has_value and flag != "--smoke":
+            next(words, None)
+    for flag, value in changed.items():
+        kept += [flag, value]
+    return shlex.join(kept)

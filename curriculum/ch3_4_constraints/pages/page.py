@@ -39,7 +39,7 @@ def play(chapter, args, system, results, reference, choice=None, edited=False):
     NoPage.
     """
     scene = scene_of(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})
-    answers = answer.answers(choice, scene)
+    answers = answer.answers(args, choice, scene)
     about_edits = "The run's loop was edited; this page moves without those edits."
     energies = [row["energy_rel_max"] for row in results.values() if not row["stopped"]]
     parts = {

@@ -12,9 +12,7 @@ const DASHES = [[], [9, 5], [1, 5], [9, 5, 1, 5], [18, 5], [5, 5]]; // as many a
 const decadesTo = (least, most) =>
   logarithmic(least, Math.max(0, Math.ceil(Math.log10(most) - 0.5)));
 const VIEWS = { // of the plot: what it shows, its axis for values up to `most`, and one in words
-  rods: {
-    name: "Rods", title: "Worst rod so far", axis: most => decadesTo(-6, most), words: metric,
-  },
+  rods: {name: "Rods", title: "Worst rod so far", axis: most => decadesTo(-6, most), words: metric},
   energy: {
     name: "Energy", title: "Energy off, in % of weight \u00d7 length",
     axis: most => linear(roundUp(most)), words: x => (x > 0 ? "+" : "") + perCent(x),
@@ -177,17 +175,19 @@ const run = {
 // --- what is seen ---
 function makeTile(copy) {
   const {method} = copy;
-  const off = make("p");
+  const off = make("b");
+  const away = make("span");
+  const now = make("p", {className: "now"}, off, away);
   const lost = make("p", {className: "lost", ariaLive: "polite"});
   const name = make("b", {className: colorOf(method), textContent: method});
-  copy.view = new Stage(`${method}: the scene`, [0, 0, 1, 1], () => paint(copy), [6, 22, 6, 6]);
+  copy.view = new Stage(`${method}: the scene`, [0, 0, 1, 1], () => paint(copy), [12, 44, 12, 8]);
   copy.tell = () => {
-    const {rods} = copy;
-    const worst = largest(rods);
-    const side = Math.max(...rods) === worst ? "long" : "short";
+    const worst = largest(copy.rods);
+    const side = Math.max(...copy.rods) === worst ? "long" : "short";
     off.textContent = worst < 1e-9 ? "rods are right" : `${metric(worst)} too ${side}`;
     off.className = `off ${worst < 1e-6 ? "" : side}`;
-    off.hidden = Boolean(copy.lost);
+    away.textContent = truth.known ? `${metric(apart(copy, truth.fine))} from true motion` : "";
+    now.hidden = Boolean(copy.lost);
     const when = `lost at ${fixed(copy.time, 2)} s`;
     const why = copy.lost ? `${when}: ${copy.lost}. Try a shorter step.` : "";
     if (lost.textContent !== why) lost.textContent = why; // so it is announced once
@@ -201,7 +201,7 @@ function makeTile(copy) {
     button.tabIndex = i === last ? 0 : -1;
   }
   const caption = make("figcaption", {}, name, ` ${scene.words[method]}`);
-  return make("figure", {className: "tile"}, caption, copy.view.element, off, lost);
+  return make("figure", {className: "tile"}, caption, copy.view.element, now, lost);
 }
 
 function paint(copy) {
@@ -271,7 +271,8 @@ const drawing = {
 const SLIDERS = [
   {
     key: "dt", label: "Step", begins: true, words: ms,
-    values: [0.000625, 0.00125, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.05, scene.knobs.dt / 2],
+    values: [0.000625, 0.00125, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.05, scene.knobs.dt / 2,
+      ...Object.values(found.answers).flatMap(({steps}) => steps)], // those that are advised
   },
   {
     key: "baumgarte", label: "Stiffness of baumgarte", needs: "baumgarte",
@@ -303,7 +304,7 @@ function showKnobs() { // and a mark where the stiffness breaks
   const others = Object.entries(scene.made_for).map(([method, integrator]) =>
     ` ${method} is left out: it is made for ${integrator}.`);
   byId("facts").textContent = `${scene.integrator}, steps of ${ms(knobs.dt)}, `
-    + `${share === 1 ? "" : `${share} times `}the run\u2019s.${others.join("")}`;
+    + `${share === 1 ? "as in the run" : `${share} times the run\u2019s`}.${others.join("")}`;
   for (const {key, set, values, element} of sliders) {
     set(knobs[key]);
     if (key !== "baumgarte" || !scene.limit) continue;
@@ -360,11 +361,10 @@ function choose(question, button) {
 }
 
 function showAnswer(tolerance, button) {
-  const {says, holds, rows} = found.answers[tolerance];
-  byId("says").textContent = says;
-  byId("holds").textContent = holds;
+  const answer = found.answers[tolerance];
+  for (const id of ["says", "how", "holds"]) byId(id).innerHTML = answer[id];
   byId("within").textContent = tolerance;
-  byId("ladder").tBodies[0].innerHTML = rows;
+  byId("ladder").tBodies[0].innerHTML = answer.rows;
   press(button);
 }
 
@@ -389,6 +389,7 @@ for (const question of QUESTIONS) {
 }
 byId("tiles").prepend(...run.copies.map(makeTile));
 byId("tiles").style.setProperty("--columns", Math.max(2, Math.ceil((run.copies.length + 1) / 2)));
+byId("tiles").classList.toggle("wide", home[2] - home[0] > 3 * (home[3] - home[1]));
 byId("board").append(board.plot.element);
 byId("knobs").append(...sliders.map(({element}) => element));
 for (const id in VIEWS) {
