@@ -194,14 +194,14 @@ def is_within(setting, limits):
     return setting.lost is None and all(x is not None and x <= most for x, most in known)
 
 
-def reached(settings, limits, cost="operations"):
+def reached(settings, limits):
     """The cheapest of a pair's settings, from long steps to short ones, that is within limits.
 
     It counts only if all finer ones are within, too, and there is one; else it may be luck. So a
     stricter limit never gives a longer step. None if there is none.
     """
     there = list(takewhile(lambda x: is_within(x, limits), reversed(settings)))
-    return min(reversed(there[1:]), key=lambda x: getattr(x, cost), default=None)
+    return min(reversed(there[1:]), key=lambda x: x.operations, default=None)
 
 
 def in_order(settings, key, cost="operations"):

@@ -8,6 +8,7 @@ import time
 from argparse import ArgumentTypeError
 from functools import partial
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -47,10 +48,9 @@ class Setting(NamedTuple):
 
     name: str
     dt: float  # s
-    error: float  # m, of the worst particle at the end
+    error: float  # m, of the worst particle at the end; inf where it is lost
     rods: float  # m, of the worst rod at the end
     times: list  # s for all steps, a turn each
-    lost: None = None  # one that is lost has an error of inf
 
     @property
     def seconds(self):
@@ -251,8 +251,12 @@ def measure(scene, system, seconds, limit, turns):
 
 # --- what is printed ---
 def reached(settings, goal):
-    """The quickest of settings that are within a goal, as are all finer ones; or None."""
-    return choice.reached(settings, {"error": goal}, "seconds")
+    """The quickest of settings that are within a goal, as is the next finer one; or None.
+
+    Still finer ones need not be: rounding makes them worse.
+    """
+    there = [x for x, finer in pairwise(settings) if max(x.error, finer.error) <= goal]
+    return min(there, key=lambda x: x.seconds, default=None)
 
 
 def cell(setting):
