@@ -106,10 +106,19 @@ def integrators(settings):
     return list(dict.fromkeys(x.integrator for x in settings))
 
 
+def not_tried(choice):
+    """Without which integrators settings were measured, in words; "" if with all."""
+    return ", ".join(f"without {x}" for x in LAST if x not in integrators(choice.settings))
+
+
 def cheapest(choice, within, enough):
     """The cheapest setting that is enough and, beside it, that of each other integrator."""
     rods = f"rods for {choice.span:.3g} s"
-    what = f"Right to {spoken(within)} after {choice.error_at:.3g} s, {rods}"
+    what = f"right to {spoken(within)} after {choice.error_at:.3g} s, {rods}"
+    without = not_tried(choice)
+    if without and within < choice.within:  # where they might be better
+        what = f"{without}, {what}"
+    what = what[0].upper() + what[1:]
     if not is_known(choice):
         what = f"{as_sentence(choice.reference.why)} Rods {within_for(choice, within)}"
     if not enough:
@@ -140,8 +149,9 @@ def how(args, choice, within, enough):
         }
         parts.append(f"To run it: <code>{escape(command(args, changed))}</code>")
     if within != choice.within:
-        without = [f"without {x}" for x in LAST if x not in integrators(choice.settings)]
-        tried = ", ".join([f"Of the steps tried for {spoken(choice.within)}", *without])
+        tried = f"Of the steps tried for {spoken(choice.within)}"
+        without = not_tried(choice)
+        tried += f", {without}" if without else ""
         typed = spoken(within).replace(" ", "").replace("µ", "u")
         parts.append(f"{tried}: <code>--within {typed}</code> tries more.")
     return "<br>".join(parts)
@@ -187,6 +197,8 @@ def in_words(tried, within, enough, key):
     if last.lost:
         when, _, why = last.lost.partition(": ")
         return f"lost {when} in steps of {milliseconds(last.dt)}: {why}"
+    if getattr(last, key) <= within and last.rods <= within:
+        return f"perhaps {milliseconds(last.dt)}: no shorter step was tried"
     off = f"{table.length(getattr(last, key))} off at {milliseconds(last.dt)}"
     return off + later(last, within) if key == "error" and last.error <= within else off
 
