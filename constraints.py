@@ -402,6 +402,7 @@ def parse_args(argv=None):
     fits = [name for name, x in every.items() if x.integrator in (None, args.integrator)]
     if args.stabilization not in ("all", *fits):
         parser.error(f"argument --stabilization: {args.stabilization} is not for {args.integrator}")
+    args.left_out = [name for name in every if name not in fits]
     args.methods = fits if args.stabilization == "all" else [args.stabilization]
     with parser.errors("argument --system: "):
         system = build_system(args.system, args.seed, args.links)
@@ -418,7 +419,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step = compiled(systems.checked_step(step_fn, integrator, method), steps)  # only faster
     run = simulate(step, system, method.make_force(system), dt, steps)
-    return Outcome(run, system, dt, step)  # up to a failure, and its cause
+    return Outcome(run, system, dt, step, GRAVITY)  # up to a failure, and its cause
 
 
 def summary(system, run, method, reference):
@@ -431,6 +432,7 @@ def summary(system, run, method, reference):
         "conserves": systems.conserves(system, external_force, energy),  # or energy may vary
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         **table.largest_force(vmap(pull)(run.q, run.v)),  # N, over rods and states
+        "operations": run.operations,  # for a second of motion
         "tip_final": run.tip[-1].tolist(),  # m
         "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
         "stopped": run.stopped,  # when and why, if it ended early

@@ -20,7 +20,8 @@ SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 
 
 def python(*words, variables=None):
     """A Python that was run from the project's folder and has ended; its output is text."""
-    command, env = [sys.executable, *map(str, words)], os.environ | (variables or {})
+    command = [sys.executable, *map(str, words)]
+    env = os.environ | (variables or {})
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env)
 
 

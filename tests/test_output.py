@@ -217,6 +217,22 @@ def test_what_is_not_finite_is_null_in_metrics_and_the_rest_is_rounded():
     assert found == [1.235, None, None, None, "lost", True]
 
 
+def test_methods_that_the_file_has_are_left_out_by_name_and_no_others(run, monkeypatch):
+    def make_methods(*_, **__):
+        return {
+            "none": c.Method(c.make_force, ""),
+            "mine": c.Method(c.make_force, "", integrator="rk4"),
+        }
+
+    monkeypatch.setattr(c, "make_methods", make_methods)
+    said = " is left out: it is not made for "
+    printed, metrics = run("--smoke", *BARE)
+    assert f"mine{said}semi_implicit\n" in printed and printed.count(said) == 1
+    assert [*metrics["results"]] == ["none"]
+    printed, _ = run("--smoke --integrator rk4", *BARE)
+    assert said not in printed
+
+
 def test_a_smoke_run_has_its_steps_whatever_else_is_asked(run):
     printed, metrics = run("--smoke --steps 100 --stabilization none", *BARE)
     assert metrics["steps"] == c.SMOKE_STEPS and f"for {c.SMOKE_STEPS} steps of" in printed

@@ -15,6 +15,7 @@ from conftest import SCREENS, click, contrast
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics import systems
+from curriculum.ch3_4_constraints.mechanics.reference import Reference
 from curriculum.ch3_4_constraints.pages import answer, page
 from curriculum.ch3_4_constraints.results import advice, output, palette, recording, table
 
@@ -189,7 +190,7 @@ def test_lengths_and_shares_are_written_as_the_table_writes_them():
     """
     )
     for x, (length, share) in zip(numbers, node(script), strict=True):
-        assert length == table.length(x).replace("um", "µm")
+        assert length == table.length(x)
         if x > 1e-6:
             assert share == table.per_cent(x)
 
@@ -208,7 +209,6 @@ def played(*flags, chapter=c, choice=None, edited=False):
         results[name] = c.summary(system, run, methods[name], reference)
         acts = chapter.external_force, chapter.energy
         results[name]["conserves"] = systems.conserves(system, *acts)
-    choosing.count_operations(c, args, system, runs, results)
     return page.play(chapter, args, system, results, reference, choice, edited)
 
 
@@ -248,7 +248,7 @@ def run(name, dt, many, **knobs):
 
 
 def metres(x):
-    return table.length(x).replace("um", "µm")
+    return table.length(x)
 
 
 def told(shown):
@@ -391,15 +391,18 @@ FOUND = [  # integrator, method, step in s, error in m, operations a second
 ]
 
 
-def chosen(within=1e-3, **more):
+def chosen(within=1e-3, uncertainty=1e-12):
     """What --within may have found."""
     settings = []
     for integrator, method, dt, error, operations in FOUND:
-        setting = {"integrator": integrator, "method": method, "dt": dt, "error": error}
-        setting |= {"rods": error / 10.0, "energy": 0.0, "operations": operations, "lost": None}
-        settings.append(setting)
-    choice = {"within": within, "span": 20.0, "error_at": 2.0, "uncertainty": 1e-12, "why": None}
-    return choice | {"shortened": None, "settings": settings} | more
+        row = error / 10.0, 0.0, error, operations, 0.0, None
+        settings.append(choosing.Setting(integrator, method, dt, *row))
+    reference = Reference(400, "at 2 s", np.zeros((2, 3)), uncertainty)
+    return choosing.Choice(within, 20.0, 2.0, reference, 20.0, [], settings, [], [])
+
+
+def with_all(choice, **known):
+    return choice._replace(settings=[x._replace(**known) for x in choice.settings])
 
 
 def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_better():
@@ -424,25 +427,20 @@ def test_an_answer_is_the_cheapest_step_that_is_no_luck_and_a_tie_goes_to_the_be
 
 
 def test_an_answer_whose_rods_are_wrong_later_says_so():
-    choice = chosen()
-    for setting in choice["settings"]:
-        setting["rods"] = 0.0044
-        setting["energy"] = 0.35
+    choice = with_all(chosen(), rods=0.0044, energy=0.35)
     found = answer.answers(choice, {"colors": {}, "conserves": True})
     assert "project at 40 ms (its rods, 4.4 mm off later); with" in found["1 mm"]["says"]
     assert found["1 mm"]["holds"] == ""
     assert "impulse at 10 ms (its rods, 4.4 mm off later), for 1.5" in found["1 mm"]["says"]
-    for setting in choice["settings"]:
-        setting["rods"] = 1e-4
+    choice = with_all(choice, rods=1e-4)
     holds = answer.answers(choice, {"colors": {}, "conserves": True})["1 mm"]["holds"]
     assert holds.startswith("If rods alone matter, within 1 mm for 20 s: semi_implicit")
     assert holds.endswith("; its energy is off by 35 %.")
 
 
 def test_where_nobody_knows_the_true_motion_the_answer_is_of_rods_and_says_why():
-    choice = chosen(why="chaos decides")
-    for setting in choice["settings"]:
-        setting["error"] = None
+    unknown = Reference(400, "at 2 s", why="chaos decides")
+    choice = with_all(chosen(), error=None)._replace(reference=unknown)
     found = answer.answers(choice, {"colors": {}, "conserves": True})["1 mm"]
     assert found["says"].startswith("Chaos decides. Rods within 1 mm for 20 s: ")
     assert found["holds"] == ""

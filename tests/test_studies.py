@@ -122,7 +122,7 @@ def test_a_force_that_mujocos_peers_would_leave_out_is_refused(monkeypatch):
         speed.peers(SCENES["double"], 1.0)["MuJoCo hinges"](10)
 
 
-def drawn(monkeypatch, tmp_path, *more):
+def drawn(*more):
     """What is drawn of lines of order 1 and 4, of a peer and of some more lines."""
     steps = [0.02 * 0.5**k for k in range(12)]
     found = {}
@@ -147,9 +147,9 @@ def lines_of(text):
     return lines
 
 
-def test_a_diagram_rises_to_the_right_as_an_order_has_it(monkeypatch, tmp_path):
+def test_a_diagram_rises_to_the_right_as_an_order_has_it():
     """Half the step takes twice the time, and has 1/2 or 1/16 of the error."""
-    text, _ = drawn(monkeypatch, tmp_path)
+    text, _ = drawn()
     slopes = []
     for points, _ in lines_of(text):
         wide, high = points[4] - points[0]
@@ -158,11 +158,9 @@ def test_a_diagram_rises_to_the_right_as_an_order_has_it(monkeypatch, tmp_path):
     assert np.allclose(slopes[-1], 4.0 * np.array(slopes[:3]), rtol=0.05)
 
 
-def test_a_diagram_names_what_is_quickest_in_its_colour_and_leaves_the_others_grey(
-    monkeypatch, tmp_path
-):
+def test_a_diagram_names_what_is_quickest_in_its_colour_and_leaves_the_others_grey():
     quick = settings("rk4 baumgarte", (0.02, 5e-4, 1e-5), (0.01, 4e-4, 2e-5))
-    text, found = drawn(monkeypatch, tmp_path, quick)
+    text, found = drawn(quick)
     colours = dict(re.findall(r'style="[^"]*fill:var\(--(\w+)\)">([\w ]+), [\d.]+ ms<', text))
     winners = {goal: speed.winners(found, goal)[0] for goal in speed.GOALS[:3]}
     assert winners[1e-3].name == "rk4 baumgarte" and winners[1e-6].name == "rk4 none"
@@ -189,9 +187,9 @@ def test_a_small_scene_is_asked_for_its_coarsest_goal():
     assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(far, speed.winners)
 
 
-def test_words_of_a_diagram_are_read_on_a_phone(monkeypatch, tmp_path):
+def test_words_of_a_diagram_are_read_on_a_phone():
     """350 pixels remain of 390 between the margins of a page; 11 is the least."""
-    text, _ = drawn(monkeypatch, tmp_path)
+    text, _ = drawn()
     wide = float(re.search(r'viewBox="0 0 (\d+)', text)[1])
     sizes = [float(x) for x in re.findall(r"font(?:-size)?: (\d+)px", text)]
     size = max(sizes)
@@ -206,8 +204,8 @@ def test_words_of_a_diagram_are_read_on_a_phone(monkeypatch, tmp_path):
 
 def test_a_name_that_no_table_has_is_drawn_like_the_others():
     assert work_precision.look("rk5 none") == work_precision.look("MuJoCo hinges")
-    looks = [work_precision.look(name) for name in speed.STEPS]
-    assert len({*looks}) >= len(c.INTEGRATORS) * len(c.make_methods()) - 3  # of impulse
+    looks = [work_precision.look(name) for name in speed.STEPS if not name.startswith("XPBD")]
+    assert len({*looks}) == len(looks)
 
 
 def quick_study(tmp_path, *flags):
@@ -282,6 +280,8 @@ def test_mujoco_need_not_be_there(tmp_path, capsys, monkeypatch):
     ("flags", "said"),
     [
         (["--seconds", "2"], "argument --seconds: is for --system"),
+        (["--out", "here"], "argument --out: is for --system"),
+        (["--system", "double", "--picture"], "argument --picture: is for the chapter's scenes"),
         (["--system", "doubel"], "argument --system: 'doubel': no scene and no file"),
         (["--system", "chain12.json"], "no scene and no file"),
     ],
@@ -318,9 +318,7 @@ def test_a_setting_that_is_not_within_its_error_does_not_race(monkeypatch, capsy
     assert out == "" and "a setting is no longer within 1e-06 m: change SETTINGS" in err
 
 
-def test_heyoka_is_at_its_best_and_a_turn_is_in_microseconds():
-    pytest.importorskip("heyoka", reason=PEER)
-    assert race.taylor(1e-9).llvm_state.fast_math
+def test_a_turn_is_in_microseconds():
     assert race.turn(lambda: (3e-6, None)) == pytest.approx(3.0)
 
 

@@ -32,7 +32,6 @@ def test_what_is_made_is_what_would_be_made_now_times_aside(name):
 def test_each_text_in_which_something_is_made_is_made_again():
     made = [path for path in EVERY if re.search(texts.COMMENT, path.read_text(encoding="utf-8"))]
     assert {*map(make.short, made)} <= {*make.MADE}
-    assert len(made) > 3
 
 
 DRAWN_BY_HAND = {"drift", "jacobian", "question", "soft", "solve", "tangent"}
@@ -249,7 +248,6 @@ def test_each_region_of_the_file_stands_in_the_chapter_in_order():
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
     names = re.findall(r"^# --- region: (\w+) ---$", source, re.M)
     assert re.findall(r"^<!-- region: (\w+) -->$", CHAPTER.read_text("utf-8"), re.M) == names
-    assert " ".join(names) == "setup systems constraints integrators simulate methods report"
 
 
 @pytest.mark.parametrize("path", EVERY, ids=lambda path: str(path.relative_to(ROOT)))
@@ -265,13 +263,14 @@ def test_what_a_text_points_to_is_there(path):
             assert heading in anchors, link
 
 
-def test_a_decimal_in_the_chapter_stands_in_one_of_its_blocks_or_formulas():
+def test_a_decimal_in_the_chapter_stands_in_a_block_or_formula_of_its_section():
     """As it is or in cm, mm or per cent: a figure is printed, or worked out, beside the words."""
     formulas = re.compile(r"```.*?```|\$\$.*?\$\$|\$[^$]+\$", re.S)
-    text = CHAPTER.read_text(encoding="utf-8")
-    known = re.findall(r"(?<![\w.])\d+\.?\d*(?:e[-+]\d+)?", "\n".join(formulas.findall(text)))
-    prose = re.sub(r"`[^`]*`|^\|.*$", "", formulas.sub("", text), flags=re.M)
-    for decimal in set(re.findall(r"(?<![\w.])\d+\.\d+", prose)) - {"3.3", "3.4", "3.5"}:
-        digits = len(decimal.partition(".")[2])
+    _, *sections = re.split("^## ", CHAPTER.read_text(encoding="utf-8"), flags=re.M)
+    for text in sections:
+        known = re.findall(r"(?<![\w.])\d+\.?\d*(?:e[-+]\d+)?", " ".join(formulas.findall(text)))
         scaled = np.outer([1.0, 100.0, 1000.0], [float(x) for x in known])
-        assert decimal in {f"{x:.{digits}f}" for x in scaled.flat}, decimal
+        prose = re.sub(r"`[^`]*`|^\|.*$", "", formulas.sub("", text), flags=re.M)
+        for decimal in set(re.findall(r"(?<![\w.])\d+\.\d+", prose)) - {"3.3", "3.4", "3.5"}:
+            digits = len(decimal.partition(".")[2])
+            assert decimal in {f"{x:.{digits}f}" for x in scaled.flat}, decimal

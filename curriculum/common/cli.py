@@ -13,14 +13,7 @@ from curriculum.common.tracing.tape import StepChanged
 
 Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
 DEEP = 100  # folders: Python makes a thousand at once, and no more
-LIBRARY = "curriculum/common/", "site-packages", "<"  # whose lines are not the reader's
-
-
-class WithDefaults(argparse.HelpFormatter):
-    def _get_help_string(self, action):
-        if action.nargs == 0 or action.default is None:
-            return action.help
-        return f"{action.help} (%(default)s)"
+COMMON = Path(__file__).parent
 
 
 class Parser(argparse.ArgumentParser):
@@ -34,15 +27,21 @@ class Parser(argparse.ArgumentParser):
             description=(text or "").partition("\n\n")[0],  # python -OO keeps no docstrings
             usage="%(prog)s [flags]",
             epilog=epilog,
-            formatter_class=WithDefaults,
             allow_abbrev=False,
         )
 
+    def add_argument(self, *names, **words):
+        """A flag, whose help ends with its default."""
+        action = super().add_argument(*names, **words)
+        if action.nargs != 0 and action.default is not None:
+            action.help += " (%(default)s)"
+        return action
+
     def parse_args(self, words=None, namespace=None):
-        """The flags; and, as `words`, how the program was called."""
+        """The flags; and, as `command`, how the program was called."""
         args = super().parse_args(words, namespace)
         started = ["python", self.prog] if self.prog.endswith(".py") else [self.prog]
-        args.words = started + list(sys.argv[1:] if words is None else words)
+        args.command = started + list(sys.argv[1:] if words is None else words)
         return args
 
     def error(self, message):
@@ -138,4 +137,7 @@ def show(kind, error, trace):
 
 
 def is_readers(frame):
-    return not any(part in frame.filename for part in LIBRARY)
+    """Whether a line is not a library's, nor of what Python makes, as <frozen runpy> is."""
+    path = Path(frame.filename)
+    is_library = "site-packages" in path.parts or COMMON in path.parents
+    return not is_library and not frame.filename.startswith("<")

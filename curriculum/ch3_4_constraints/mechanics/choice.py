@@ -1,7 +1,6 @@
 """Which method, at which step: what each costs and how far it is off, on a ladder of steps.
 
-A `chapter` is whatever has the chapter's INTEGRATORS, make_methods, make_force, project,
-stabilized, constraint_violation, energy and GRAVITY, as its reader has edited them.
+What a `chapter` is to have is said in results/output.py.
 """
 
 import math
@@ -12,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics import reference as truth
-from curriculum.ch3_4_constraints.mechanics.outcome import FAR
-from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
-from curriculum.common.tracing import CompiledSteps, Untraceable, ordered
-from curriculum.common.tracing.counting import Counter, counter_of
-from curriculum.common.tracing.tape import current
+from curriculum.ch3_4_constraints.mechanics.outcome import FAR, average, six_digits
+from curriculum.ch3_4_constraints.mechanics.systems import EARTH, m_g_L
+from curriculum.common.tracing import CompiledSteps, ordered
+from curriculum.common.tracing.counting import Counter
+from curriculum.common.tracing.plainly import OwnStep
 
 LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
 LAST = ("gauss",)  # a step costs so much that it is tried only where no other is right
@@ -29,8 +28,6 @@ BUDGET = 3.5e8  # operations of all pairs: some 5 s without llvmlite
 MORE = 2e7  # those of the pairs that are tried last
 QUICK = 2e-3  # s: what took less is timed again,
 TURNS = 3  # so many times
-SAMPLE = 16  # states of a run whose steps are counted
-COUNTED = 400_000  # operations: a step of more is counted from fewer states
 TIE = 1.05  # times as much work is as cheap
 BETTER = 0.1  # of the error, or less, comes first where two are as cheap
 HALVED = 3  # times at most that the time of the reference is halved until there is one
@@ -80,43 +77,6 @@ def step_of(chapter, system, integrator, method, knobs):
     return step
 
 
-def operations_of(chapter, system, integrator, method, dt, knobs, q, v):
-    """Operations for a second of motion in a run q, v (steps + 1, N, 3); None if not traceable."""
-    step = step_of(chapter, system, integrator, method, knobs)
-    try:
-        count = counter_of(step, [system["q0"], system["v0"]], knobs=1)
-    except Untraceable:
-        return None
-    return average(count, q, v, dt)
-
-
-def average(count, q, v, dt):
-    """Operations for a second of motion, as SAMPLE steps of a run take on average."""
-    steps = max(1, len(q) - 1)
-    first = count([q[0], v[0]], dt)
-    many = min(SAMPLE, steps, 1 + COUNTED // max(1, first)) if count.varies else 1
-    total = 0
-    for k in range(many):
-        at = (2 * k + 1) * steps // (2 * many)
-        total += count([q[at], v[at]], dt)
-    return rounded(total / many / dt)
-
-
-def count_operations(chapter, args, system, runs, results):
-    """Add to each row of results the operations for a second of motion; None if not compiled."""
-    for name, row in results.items():
-        row["operations"] = None
-        if not args.plain:
-            run = runs[name]
-            what = chapter, system, args.integrator, name, args.dt, args.knobs
-            row["operations"] = operations_of(*what, run.q, run.v)
-
-
-def rounded(x):
-    """Six digits of a number: what is left is the same everywhere."""
-    return float(f"{float(x):.6g}")
-
-
 def pairs_of(chapter, integrators):
     """[(integrator, method)] of the chapter that go together."""
     found = []
@@ -136,7 +96,7 @@ def first_count(system, force, dt, last):
     """
     _, turn = truth.time_scales(system, force)
     lengths = system["lengths"].tolist()
-    swing = math.sqrt(sum(lengths) / len(lengths) / 9.81)
+    swing = math.sqrt(sum(lengths) / len(lengths) / EARTH)
     seconds = last * dt
     least = max(1, math.ceil(seconds / min(SWING * swing, truth.TURN * turn)))
 
@@ -168,26 +128,25 @@ def measure(chapter, pair, reference, seconds, span, count):
     violations = chapter.constraint_violation(system, q)
     far = violations > FAR * np.sum(system["lengths"])
     good = int(np.argmax(far)) if far.any() else len(q)
-    operations = average(pair.count, q[:good], v[:good], dt)
+    operations = average(pair.count, q[:good], v[:good], dt, dt)
     error = None
     if reference.q is not None and good > count:
-        error = rounded(truth.distance(q[count], reference.q))
+        error = six_digits(truth.distance(q[count], reference.q))
     if good <= steps:
         lost = f"at {(good - 1) * dt:.3g} s: {why_lost(pair, q[good - 1], v[good - 1], dt)}"
         return Setting(pair.integrator, pair.method, dt, None, None, error, operations, spent, lost)
     energies = chapter.energy(system, q, v)
     energy = np.max(np.abs(energies - energies[0])) / m_g_L(system, chapter.GRAVITY)
     rods = np.max(violations)
-    row = rounded(rods), rounded(energy), error, operations, spent, None
+    row = six_digits(rods), six_digits(energy), error, operations, spent, None
     return Setting(pair.integrator, pair.method, dt, *row)
 
 
 def why_lost(pair, q, v, dt):
     """Why the step from q, v has no result: in the words of the loop that fails, or diverged."""
-    current.failure = None
-    with np.errstate(all="ignore"):
-        pair.step(ordered(q), ordered(v), dt)
-    return current.failure or "diverged"
+    own = OwnStep(pair.step, [q, v, dt])
+    _ = own.result  # which takes it
+    return own.failure or "diverged"
 
 
 def ladder(take, counts, digits, within):
@@ -208,6 +167,15 @@ def ladder(take, counts, digits, within):
         if right[-1] and not right[-2]:
             found.append(take(2 * counts[-1]))
             break
+    return found
+
+
+def ladders(chapter, reference, seconds, span, within, pairs, counts):
+    """The Settings of several pairs."""
+    found = []
+    for pair in pairs:
+        take = partial(measure, chapter, pair, reference, seconds, span)
+        found += ladder(take, counts, partial(digits, seconds), within)
     return found
 
 
@@ -343,14 +311,7 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     if len(counts) < RUNGS:
         finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
         left_out.append(f"the ladder of steps ends at {finest}: more would take long")
-
-    def climb(pairs, counts):
-        found = []
-        for pair in pairs:
-            take = partial(measure, chapter, pair, reference, seconds, span)
-            found += ladder(take, counts, partial(digits, seconds), within)
-        return found
-
+    climb = partial(ladders, chapter, reference, seconds, span, within)
     settings = climb(pairs, counts)
     right = within - reference.uncertainty  # where that is 0 or less, nobody can tell
     early = seconds / counts[min(EARLY, len(counts)) - 1]
@@ -365,12 +326,17 @@ def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
     return Choice(*parts)
 
 
+def shortened(choice):
+    """What was left out of a Choice, and why, in a sentence; or ""."""
+    said = list(choice.left_out)
+    if choice.span < choice.whole:
+        said.append(f"rods and energy are of the first {choice.span:.3g} s")
+    return "; ".join(said)
+
+
 def as_metrics(choice, advice):
     """What metrics.json says of a Choice, with the sentences that were printed of it."""
     known = choice.reference.q is not None
-    shortened = list(choice.left_out)
-    if choice.span < choice.whole:
-        shortened.append(f"rods and energy are of the first {choice.span:.3g} s")
     rows = []
     for x in choice.settings:
         row = x._asdict()
@@ -380,9 +346,9 @@ def as_metrics(choice, advice):
         "within": choice.within,
         "span": choice.span,
         "error_at": choice.error_at,
-        "uncertainty": rounded(choice.reference.uncertainty) if known else None,
+        "uncertainty": six_digits(choice.reference.uncertainty) if known else None,
         "why": None if known else choice.reference.why,
-        "shortened": "; ".join(shortened) or None,
+        "shortened": shortened(choice) or None,
         "settings": rows,
         "places": [choice.settings.index(x) for x in choice.places],
         "rods_hold": [choice.settings.index(x) for x in choice.rods_hold],

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.mechanics.systems import differences
+from curriculum.ch3_4_constraints.mechanics.systems import EARTH, differences
 from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps, Untraceable
 
@@ -18,7 +18,7 @@ MOST_STEPS = 20_000  # of one rod at once: more take too long
 STEPS = 800  # for each rod, as a guess: many repay machine code
 ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
-MAX_RODS = 40  # for more the reference takes longer than the run
+MAX_RODS = 40  # for more the reference takes longer than the run, and browsers are too slow
 
 
 class Reference(NamedTuple):
@@ -145,7 +145,7 @@ def time_scales(system, force):
     a = force(q, v) / m
     apart = differences(a, fixed, pairs)
     across = apart - np.sum(apart * along, axis=1)[:, None] * along
-    g = np.maximum(9.81, np.linalg.norm(across, axis=1))
+    g = np.maximum(EARTH, np.linalg.norm(across, axis=1))
     rates = [np.max(np.linalg.norm(differences(v, fixed, pairs), axis=1) / lengths)]
     near = NEAR * np.min(lengths)
     for way in (a, v):

@@ -17,6 +17,7 @@ FLAT = 1e-6  # a singular value of three directions: below, they are in a plane
 STATES = 16  # in which external_force is asked whether energy counts its work
 INSTANT = 1e-3  # s: of a difference in time
 SAME = 1e-9  # of an energy
+EARTH = 9.81  # m/s^2: the scale of what is fast, whatever GRAVITY is
 HUGE = 1e12  # larger numbers, those below 1 / HUGE, and masses so far apart leave no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
@@ -65,6 +66,11 @@ def need(test, field, found, allowed):
 def has_loop(system):
     """Whether its rods close a loop, maybe through the ground."""
     return any(loop for _, loop in components(system["pairs"]))
+
+
+def is_flat(system):
+    """Whether all of it is, and moves, in the plane z = 0."""
+    return not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
 
 
 def m_g_L(system, gravity):
@@ -118,7 +124,7 @@ def conserves(system, external_force, energy):
     size = np.sum(system["lengths"])
     shape = (STATES, *system["q0"].shape)
     q = system["q0"] + size * draw(-1.0, 1.0, shape)
-    v = np.mean(m) * np.sqrt(9.81 * size) / m * draw(-1.0, 1.0, shape)
+    v = np.mean(m) * np.sqrt(EARTH * size) / m * draw(-1.0, 1.0, shape)
     f = np.array([external_force(system, *state) for state in zip(q, v, strict=True)])
     after = energy(system, q + INSTANT * v, v + INSTANT * f / m)
     before = energy(system, q - INSTANT * v, v - INSTANT * f / m)

@@ -3,9 +3,9 @@
 import shlex
 from html import escape
 
-from curriculum.ch3_4_constraints.mechanics.choice import Setting, chosen
+from curriculum.ch3_4_constraints.mechanics.choice import chosen, shortened
 from curriculum.ch3_4_constraints.results import table
-from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, thousands, words
+from curriculum.ch3_4_constraints.results.advice import milliseconds, name_of, spoken, thousands
 
 TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-6  # m: those that are offered, if any setting meets them
 NOTHING = "\N{EN DASH}"
@@ -42,7 +42,7 @@ def at_first(args, choice, answers):
         if args.within is not None:
             says = "Which method, and which step? The run found no answer, and said why."
         return {"says": says, "holds": "", "ladder": ""}
-    first = answers[words(choice["within"])]
+    first = answers[spoken(choice.within)]
     return {
         "says": escape(first["says"]),
         "holds": escape(first["holds"]),
@@ -52,12 +52,11 @@ def at_first(args, choice, answers):
 
 def ladder(choice, rows):
     """The table of steps, with the rows that it has at first."""
-    heads = [f'<th scope="col">{escape(x)}' for x in integrators(settings_of(choice))]
-    shortened = as_sentence(choice["shortened"])
+    heads = [f'<th scope="col">{escape(x)}' for x in integrators(choice.settings)]
     return f"""<table id="ladder">
       <caption>The cheapest step that is enough for
-        <span id="within">{escape(words(choice["within"]))}</span>, and the operations that a
-        second of motion then takes. {escape(shortened)}</caption>
+        <span id="within">{escape(spoken(choice.within))}</span>, and the operations that a
+        second of motion then takes. {escape(as_sentence(shortened(choice)))}</caption>
       <thead><tr><th scope="col">method{"".join(heads)}
       <tbody>{rows}
     </table>"""
@@ -70,14 +69,13 @@ def answers(choice, scene):
     """
     if choice is None:
         return {}
-    settings = settings_of(choice)
     found = {}
-    for within in sorted({*TOLERANCES, choice["within"]}, reverse=True):
-        unsure = choice["uncertainty"] or 0.0  # m: of the true motion, where that is compared
-        enough = chosen(settings, measure(choice), within - unsure)
-        if enough or within == choice["within"]:
-            rods = chosen(settings, "rods", within)
-            found[words(within)] = {
+    for within in sorted({*TOLERANCES, choice.within}, reverse=True):
+        unsure = choice.reference.uncertainty if is_known(choice) else 0.0  # m
+        enough = chosen(choice.settings, compared(choice), within - unsure)
+        if enough or within == choice.within:
+            rods = chosen(choice.settings, "rods", within)
+            found[spoken(within)] = {
                 "says": cheapest(choice, within, enough),
                 "holds": rods_hold(choice, within, rods, scene),
                 "rows": "\n".join(ladder_rows(choice, enough, scene)),
@@ -85,14 +83,13 @@ def answers(choice, scene):
     return found
 
 
-def settings_of(choice):
-    """The settings as they were before they were written to metrics.json, but for their times."""
-    return [Setting(**row, seconds=None) for row in choice["settings"]]
-
-
-def measure(choice):
+def compared(choice):
     """What a tolerance is of: places or, where nobody knows the true motion, rods."""
-    return "rods" if choice["why"] else "error"
+    return "error" if is_known(choice) else "rods"
+
+
+def is_known(choice):
+    return choice.reference.q is not None
 
 
 def integrators(settings):
@@ -101,16 +98,15 @@ def integrators(settings):
 
 def cheapest(choice, within, enough):
     """The cheapest setting that is enough and, beside it, that of each other integrator."""
-    what = f"Right to {words(within)} after {choice['error_at']:.3g} s"
-    if choice["why"]:
-        what = f"{as_sentence(choice['why'])} Rods {within_for(choice, within)}"
-    settings = settings_of(choice)
+    what = f"Right to {spoken(within)} after {choice.error_at:.3g} s"
+    if not is_known(choice):
+        what = f"{as_sentence(choice.reference.why)} Rods {within_for(choice, within)}"
     if not enough:
-        shortest = min(x.dt for x in settings)
+        shortest = min(x.dt for x in choice.settings)
         return f"{what}: nothing is, down to steps of {milliseconds(shortest)}."
     best = enough[0]
     parts = [f"{what}: {name_of(best)}{later(best, within)}"]
-    for integrator in integrators(settings):
+    for integrator in integrators(choice.settings):
         mine = [x for x in enough if x.integrator == integrator]
         if not mine:
             parts.append(f"with {integrator}, nothing that was tried")
@@ -128,7 +124,7 @@ def later(setting, within):
 
 def rods_hold(choice, within, enough, scene):
     """The cheapest setting that holds the rods, where that is not the answer already."""
-    if choice["why"] or not enough:
+    if not is_known(choice) or not enough:
         return ""
     says = f"If rods alone matter, {within_for(choice, within)}: {name_of(enough[0])}"
     off = f"; its energy is off by {table.per_cent(enough[0].energy)}" if scene["conserves"] else ""
@@ -136,17 +132,16 @@ def rods_hold(choice, within, enough, scene):
 
 
 def within_for(choice, within):
-    return f"within {words(within)} for {choice['span']:.3g} s"
+    return f"within {spoken(within)} for {choice.span:.3g} s"
 
 
 def ladder_rows(choice, enough, scene):
     """A row a method: under each integrator the cheapest step that is enough, and what it costs."""
-    settings = settings_of(choice)
-    for method in dict.fromkeys(x.method for x in settings):
+    for method in dict.fromkeys(x.method for x in choice.settings):
         cells = []
-        for integrator in integrators(settings):
-            tried = [x for x in settings if (x.integrator, x.method) == (integrator, method)]
-            cell = escape(in_words(tried, enough, measure(choice)))
+        for integrator in integrators(choice.settings):
+            tried = [x for x in choice.settings if (x.integrator, x.method) == (integrator, method)]
+            cell = escape(in_words(tried, enough, compared(choice)))
             is_best = enough and enough[0] in tried
             cells.append(f"<b>{cell}</b>" if is_best else cell)
         yield html_row(method, scene, cells)
@@ -174,13 +169,13 @@ def html_row(method, scene, cells, wide=1):
 
 
 def as_sentence(text):
-    """A clause as a sentence; "" of None."""
+    """A clause as a sentence; "" of ""."""
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def command(args):
     """The command of this run, with --within; it writes where a run writes if nothing is said."""
-    typed = list(args.words)
+    typed = list(args.command)
     while "--out" in typed:
         k = typed.index("--out")
         del typed[k : k + 2]

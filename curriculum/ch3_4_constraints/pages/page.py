@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS
 from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
-from curriculum.ch3_4_constraints.mechanics.systems import conserves, m_g_L
+from curriculum.ch3_4_constraints.mechanics.systems import conserves, is_flat, m_g_L
 from curriculum.ch3_4_constraints.pages import answer
 from curriculum.ch3_4_constraints.results import palette
 from curriculum.common.tracing import Untraceable
@@ -21,7 +22,6 @@ from curriculum.common.tracing.javascript import javascript_of
 from curriculum.common.tracing.trace import Program
 
 HERE = Path(__file__).parent
-MOST = 40  # rods: more are too slow for a browser
 DAMPING = 0.1  # s: the hand's spring resists 1 m/s as it does a stretch of so many metres
 HARDEST = 30.0  # m/s^2: times the mass of all, it is the hand's largest force
 
@@ -34,8 +34,8 @@ def play(chapter, args, system, results, reference, choice=None, edited=False):
     """The text of the page of a run: what was found, and its scene under each method.
 
     `chapter`: the script as its reader has edited it (see results/output.py). `results`: what
-    metrics.json says of each method. `choice`: what --within found, or None. `edited`: whether the
-    run's loop changed its states, which the page does not. Same arguments, same bytes. Raises
+    metrics.json says of each method. `choice`: the Choice of --within, or None. `edited`: whether
+    the run's loop changed its states, which the page does not. Same arguments, same bytes. Raises
     NoPage.
     """
     scene = scene_of(chapter, system, args.integrator, {"dt": args.dt, **args.knobs}, {})
@@ -83,6 +83,16 @@ def palette_css():
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
 
 
+def refuse(system, integrator):
+    """Raise NoPage for what no page can show."""
+    if len(system["pairs"]) > MAX_RODS:
+        raise NoPage(f"more than {MAX_RODS} rods are too slow for a browser")
+    if integrator == "gauss":
+        raise NoPage("gauss steps are too slow for a browser")
+    if not is_flat(system):
+        raise NoPage("a page shows scenes in the plane z = 0 only")
+
+
 def scene_of(chapter, system, integrator, knobs, measures):
     """What a Motion of parts.js knows of a scene, a dict: data, and a Program for each function.
 
@@ -90,12 +100,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     page may change, with the values it begins with. `measures`: {name: function(system, q, v) ->
     array}, to be added to those that every page has. Raises NoPage.
     """
-    if len(system["pairs"]) > MOST:
-        raise NoPage(f"more than {MOST} rods are too slow for a browser")
-    if integrator == "gauss":
-        raise NoPage("gauss steps are too slow for a browser")
-    if any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors")):
-        raise NoPage("a page shows scenes in the plane z = 0 only")
+    refuse(system, integrator)
     every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
     tracer = Tracer(chapter, system, integrator, list(knobs))

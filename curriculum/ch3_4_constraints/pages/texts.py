@@ -115,6 +115,15 @@ def differs(old, new):
     return lines_without_times(old) != lines_without_times(new)
 
 
+def made(kind, what, body, again):
+    """What a block is to hold that does not depend on those before it."""
+    if kind == "region":
+        return region(what)
+    if study_of(what) not in SLOW:
+        return printed(what)
+    return printed_by_study(what, study_of(what)) if study_of(what) in again else body
+
+
 def filled(text, again=()):
     """The text with each of its blocks made anew; its Python is run.
 
@@ -141,16 +150,7 @@ def filled(text, again=()):
             run(match)
         if kind is None:
             return match[0]
-        if kind == "region":
-            new = region(what)
-        elif what == "lines above":
-            new = outputs[-1]
-        elif study_of(what) in SLOW and study_of(what) not in again:
-            new = body
-        elif study_of(what) in SLOW:
-            new = printed_by_study(what, study_of(what))
-        else:
-            new = printed(what)
+        new = outputs[-1] if what == "lines above" else made(kind, what, body, again)
         new = new.rstrip() + "\n"
         if not differs(body, new) and kind == "printed by":
             new = body

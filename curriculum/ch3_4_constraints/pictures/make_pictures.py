@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics.systems import rod_parts
+from curriculum.ch3_4_constraints.mechanics.systems import m_g_L, rod_parts
 from curriculum.ch3_4_constraints.pages import page
 from curriculum.ch3_4_constraints.results import palette
 from curriculum.ch3_4_constraints.results.table import length
@@ -240,7 +240,7 @@ def drawn():
     ticks = {k: length(10.0**k) for k in range(-4, 1)}
     yield "two_methods", chart(curves, TIMES, ticks, "worst rod error")
     gained = {x: (found.energies - found.energies[0])[::32] for x, found in runs.items()}
-    curves = [(x, METHODS[x], times, gain / (2 * 9.81 * 2)) for x, gain in gained.items()]
+    curves = [(x, METHODS[x], times, gain / m_g_L(double, c.GRAVITY)) for x, gain in gained.items()]
     ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
     yield "energy", chart(curves, TIMES, ticks, "energy gained, of m g L")
     curves = []

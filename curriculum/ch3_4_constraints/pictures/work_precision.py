@@ -10,7 +10,7 @@ from typing import NamedTuple
 import constraints as c
 from curriculum.ch3_4_constraints.pictures.make_pictures import FOLDER, Sheet
 from curriculum.ch3_4_constraints.results import palette
-from curriculum.ch3_4_constraints.results.advice import milliseconds, words
+from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
 
 WIDTH = 900  # units, two to a pixel: letters of 30 have 12 pixels where the whole has 360
 LEFT = 120  # edges of the plot
@@ -205,7 +205,7 @@ class Diagram:
             anchor = "start"
             x -= 16
         bold = BOLD if goal == self.main else ""
-        self.words((x, self.bottom - LINE), words(goal), "ink", anchor, bold)
+        self.words((x, self.bottom - LINE), spoken(goal), "ink", anchor, bold)
 
     def words(self, place, text, colour, anchor, style):
         self.sheet.words(place, text, colour, anchor)
@@ -214,11 +214,11 @@ class Diagram:
 
     def draw_words(self):
         """What is seen, above, and how it was measured, below."""
-        scene = shorten(self.measured.scene)
+        scene = short_name(self.measured.scene)
         top = self.height - LINE
-        title = f"{scene}: quickest to {words(self.main)} is nobody"
+        title = f"{scene}: quickest to {spoken(self.main)} is nobody"
         if self.main in self.best:
-            title = f"{scene}: quickest to {words(self.main)} is {self.best[self.main].name}"
+            title = f"{scene}: quickest to {spoken(self.main)} is {self.best[self.main].name}"
         self.words((30, top), title, "ink", "start", BOLD)
         said = ["colour: quickest to a length; grey: all others"]
         if any(map(is_peer, self.lines)):
@@ -234,7 +234,7 @@ class Diagram:
             self.sheet.words((30, (k + 1) * LINE - 6), text, "reference", "start")
 
 
-def shorten(name):
+def short_name(name):
     return name if len(name) <= LONGEST else name[: LONGEST - 3] + "..."
 
 

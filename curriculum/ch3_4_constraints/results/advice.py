@@ -12,7 +12,8 @@ from curriculum.common.tracing import Untraceable
 
 UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10
 SHOWN = {"m": 0, "cm": -2, "mm": -3, "µm": -6, "nm": -9}  # to say a tolerance
-LEAST, MOST = 1e-12, 1e6  # m
+LEAST = 1e-12  # m
+MOST = 1e6
 LINES = 10  # at most
 ROWS = (3, 2), (2, 2), (2, 1), (1, 1)  # settings for places and for rods: the first that fit
 WIDTH = 80  # columns
@@ -37,7 +38,7 @@ def tolerance(text):
     return x
 
 
-def words(x):
+def spoken(x):
     """A tolerance of x m as one would say it: 0.001 is "1 mm"."""
     for unit, power in SHOWN.items():
         size = float(f"{Decimal(x).scaleb(-power):.6g}")
@@ -92,7 +93,7 @@ def rungs(choice):
 
 
 def places_head(choice):
-    right = f"right to {words(choice.within)} at {choice.error_at:.3g} s"
+    right = f"right to {spoken(choice.within)} at {choice.error_at:.3g} s"
     if choice.reference.q is None:
         return f"Nobody knows which places are right: {choice.reference.why}"
     if choice.places:
@@ -111,8 +112,8 @@ def rods_head(choice):
     if choice.span < choice.whole:
         span = f"for the first {choice.span:.3g} s (all would take long)"
     if choice.rods_hold:
-        return f"Rods right to {words(choice.within)} {span}:"
-    return f"No step {rungs(choice)} holds the rods to {words(choice.within)} {span}"
+        return f"Rods right to {spoken(choice.within)} {span}:"
+    return f"No step {rungs(choice)} holds the rods to {spoken(choice.within)} {span}"
 
 
 def why_they_differ(choice):
@@ -176,7 +177,7 @@ def line(x, text, pace=" (0.000 µs)"):
 
 
 def give(chapter, args, system, runs, reference):
-    """Print which settings are right to args.within, and return what metrics.json says of them.
+    """Print which settings are right to args.within, and return the Choice of them.
 
     None without the flag, or where there is no answer; then a line says why.
     """
@@ -200,9 +201,16 @@ def give(chapter, args, system, runs, reference):
         except Untraceable as cause:
             why = f"steps cannot be compiled: {cause}"
     if why:
-        say(f"no answer to --within {words(args.within)}: {why}")
+        say(f"no answer to --within {spoken(args.within)}: {why}")
         return None
-    every = sentences(found)
-    for x, text in every:
+    for x, text in sentences(found):
         say(line(x, text, f" ({microseconds(x.seconds)} µs)" if x else ""))
-    return choosing.as_metrics(found, [line(x, text, "").strip() for x, text in every])
+    return found
+
+
+def as_metrics(choice):
+    """What metrics.json says of a Choice, if there is one."""
+    if choice is None:
+        return None
+    said = [line(x, text, "").strip() for x, text in sentences(choice)]
+    return choosing.as_metrics(choice, said)

@@ -8,7 +8,7 @@ import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
 
-from curriculum.ch3_4_constraints.mechanics.choice import count_operations
+from curriculum.ch3_4_constraints.results import advice
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
@@ -59,11 +59,7 @@ def is_ours(folder):
 
 
 def write(args, system, runs, results, reference, choice, chapter):
-    """Write the files that are asked for, remove those of an earlier run, and say so.
-
-    `choice`: what metrics.json says of it, or None.
-    """
-    count_operations(chapter, args, system, runs, results)
+    """Write the files that are asked for, remove those of an earlier run, and say so."""
     text = metrics(args, system, results, reference, choice)
     files = {METRICS: text, PAGE: None, RECORDING: None}
     edited = any(run.step.edited for run in runs.values())
@@ -125,7 +121,7 @@ def metrics(args, system, results, reference, choice=None):
         name: {key: rounded(x, 6 if key == "tip_final" else 12) for key, x in row.items()}
         for name, row in results.items()
     }
-    used["choice"] = choice
+    used["choice"] = advice.as_metrics(choice)
     return json.dumps(used, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 

@@ -141,14 +141,19 @@ def drawn(system, run, shown, color, ball):
         yield entity, style, strips.partition(np.sum(visible, axis=1))
 
 
-def blueprint(results, seen, values):
-    """The layout: a view of each method, of all points `seen` (..., 3); what to look at; and beside
-    them the plots, whose axes fit the `values`."""
+def eye_for(seen):
+    """An eye that has all points `seen` (..., 3) before it."""
     size = np.ptp(seen, axis=0)
     middle = np.min(seen, axis=0) + 0.5 * size
     height = MARGIN * max(size[1], size[0] / WIDE)
     away = [0.0, 0.0, 0.5 * size[2] + 0.5 * height / np.tan(0.5 * FIELD_OF_VIEW)]
-    eye = rrb.EyeControls3D(position=middle + away, look_target=middle, eye_up=[0.0, 1.0, 0.0])
+    return rrb.EyeControls3D(position=middle + away, look_target=middle, eye_up=[0.0, 1.0, 0.0])
+
+
+def blueprint(results, seen, values):
+    """The layout: a view of each method, of all points `seen` (..., 3); what to look at; and beside
+    them the plots, whose axes fit the `values`."""
+    eye = eye_for(seen)
     begin = rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL)
     now = rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     trail = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)])

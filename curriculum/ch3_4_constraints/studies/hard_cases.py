@@ -47,8 +47,7 @@ def axes(system):
 
     So that is x and y, and z only in a scene that uses it.
     """
-    in_space = any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
-    return np.array([1.0, 1.0, float(in_space)])
+    return np.array([1.0, 1.0, 0.0 if systems.is_flat(system) else 1.0])
 
 
 def starts(system, count):

@@ -16,10 +16,10 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice
-from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, distance, horizon
-from curriculum.ch3_4_constraints.mechanics.systems import has_loop
+from curriculum.ch3_4_constraints.mechanics.reference import distance, horizon
+from curriculum.ch3_4_constraints.mechanics.systems import has_loop, is_flat
 from curriculum.ch3_4_constraints.pictures import work_precision
-from curriculum.ch3_4_constraints.results.advice import milliseconds, words
+from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli, progress
@@ -39,6 +39,7 @@ TURNS = 5
 TIED = 1.1  # times as long is as quick
 TEXT = "speed_vs_error.txt"  # of a scene of one's own
 DIAGRAM = "speed_vs_error.svg"
+OUT = "outputs/ch3.4-constraints"
 
 
 class Setting(NamedTuple):
@@ -135,8 +136,7 @@ def trouble(name, system):
         return "mujoco is not installed: pip install -e '.[fast,peers]'"
     import mujoco
 
-    flat = not any(np.any(system[key][:, 2]) for key in ("q0", "v0", "anchors"))
-    if PEERS[name][0] is _mujoco.linkage and not flat:
+    if PEERS[name][0] is _mujoco.linkage and not is_flat(system):
         return "its hinges are for scenes in the plane z = 0"
     try:
         model, data = model_of_peer(name, system, USUAL)
@@ -212,8 +212,6 @@ class Measured(NamedTuple):
 
 def measure(scene, system, seconds, limit, turns):
     """The Measured of a scene; ArgumentTypeError if nobody knows its motion."""
-    if len(system["pairs"]) > MAX_RODS:
-        raise ArgumentTypeError(f"it would take long for more than {MAX_RODS} rods")
     known, part = known_motion(system, seconds)
     if known.q is None:
         raise ArgumentTypeError(
@@ -225,7 +223,7 @@ def measure(scene, system, seconds, limit, turns):
     largest = COARSE * np.sum(system["lengths"])
     goals = [goal for goal in GOALS if known.uncertainty < goal < largest]
     if not goals:
-        raise ArgumentTypeError(f"it is too small: {words(largest)} is less than all goals")
+        raise ArgumentTypeError(f"it is too small: {spoken(largest)} is less than all goals")
     runs = {}
     clock = time.perf_counter()
     for name, step in STEPS.items():
@@ -272,7 +270,7 @@ def lines(measured):
     yield f"{scene}; the reference is known to {measured.uncertainty:.0e} m"
     shown = f"m off at {milliseconds(measured.shown)}"
     yield f"{'':21}{shown:>16}   ms of computing / ms a step, to be right to"
-    yield f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{words(goal):>12}" for goal in goals)
+    yield f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{spoken(goal):>12}" for goal in goals)
     for name, settings in measured.found.items():
         at = next(x for x in settings if x.dt <= 1.001 * measured.shown)
         cells = "".join(f"{cell(reached(settings, goal)):>12}" for goal in goals)
@@ -294,10 +292,10 @@ def quickest(found, goal):
     """A sentence: who is quickest to a goal, and who as quick."""
     there = winners(found, goal)
     if not there:
-        return f"to {words(goal)}: nobody"
+        return f"to {spoken(goal)}: nobody"
     least = min(x.seconds for x in there)
     first = [f"{x.name} {cell(x)}" for x in there if x.seconds <= TIED * least]
-    return f"to {words(goal)}: {', '.join(first)}"
+    return f"to {spoken(goal)}: {', '.join(first)}"
 
 
 def parse_args(argv):
@@ -305,12 +303,16 @@ def parse_args(argv):
     add = parser.add_argument
     add("--system", help="one of your own: a scene, or its file (those of the chapter)")
     add("--seconds", type=cli.positive, help="how long it is followed")
-    add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where its files go")
+    add("--out", type=cli.folder, help=f"where its files go ({OUT})")
     add("--quick", action="store_true", help="coarse, and of one scene")
     add("--picture", action="store_true", help="draw the chapter's diagrams again")
     args = parser.parse_args(argv)
-    if args.seconds and not args.system:
-        parser.error("argument --seconds: is for --system")
+    for flag in "seconds", "out":
+        if getattr(args, flag) and not args.system:
+            parser.error(f"argument --{flag}: is for --system")
+    if args.picture and args.system:
+        parser.error("argument --picture: is for the chapter's scenes, not for --system")
+    args.out = args.out or Path(OUT)
     return parser, args
 
 

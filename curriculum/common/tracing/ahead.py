@@ -182,7 +182,7 @@ class Builder:
         if alike == []:
             alike.append(run.machine_code)
         self.report.how = run.how
-        self.report.source = run.source
+        self.report.program = run.program
         self.report.is_compiled = True
         return run
 

@@ -5,8 +5,7 @@ from contextlib import suppress
 import numpy as np
 
 from curriculum.common.tracing.python import NUMBERS, Python, function_of, source_of
-from curriculum.common.tracing.steps import nonzero
-from curriculum.common.tracing.trace import Loop, trace_loop
+from curriculum.common.tracing.trace import Loop
 
 
 class Counting(Python):
@@ -76,9 +75,3 @@ class Counter:
         with suppress(ArithmeticError, ValueError):  # a step that fails has taken some, too
             self.function(*live.tolist(), *knobs, 1, record)
         return record[0]
-
-
-def counter_of(step, state, knobs=0):
-    """The Counter of step(*state, *knobs) -> state. Raises Untraceable."""
-    program, _ = trace_loop(step, nonzero(state), knobs)
-    return Counter(program)

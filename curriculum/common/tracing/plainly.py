@@ -2,14 +2,15 @@
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from curriculum.common.tracing.python import source_of
 from curriculum.common.tracing.symbols import viewed
 from curriculum.common.tracing.tape import current
-from curriculum.common.tracing.trace import reason, several
+from curriculum.common.tracing.trace import Program, reason, several
 
 LARGE = 1e100  # a number beyond has diverged
 
@@ -24,7 +25,7 @@ class Report:
 
     how: str = "plain numpy"  # in words
     is_compiled: bool = False
-    source: str = ""  # what it became, as Python
+    program: Program | None = field(default=None, compare=False)  # what it became
     edited: bool = False  # a state came in that had not gone out, or other arguments
     failure: str | None = None  # why a step is not finite: it is NaN, and so are all after it
     compared: int = 0
@@ -38,11 +39,17 @@ class Report:
     def go_plain(self, why):
         self.how = f"plain numpy, after a trial: {why}"
         self.is_compiled = False
+        self.program = None
         self.timed = 0
         self.seconds = 0.0
 
     def fail(self, why):
         self.failure = self.failure or why
+
+    @property
+    def source(self):
+        """What it became, as Python."""
+        return source_of(self.program) if self.program else ""
 
     @property
     def pace(self):

@@ -1,9 +1,10 @@
 """A tape: operations in the order in which a function did them, each with a name of its own."""
 
 from contextlib import contextmanager
-from itertools import count
 from threading import local
 from typing import NamedTuple
+
+MANY = 10**9  # names of a tape: a range, as Python 3.14 pickles no itertools.count
 
 
 class Untraceable(Exception):
@@ -56,7 +57,7 @@ class Tape:
         self.nodes = {}
         self.known = {}  # {(sign, operands): name}
         self.outer = outer  # the tape around this one, which is of a loop's body
-        self.numbers = outer.numbers if outer else count()  # of the names that it gives
+        self.numbers = outer.numbers if outer else iter(range(MANY))  # of the names that it gives
         self.used = outer.used if outer else {*used}  # other names
         self.signs = outer.signs if outer else set()  # of all operations
         self.rows = outer.rows if outer else 1
