@@ -359,7 +359,7 @@ def test_terminal_metrics_and_page_give_the_same_answer(tmp_path, capsys):
     text = (tmp_path / output.PAGE).read_text()
     says, holds = re.findall('<p id="(?:says|holds)">(.*?)</p>', text)
     steps = cells(text, 1)
-    heads = re.findall('<th scope="col">(semi_implicit|rk4|gauss)', text)
+    heads = re.findall(f'<th scope="col">({"|".join(c.INTEGRATORS)})', text)
     for index in choice["places"]:
         row = choice["settings"][index]
         step = advice.milliseconds(row["dt"])
