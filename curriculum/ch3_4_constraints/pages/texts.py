@@ -38,7 +38,7 @@ FENCED = rf"^(?:{COMMENT})?```(?P<language>\w+)\n(?P<body>.*?)^```$"
 TABLE = r"^<!-- table: (?P<rows>\w+) -->\n(?:\|[^\n]*\n)*"
 BLOCK = re.compile(f"{FENCED}|{TABLE}", re.S | re.M)
 NUMBER = r"\d[\d.e+-]*"
-TIMES = re.compile(rf"{NUMBER}(?= [uµ]s\b)|(?<=ratio ){NUMBER}|(?<=took ){NUMBER}(?= s\b)")
+TIMES = re.compile(rf"{NUMBER}(?:,\d+)*(?= [uµ]s\b)|(?<=ratio ){NUMBER}|(?<=took ){NUMBER}(?= s\b)")
 CELL = re.compile(rf"(?<= )({NUMBER}/{NUMBER}|-)(?=,? |,?$)")  # of speed_vs_error: ms / ms
 
 
