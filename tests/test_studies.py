@@ -206,8 +206,8 @@ def test_words_of_a_diagram_are_read_on_a_phone(monkeypatch, tmp_path):
 
 def test_a_name_that_no_table_has_is_drawn_like_the_others():
     assert work_precision.look("rk5 none") == work_precision.look("MuJoCo hinges")
-    looks = [work_precision.look(name) for name in speed.STEPS]
-    assert len({*looks}) >= len(c.INTEGRATORS) * len(c.make_methods()) - 3  # of impulse
+    own = [name for name in speed.STEPS if not name.startswith("XPBD")]
+    assert len({*map(work_precision.look, own)}) == len(own)
 
 
 def quick_study(tmp_path, *flags):
@@ -391,11 +391,12 @@ def test_a_start_is_as_it_is_or_rounded_or_pushed_as_its_rods_allow(name):
     assert np.allclose(rounded[0], v, **near) and np.allclose(rounded[1], system["m"], **near)
     share = pushed[1] / system["m"] - 1.0
     assert 0.05 < np.max(np.abs(share)) < 0.3
-    assert not pushed[0][:, 2].any()  # hinges
+    free = hard.axes(system) > 0.0
+    assert not pushed[0][:, ~free].any()  # hinges
     jac, _, gdot, _ = c.constraint_terms(system, q, pushed[0])
     assert np.allclose(gdot, 0.0, atol=1e-9 * (1.0 + np.max(np.abs(v))))
     scaled = np.sum(pushed[0] * v) / max(1e-9, np.sum(v * v)) * v
-    has_one_motion = 2 * len(q) - np.linalg.matrix_rank(jac) == 1  # so a push can but scale it
+    has_one_motion = np.sum(free) * len(q) - np.linalg.matrix_rank(jac) == 1  # so a push can but scale it
     assert np.max(np.abs(pushed[0] - scaled)) > 0.05 or (has_one_motion and v.any())
 
 
