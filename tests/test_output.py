@@ -164,7 +164,7 @@ def test_what_external_force_does_beside_is_no_error_of_energy(monkeypatch, run)
     printed, metrics = run("--steps 60 --integrator rk4 --dt 0.1", *BARE)
     assert "- energy off: external_force does work that energy does not count" in printed
     assert "energy jumps" not in printed and "energy had" not in printed
-    assert [row["conserves"] for row in metrics["results"].values()] == [False] * 4
+    assert not any(row["conserves"] for row in metrics["results"].values())
     assert cells(printed, r"none\*?")[2] == "-"
 
 
