@@ -7,6 +7,7 @@ it stays the picture. What moves the figures is the chapter's own code (see page
 import re
 from functools import partial
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from urllib.parse import quote
 
@@ -93,10 +94,14 @@ def mathml(latex, settings):
 
 def colored(code, language):
     """The lines of a listing."""
+
+    def name_of(token):
+        return next((name for kind, name in CODE.items() if token[0] in kind), None)
+
     parts = []
-    for kind, text in lex(code, get_lexer_by_name(language, stripnl=False)):
-        name = next((name for of, name in CODE.items() if kind in of), None)
-        parts.append(f'<span class="{name}">{escape(text)}</span>' if name else escape(text))
+    for name, tokens in groupby(lex(code, get_lexer_by_name(language, stripnl=False)), name_of):
+        text = escape("".join(text for _, text in tokens), quote=False)
+        parts.append(f'<span class="{name}">{text}</span>' if name else text)
     return f"<pre><code>{''.join(parts)}</code></pre>"
 
 
