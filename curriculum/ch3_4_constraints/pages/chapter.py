@@ -7,6 +7,7 @@ it stays the picture. What moves the figures is the chapter's own code (see page
 import re
 from functools import partial
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from urllib.parse import quote
 
@@ -93,10 +94,14 @@ def mathml(latex, settings):
 
 def colored(code, language):
     """The lines of a listing."""
+
+    def name_of(token):
+        return next((name for kind, name in CODE.items() if token[0] in kind), None)
+
     parts = []
-    for kind, text in lex(code, get_lexer_by_name(language, stripnl=False)):
-        name = next((name for of, name in CODE.items() if kind in of), None)
-        parts.append(f'<span class="{name}">{escape(text)}</span>' if name else escape(text))
+    for name, tokens in groupby(lex(code, get_lexer_by_name(language, stripnl=False)), name_of):
+        text = escape("".join(text for _, text in tokens), quote=False)
+        parts.append(f'<span class="{name}">{text}</span>' if name else text)
     return f"<pre><code>{''.join(parts)}</code></pre>"
 
 
@@ -111,19 +116,29 @@ def fence(tokens, k, *_):
 
 
 def folded(code, language):
-    """A piece of a region, behind its key lines if it is a function of KEYS."""
+    """A piece of a region, behind its key lines if it is a function of KEYS.
+
+    Three dots stand where lines are left out.
+    """
     found = re.search(r"^(?:def|class) (\w+)", code, re.M)
     whole = colored(code, language)
     if not found or found[1] not in KEYS:
         return whole
-    lines = code[found.start() :].splitlines()
+    lines = code[found.start() :].rstrip().splitlines()
     seen = lines[:2]  # its head, and what it says of itself first
     if seen[1].count('"""') == 1:
         seen[1] += '"""'
+    kept = len(seen)
+    skipped = ""  # what stands for the lines left out since the last one in sight
     for line in lines[2:]:
-        if line.lstrip().startswith(KEYS[found[1]]):
-            seen.append(line)
-    hidden = len(code.strip().splitlines()) - len(seen)
+        if not line.lstrip().startswith(KEYS[found[1]]):
+            skipped = skipped or "    ..."
+            continue
+        seen += [skipped, line] if skipped else [line]
+        skipped = ""
+        kept += 1
+    seen += [skipped] if skipped else []
+    hidden = len(code.strip().splitlines()) - kept
     if hidden == 0:
         return whole
     more = f'<span class="more">{hidden} more lines</span>'

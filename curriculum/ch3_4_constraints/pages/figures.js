@@ -152,8 +152,9 @@ figures.double = figure => {
     drawAll(...stages);
     time.value = `${fixed(runs.time, 1)} s`;
   });
+  while (!STILL && runs.time < 10) runs.step(); // so that the first frame shows what is to see
   if (STILL) runner.end();
-  fill(figure, "Red is what a rod has too much. Below each: its worst rod so far.",
+  fill(figure, "Red: too long. Below each: its worst rod so far. Again lets them go once more.",
     row("lead", ...elements(stages)), controls(...runner.buttons, time));
 };
 
@@ -226,7 +227,7 @@ figures.tangent = figure => {
     stage.line([plus(d, aside), plus(d, aside, -1)], "pale", 1); // where gdot is 0
     stage.system(bob, "d", "ink");
     stage.line([tip, plus(d, grows)], "quiet", 1, [3, 4]);
-    if (Math.abs(gdot) > 1e-9) stage.arrow(d, grows, gdot > 0 ? "long" : "short");
+    stage.line([d, plus(d, grows)], "v", 3, [5, 6]);
     stage.arrow(d, times(v, perSpeed), "v");
     stage.symbol("v", tip, "v", times(unit(v), 16));
     stage.symbol("d", times(along, 0.5), "d", times(aside, 16));
@@ -368,7 +369,7 @@ figures.drift = figure => {
     paint(stage);
     stage.disc(part < 2 ? was : places.at(-1), 7);
     stage.symbol("dt v", [x, y], "v", times(unit(was), -22));
-    stage.says.innerHTML = `<p>after step ${places.length - 1}:
+    stage.says.innerHTML = `<p>step ${places.length - 1} ${part > 1 ? "left" : "would leave"}
       ${symbol("g")} = ${fixed(bob.measure("g")[0], 6)} m²</p>
       <p>½ Σ (<var>dt</var> ${symbol("v")})² = ${fixed(0.5 * squares, 6)} m²</p>`;
   });
@@ -381,7 +382,7 @@ figures.drift = figure => {
         chart.line(curve, color, now ? 2 : 1.5, now ? [] : [2, 4]);
         chart.words(`${step} s`, curve.at(-1), color, [6, 8], "left");
       }
-      chart.says.textContent = "g after each step, in all. A line for each step that you tried.";
+      chart.says.textContent = "g after each step, in all: a line for each length of step tried.";
     });
   const take = () => { // a step; whether it was the last one
     bob.step(dt.value());
@@ -412,16 +413,19 @@ figures.drift = figure => {
     if (part < 2) show(part + 1);
     else show(take() ? 3 : 0);
   });
-  const all = makeButton(`All ${seconds} s`, () => {
+  const finish = () => {
+    begin();
     while (!take());
     show(3);
-  });
-  const dt = makeSlider("step", [0.1, 0.05, 0.025], 0, x => `${x} s`, begin);
+  };
+  const all = makeButton(`All ${seconds} s`, finish);
+  const dt = makeSlider("step", [0.1, 0.05, 0.025], 0, x => `${x} s`, finish);
   dt.input.disabled = true;
   const answers = ["it stays", "it halves", "it falls to a quarter"];
   const question = "If you halve the step, what happens to the error in the end?";
   const prediction = makePrediction(question, answers, "it halves", () => {
     dt.input.disabled = false;
+    finish(); // so that each other step has one to be compared with
   });
   begin();
   fill(figure, "Take a step in its parts, and all of them. Guess, then halve the step.",
@@ -464,7 +468,7 @@ figures.cliff = figure => {
       }
       for (const [x, error] of tried) cliff.disc([x, height(error)], 2.5, color);
       cliff.disc([z.value(), height(last(errors()))], 6, color);
-      cliff.says.textContent = "The same last error, for every spring tried.";
+      cliff.says.textContent = `Error after ${steps} steps: a dot for each spring you tried`;
     });
   const values = Array.from({length: 96}, (_, k) => (k + 5) / 100);
   const z = makeSlider("dt w", values, 5, x => fixed(x, 2), x => {
@@ -540,12 +544,11 @@ figures.one_step = figure => {
   stage.hand("The bob", () => d,
     point => size(point) > 0.3 && put(near(point) ? unit(point) : point, v));
   stage.hand("The end of dt v", tip, point => put(d, times(plus(point, d, -1), 1 / dt)));
-  const both = () => put([0, -1.12], [2, -1]);
-  const buttons = [makeButton("Off its rod, at rest", () => put([0, -1.15], [0, 0])),
-    makeButton("Right, in mid-swing", () => put([0, -1], [2, -1])), makeButton("Both", both)];
-  both();
-  fill(figure, "Drag the bob off its rod, and throw it by the tip of dt v.",
-    stage, controls(...buttons));
+  const starts = {"Off its rod, at rest": [[0, -1.15], [0, 0]],
+    "On its circle, in mid-swing": [[0, -1], [2, 0]], "Off, and thrown": [[0, -1.12], [2, -1]]};
+  const buttons = Object.keys(starts).map(name => makeButton(name, () => put(...starts[name])));
+  [d, v] = starts["Off its rod, at rest"];
+  fill(figure, "Drag the bob, and throw it by the tip of dt v.", stage, controls(...buttons));
 };
 
 figures.flat_pose = figure => {
@@ -553,6 +556,7 @@ figures.flat_pose = figure => {
   const runs = new Runs(peaucellier, peaucellier.methods, 5, run => {
     const off = run.point(3)[0] - right;
     if (Math.abs(off) > 0.05) run.left ??= `left its line at ${fixed(run.time, 1)}\u00a0s`;
+    run.gap = Math.max(run.gap ?? 0, Math.abs(off));
     return off;
   });
   const box = [-0.5, -4.3, 5.3, 2.6];
@@ -562,7 +566,8 @@ figures.flat_pose = figure => {
       tile.line([[right, box[1]], [right, box[3]]], "quiet", 1.5, [2, 5]);
       if (!run.lost) tile.system(run, inkOf(method));
       if (run.left && !run.lost) tile.line([joint, [right, joint[1]]], "long", 3);
-      tile.says.replaceChildren(nameOf(method), run.lost ?? run.left ?? "on its line");
+      const told = `${run.left ?? "on its line"}, gap up to ${metric(run.gap)}`;
+      tile.says.replaceChildren(nameOf(method), run.lost ?? told);
     }));
   const runner = makeRunner(figure, runs, () => runs.begin(), () => {
     drawAll(...stages);
@@ -573,8 +578,7 @@ figures.flat_pose = figure => {
   runner.clock.set(false);
   const buttons = controls(...runner.buttons);
   buttons.hidden = true;
-  const question = "It falls through a pose in which its rods lie in line. "
-    + "Which methods keep its last joint on the dashed line?";
+  const question = "Its rods will lie in line. Which methods keep its joint on the dashed line?";
   const answers = ["all of them", "some of them", "not one"];
   const prediction = makePrediction(question, answers, answers[1], () => {
     buttons.hidden = false;
@@ -597,7 +601,7 @@ figures.chaos = figure => {
     stage.system(second, "m1");
     stage.system(first);
     stage.says.innerHTML = `<p class="whole">The tips are ${metric(second.now)} apart.</p>
-      <p>${same.length} of their 8 numbers have the same bits.</p>`;
+      <p>Of the 8 numbers in their places and velocities ${same.length} are equal to the bit.</p>`;
   });
   const plot = makePlot("How far apart the tips are, over 20 s", decades, () =>
     [...curves].map(([words, points]) => (words === difference.value()

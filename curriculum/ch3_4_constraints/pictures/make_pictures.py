@@ -121,8 +121,8 @@ def axes(height, x_ticks, y_ticks, upright=False):
     return sheet
 
 
-def chart(curves, x_ticks, y_ticks, y_name):
-    """Curves (name, colour, x, y) over axes."""
+def chart(curves, x_ticks, y_ticks, y_name, covered=""):
+    """Curves (name, colour, x, y) over axes; `covered` names those at 0 that cover each other."""
     left, *_, right = x_ticks
     bottom, *_, top = y_ticks
     sheet = axes(600, x_ticks, y_ticks)
@@ -132,6 +132,8 @@ def chart(curves, x_ticks, y_ticks, y_name):
         sheet.line(zip(x, np.clip(y, bottom, top), strict=True), colour)
         share = (sum(lengths[:k]) + 0.5 * lengths[k]) / sum(lengths)  # long names have more room
         sheet.words((left + share * (right - left), top), words, colour, up=18)
+    if covered:
+        sheet.words((right, 0.0), covered, "ink", "end", 14)
     return sheet.text()
 
 
@@ -242,7 +244,8 @@ def drawn():
     gained = {x: (found.energies - found.energies[0])[::32] for x, found in runs.items()}
     curves = [(x, METHODS[x], times, gain / m_g_L(double, c.GRAVITY)) for x, gain in gained.items()]
     ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
-    yield "energy", chart(curves, TIMES, ticks, "energy gained, of m g L")
+    at_zero = [x for x, _, _, gain in curves if np.max(np.abs(gain)) < 0.02]
+    yield "energy", chart(curves, TIMES, ticks, "energy gained, of m g L", ", ".join(at_zero))
     curves = []
     hung = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
     for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):

@@ -25,7 +25,7 @@ HALO = "paint-order:stroke;stroke:var(--paper);stroke-width:9px;"  # words over 
 DOT = "m-12 0a12 12 0 1 0 24 0a12 12 0 1 0-24 0z"  # at what is quickest
 LONGEST = 16  # letters of a scene's name
 MAIN = 1e-3  # m: the goal that is marked
-DASHES = ["2 9", "14 8", "", "28 8 4 8"]  # of integrators, by their place
+DASHES = ["2 9", "14 8", "", "28 8 4 8", "28 8 4 8 4 8", "36 14"]  # of integrators, by their place
 MARKS = [  # of methods, by their place, about a point; each ends where it begins
     "m-9 0a9 9 0 1 0 18 0a9 9 0 1 0-18 0z",
     "m-8-8h16v16h-16z",

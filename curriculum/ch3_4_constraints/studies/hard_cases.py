@@ -129,7 +129,8 @@ def main(argv=None):
     parser = cli.Parser(__doc__)
     parser.add_argument("--quick", action="store_true", help="two of the scenes")
     args = parser.parse_args(argv)
-    print(f"largest step in s at which all of {STARTS} starts hold for {SECONDS:g} s")
+    held = f"all of {STARTS} starts hold for {SECONDS:g} s"
+    print(f"{len(SCENES)} scenes: largest step in s at which {held}")
     integrators, methods = zip(*(title.split(" ", 1) for title in METHODS), strict=True)
     show("", integrators)
     show("", methods)

@@ -9,10 +9,11 @@ import numpy as np
 
 TERMS = 1 << 20  # of a product that is computed at once
 SHORT = 8  # numbers: such a sum is done sooner by Python
+PLAIN = float, int  # numbers that are no symbols
 
 
 def zero(x):  # for certain, which no symbol is
-    return isinstance(x, (float, int)) and x == 0.0
+    return isinstance(x, PLAIN) and x == 0.0
 
 
 def nonzero(x):
@@ -54,7 +55,7 @@ def product(a, b):
     if b.ndim == 1:
         return np.add.accumulate(a * b, axis=-1)[..., -1]
     if a.size * b.shape[1] > TERMS:
-        return by_matrices(product_by_columns, a, b)
+        return by_matrices(product_of_few, a, b)
     terms = a[..., None] * np.ascontiguousarray(b)
     return np.add.accumulate(terms, axis=-2)[..., -1, :]
 
@@ -77,16 +78,24 @@ def product_of_symbols(rows, columns):
 
 def entries(row):
     """[(place, number)] of what is not zero in a row."""
-    return [(k, x) for k, x in enumerate(row) if not zero(x)]
+    return [(k, x) for k, x in enumerate(row) if not isinstance(x, PLAIN) or x != 0.0]
 
 
-def product_by_columns(rows, columns):
-    """The same as the others, in less memory: one column of the first matrix after the other."""
+def product_of_few(rows, columns):
+    """The same as the others in less memory and, where most numbers are zero, sooner."""
     sums = np.zeros((len(rows), columns.shape[1]))
-    for column, row in zip(rows.T, columns, strict=True):
-        i = np.flatnonzero(column)[:, None]
-        j = np.flatnonzero(row)
-        sums[i, j] += column[i] * row[j]
+    terms, i = np.nonzero(rows.T)  # term after term, as sums are added
+    row, j = np.nonzero(columns)
+    begin = np.searchsorted(row, terms)
+    many = np.searchsorted(row, terms, "right") - begin
+    block = max(1, TERMS // columns.shape[1])
+    for first in range(0, len(terms), block):
+        part = slice(first, first + block)
+        left = np.repeat(np.arange(len(terms))[part], many[part])
+        skipped = np.cumsum(many[part]) - many[part]
+        right = np.arange(len(left)) + np.repeat(begin[part] - skipped, many[part])
+        products = rows[i[left], terms[left]] * columns[row[right], j[right]]
+        np.add.at(sums, (i[left], j[right]), products)
     return sums
 
 
@@ -105,13 +114,18 @@ def eliminated(a, order=None):
     """
     kind = np.result_type(a, 1.0)
     rows = np.array(a, kind).tolist()  # numbers, which Python handles sooner than numpy
-    left = list(range(len(rows)))
+    filled = nonzero(a)
+    near = [set() for _ in rows]  # of each unknown, those that it is coupled with
+    for i, j in zip(*np.nonzero(filled | filled.T), strict=True):
+        near[i].add(int(j))
     done = []  # of each pivot, the rows and columns that are changed by it
     for k in order or range(len(rows)):
-        left.remove(k)
         pivot = rows[k]
-        rest = [i for i in left if not (zero(pivot[i]) and zero(rows[i][k]))]
+        near[k].discard(k)
+        rest = sorted(near[k])
         for i in rest:
+            near[i] |= near[k]  # which are coupled from now on, through this one
+            near[i] -= {i, k}
             row = rows[i]
             row[k] = divide(row[k], pivot[k])  # minus so much of row k, row i is free of x[k]
             for j in rest:

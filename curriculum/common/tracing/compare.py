@@ -4,7 +4,7 @@ import numpy as np
 
 from curriculum.common.tracing.tape import StepChanged
 
-PARTS = 40  # of a run: the first step of each is compared
+PARTS = 30  # of a run: the first step of each is compared
 APART = 2_000  # steps between two comparisons, at most
 SAME = 1e-9  # of what a step changes: so far sines of two libraries may be apart
 ROUNDING = 1e-15  # of a number, in such a step
