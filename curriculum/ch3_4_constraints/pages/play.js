@@ -176,8 +176,8 @@ const run = {
 function makeTile(copy) {
   const {method} = copy;
   const off = make("b");
-  const away = make("span");
-  const now = make("p", {className: "now"}, off, away);
+  const away = make("div");
+  const now = make("div", {className: "now"}, off, away);
   const lost = make("p", {className: "lost", ariaLive: "polite"});
   const name = make("b", {className: colorOf(method), textContent: method});
   copy.view = new Stage(`${method}: the scene`, [0, 0, 1, 1], () => paint(copy), [12, 44, 12, 8]);
