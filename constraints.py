@@ -12,9 +12,9 @@ drift, what stops the drift, and what that costs.
 
 # --- region: setup ---
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -233,15 +233,15 @@ def tensions(system, q, v, force):
     return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rods only: your rows come last
 
 
-@dataclass
 class Run:
     """All states, and what was measured. Unpacks as tip, violations, energies."""
 
-    q: np.ndarray  # (steps + 1, N, 3), in m
-    v: np.ndarray  # (steps + 1, N, 3), in m/s
-    tip: np.ndarray  # (steps + 1, 3): the path of the last particle, in m
-    violations: np.ndarray  # (steps + 1,): the largest rod error, in m
-    energies: np.ndarray  # (steps + 1,), in J
+    def __init__(self, q, v, tip, violations, energies):
+        self.q = q  # (steps + 1, N, 3), in m
+        self.v = v  # (steps + 1, N, 3), in m/s
+        self.tip = tip  # (steps + 1, 3): the path of the last particle, in m
+        self.violations = violations  # (steps + 1,): the largest rod error, in m
+        self.energies = energies  # (steps + 1,), in J
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -283,8 +283,7 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
     return force
 
 
-@dataclass
-class Method:
+class Method(NamedTuple):
     """How to hold the rods. Add yours to make_methods: table and page will show it."""
 
     make_force: Callable  # system -> force(q, v)

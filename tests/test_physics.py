@@ -1,5 +1,7 @@
 """The physics: forces against other formulations, motions against closed forms, bits everywhere."""
 
+import __future__
+
 import json
 import math
 import pickle
@@ -662,7 +664,9 @@ def test_a_loop_by_hand_over_the_file_without_its_report_has_the_bits_of_a_run(n
     """So the published course's generator of figures executes it."""
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
     file = {"__file__": str(ROOT / "constraints.py"), "__name__": "generator"}
-    exec(source[: source.index("# --- region: report ---")], file)
+    prefix = source[: source.index("# --- region: report ---")]
+    as_the_course_does = __future__.annotations.compiler_flag  # in a name that is no module's
+    exec(compile(prefix, "constraints.py", "exec", as_the_course_does), file)
     hand, system = SimpleNamespace(**file), c.build_system("double")
     method = hand.make_methods(0.005)[name]
     step_fn = hand.stabilized(hand.INTEGRATORS[integrator], system, method)
