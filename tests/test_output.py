@@ -326,16 +326,21 @@ def edited_loop(edit):
     """
 
     def simulate(step_fn, system, force, dt, steps):
-        q = np.full_like(system["q0"], np.nan, shape=(steps + 1, *system["q0"].shape))
-        v = np.full_like(q, np.nan)
-        q[0] = system["q0"]
-        v[0] = system["v0"]
+        q = system["q0"].copy()
+        v = system["v0"].copy()
+        all_q = np.full((steps + 1, *q.shape), np.nan)
+        all_v = np.full((steps + 1, *v.shape), np.nan)
+        all_q[0] = q
+        all_v[0] = v
         for i in range(steps):
-            q[i + 1], v[i + 1] = step_fn(q[i], v[i], system["m"], force, dt)
-            dt = edit(i, system, v[i + 1], dt)
+            q, v = step_fn(q, v, system["m"], force, dt)
+            dt = edit(i, system, v, dt)
+            all_q[i + 1] = q
+            all_v[i + 1] = v
             if dt is None:
                 break
-        return c.Run(q, v, q[:, -1], c.constraint_violation(system, q), c.energy(system, q, v))
+        violations = c.constraint_violation(system, all_q)
+        return c.Run(all_q, all_v, all_q[:, -1], violations, c.energy(system, all_q, all_v))
 
     return simulate
 

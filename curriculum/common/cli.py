@@ -7,6 +7,7 @@ import signal
 import sys
 import traceback
 import warnings
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from curriculum.common.tracing.tape import StepChanged
@@ -14,6 +15,9 @@ from curriculum.common.tracing.tape import StepChanged
 Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
 DEEP = 100  # folders: Python makes a thousand at once, and no more
 COMMON = Path(__file__).parent
+UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10, in m
+SHORTEST = 1e-12  # m
+LONGEST = 1e6
 
 
 class Parser(argparse.ArgumentParser):
@@ -79,6 +83,25 @@ positive = number(1e-12)
 
 def whole(low, high=10**12):
     return number(low, high + 1, int)
+
+
+def length(text):
+    """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
+    number = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
+    power = 0
+    for unit in sorted(UNITS, key=len, reverse=True):
+        if number.endswith(unit):
+            number = number.removesuffix(unit)
+            power = UNITS[unit]
+            break
+    try:
+        x = float(Decimal(number.strip()).scaleb(power))
+    except InvalidOperation:
+        x = 0.0
+    if not SHORTEST <= x <= LONGEST:
+        allowed = "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on"
+        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
+    return x
 
 
 def folder(text):

@@ -41,7 +41,7 @@ def load_scene(name, gravity, chains):
     except systems.SceneError as error:
         why = str(error)
     except (FileNotFoundError, NotADirectoryError):
-        known = [*chains, "chain", *SHIPPED]
+        known = [*chains, *SHIPPED]
         near = get_close_matches(name, known, 1)
         end = f"did you mean {near[0]!r}?" if near else f"scenes are {', '.join(known)}"
         why = f"no scene and no file; {end}"

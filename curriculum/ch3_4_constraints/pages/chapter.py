@@ -39,7 +39,7 @@ def equation(system, q, v):
     jac, _, _, jdotv = constraints.constraint_terms(system, q, v)
     A = (jac / m) @ jac.T
     b = -(jac @ (f / m) + jdotv)
-    return {"J": jac, "A": A, "b": b, "lambda": constraints.solve(system, A, b, v)}
+    return {"J": jac, "A": A, "b": b, "lambda": constraints.solver(system, v)(A, b)}
 
 
 def of_equation(name):

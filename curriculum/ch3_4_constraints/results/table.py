@@ -110,8 +110,24 @@ def energy(row):
     return per_cent(row["energy_rel_max"]) if row["conserves"] else "-"
 
 
+def cells(name, row, run, reference):
+    """What a row of the table says, in words and units: 0.384 m is 38 cm."""
+    return (
+        name + ("*" if doubts(row, run) else ""),
+        length(row["max_violation"]),
+        length(row["final_violation"]),
+        energy(row),
+        force(row),
+        error(row["error"], reference),
+        f"{run.pace:.3g}",
+    )
+
+
 def notes(args, runs, results, reference, step_fn):
-    """Print a sentence for each mark, and for what is missing; `step_fn` took the steps."""
+    """Print a sentence for each mark, for what is missing, and on baumgarte beside none.
+
+    `step_fn` took the steps.
+    """
     stiffness = args.dt * args.baumgarte
     is_past = "baumgarte" in results and grows(step_fn, stiffness)
     for name, row in results.items():
@@ -145,6 +161,7 @@ def notes(args, runs, results, reference, step_fn):
         if stiffness > limit * (1.0 + 1e-6):  # at the limit itself an error stays as it is
             found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
             say(f"baumgarte: {found}")
+    verdict(results, runs)
 
 
 def holds(row, run):

@@ -110,7 +110,7 @@ def same_names():
 def moved(system, jac, change):
     """M^-1 J^T mu (N, 3), the impulse along the rods that makes J times it what `change` says."""
     m = np.repeat(system["m"], 3)
-    mu = c.solve(system, (jac / m) @ jac.T, change)
+    mu = c.solver(system)((jac / m) @ jac.T, change)
     return (jac.T @ mu / m).reshape(system["q0"].shape)
 
 
