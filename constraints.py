@@ -17,24 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-# The mechanics of rods is all in this file. The imports below support it; you need not open them.
-from curriculum.ch3_4_constraints.mechanics import (
-    SHIPPED,  # names of scenes that come with this file
-    Outcome,  # a run, up to where it failed, and why
-    find_reference,  # the true motion
-    least_squares,  # as np.linalg.lstsq
-    load_scene,  # a system from a file
-    solver,  # np.linalg.solve, or for loops of rods one that copes
-    systems,  # checks of what a system has
-)
-from curriculum.ch3_4_constraints.results import output, table  # what is written and printed
-from curriculum.common import cli, progress  # flags; a progress bar
-from curriculum.common.exact import cos, sin  # np's, but the same on every machine
-from curriculum.common.gauss import make_gauss  # a very accurate integrator
+# You need not open these: a run's record, the true motion, rods in loops, scenes in files, checks;
+from curriculum.ch3_4_constraints.mechanics import Outcome, find_reference, loops, scenes, systems
+from curriculum.ch3_4_constraints.results import output, table  # what is printed and written;
+from curriculum.common import cli, exact, gauss, progress  # flags; cos and sin; an integrator;
 from curriculum.common.tracing import compiled, plain, vmap, while_loop  # same numbers, only faster
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
+SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 
 
 # --- endregion ---
@@ -49,12 +40,11 @@ def build_system(name, rng=0, links=10):
 
     A chain starts at rest along +x, tilted a little by `rng`: a seed or a numpy Generator.
     """
-    chains = {**CHAINS, "chain": links}
-    if name not in chains:
-        return load_scene(name, GRAVITY, chains)
-    rods = chains[name]
+    rods = links if name == "chain" else CHAINS.get(name)
+    if rods is None:
+        return scenes.load_scene(name, GRAVITY, CHAINS)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
-    along = np.array([cos(tilt), -sin(tilt), 0.0])
+    along = np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
     system = {
         "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m, at the start
         "v0": np.zeros((rods, 3)),  # (N, 3) m/s
@@ -71,8 +61,8 @@ def external_force(system, q, v=None):
 
 
 def anchor(system, j):
-    """The fixed point j < 0, (3,) in m: PIVOT, unless a scene has its own, for -1, -2, ..."""
-    return system.get("anchors", [PIVOT])[-1 - j]
+    """A point that stands still, (3,) in m: j = -1 is PIVOT. A scene may have its own, and more."""
+    return system.get("anchors", [PIVOT])[-1 - j]  # -1 is the first, -2 the second
 
 
 # --- endregion ---
@@ -84,12 +74,16 @@ def anchor(system, j):
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
 # Stack v and a of all particles into vectors of 3N numbers. Then all gdot are J v, where J = dg/dq,
 # the Jacobian, has a row per rod: d in the three columns of i, -d in those of j (PIVOT has none), 0
-# elsewhere. Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
+# elsewhere. With two rods, from PIVOT to particle 0 and on to 1, it is
+#     J = ( d_0     0  )
+#         (-d_1    d_1 )
+# Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
 #     gddot = J a + Jdot v
-# A rod pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j. That is lambda
-# times its row of J; all rods together give J^T lambda. So each rod has one unknown, its Lagrange
-# multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal: each mass
-# three times) and all other forces f, says
+#
+# A rod without mass pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j.
+# That is lambda times its row of J; all rods together give J^T lambda. So each rod has one unknown,
+# its Lagrange multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a
+# diagonal: each mass three times) and all other forces f, says
 #     M a = f + J^T lambda
 # If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So set gddot = 0, and put in
 # a = M^-1 (f + J^T lambda):
@@ -122,14 +116,14 @@ def constraint_terms(system, q, v):
 
 # gddot = 0 pulls nothing back: an error in g stays, and one in gdot makes g grow. And steps make
 # errors: semi_implicit goes straight, along the tangent of the rod's circle. In a run that starts
-# at rest every step adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one.
+# at rest every step adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one; the chapter proves it.
 # So ask that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
 # That is critical damping: less damping would overshoot, more would be slower. With w = 20 rad/s
-# 1 % of an error is left after 1/3 s. But steps make new ones: semi_implicit ends each with
-# gdot = dt |d_dot|^2 / 2, and the spring then rests at g = -2 gdot / w. The rod is short by -g / L,
-# 5 mm for one pendulum fallen from level.
+# 1 % of an error is left after 1/3 s. But every step makes a new one. Once g has settled, a step of
+# semi_implicit ends with gdot = dt |d_dot|^2 / 2, and the two terms on the right cancel if
+# g = -2 gdot / w: the rod stays short by -g / L, 5 mm for one pendulum fallen from level.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -138,7 +132,7 @@ def constraint_force(system, q, v, w=0.0):
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    solve = solver(system, v)  # np.linalg.solve, unless rods close a loop: then A may be singular
+    solve = loops.solver(system, v)  # np.linalg.solve, unless rods close a loop: A may be singular
     lam = solve(A, b)
     return (jac.T @ lam).reshape(q.shape)
 
@@ -191,7 +185,7 @@ INTEGRATORS = {
     "euler": euler_step,
     "semi_implicit": semi_implicit_step,
     "rk4": rk4_step,
-    "gauss": make_gauss(8),  # order 16: to measure the others by; it is not derived here
+    "gauss": gauss.make_gauss(8),  # order 16: to measure the others by; it is not derived here
 }
 
 
@@ -227,34 +221,35 @@ def constraint_violation(system, q):
 def tensions(system, q, v, force):
     """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
 
-    The rods' part of force(q, v) is J^T lambda. If many lambda fit, this takes the smallest.
+    Whatever the method, the rods' part of force(q, v) is J^T lambda: here lambda is found from it.
+    If rods are redundant many lambda fit, and this takes the smallest.
     """
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
-    lam = least_squares(jac.T, rods_force.ravel())
-    lam = lam[: len(system["pairs"])]  # should you add rows to J, they come after the rods'
+    lam = loops.least_squares(jac.T, rods_force.ravel())
+    lam = lam[: len(system["pairs"])]  # J may have more rows: yours, after the rods'
     return -lam * rod_lengths(system, q)
 
 
 class Run:
-    """What simulate returns: `tip, violations, energies = simulate(...)`, or by name, with q, v."""
+    """All states of a run, and what is measured in them: `tip, violations, energies = run`."""
 
-    def __init__(self, q, v, tip, violations, energies):
+    def __init__(self, system, q, v):
         self.q = q  # (steps + 1, N, 3), in m
         self.v = v  # (steps + 1, N, 3), in m/s
-        self.tip = tip  # (steps + 1, 3): the path of the last particle, in m
-        self.violations = violations  # (steps + 1,): the largest rod error, in m
-        self.energies = energies  # (steps + 1,), in J
+        self.tip = q[:, -1]  # (steps + 1, 3): the path of the last particle, in m
+        self.violations = constraint_violation(system, q)  # (steps + 1,), in m
+        self.energies = energy(system, q, v)  # (steps + 1,), in J
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
 
 
 def simulate(step_fn, system, force, dt, steps):
-    """Take `steps` steps of dt s from q0, v0, then measure every state: the Run."""
+    """Take `steps` steps of dt s from q0, v0. Keep and measure every state: the Run."""
     q = system["q0"].copy()
     v = system["v0"].copy()
-    all_q = np.full((steps + 1, *q.shape), np.nan)  # row i: at i dt; NaN until it is known
+    all_q = np.full((steps + 1, *q.shape), np.nan)  # what you do not reach, with break, stays NaN
     all_v = np.full((steps + 1, *v.shape), np.nan)
     all_q[0] = q
     all_v[0] = v
@@ -262,8 +257,7 @@ def simulate(step_fn, system, force, dt, steps):
         q, v = step_fn(q, v, system["m"], force, dt)
         all_q[i + 1] = q
         all_v[i + 1] = v
-    violations = constraint_violation(system, all_q)  # of all states at once
-    return Run(all_q, all_v, all_q[:, -1], violations, energy(system, all_q, all_v))
+    return Run(system, all_q, all_v)
 
 
 # --- endregion ---
@@ -284,10 +278,46 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
         A = (jac / m) @ jac.T
         R = softness * np.diag(np.diag(A))
         b = -(jac @ (f / m)) - damping * gdot - stiffness * g
-        lam = solver(system, v)(A + R, b)
+        solve = loops.solver(system, v)
+        lam = solve(A + R, b)
         return (f + jac.T @ lam).reshape(q.shape)
 
     return force
+
+
+# project puts the end of a step back onto the rods. semi_implicit pulls along the rods as they were
+# at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
+# g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
+#     J M^-1 J_start^T dmu = g
+# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
+# would change a rod's length:
+#     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
+def project(system, q_start, q, v, dt):
+    """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
+
+    SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
+    v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
+    """
+    m = np.repeat(system["m"], 3)
+    solve = loops.solver(system)
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
+    tolerance = systems.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
+
+    def is_off(q):
+        _, g, _, _ = constraint_terms(system, q, v)
+        return np.max(np.abs(g / tolerance)) > 1.0
+
+    def newton(q):
+        jac, g, _, _ = constraint_terms(system, q, v)
+        dmu = solve((jac / m) @ jac_start.T, g)
+        return q - (jac_start.T @ dmu / m).reshape(q.shape)
+
+    # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
+    end = while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
+    v = v + (end - q) / dt
+    jac, _, gdot, _ = constraint_terms(system, end, v)
+    nu = solve((jac / m) @ jac.T, gdot)
+    return end, v - (jac.T @ nu / m).reshape(q.shape)
 
 
 class Method(NamedTuple):
@@ -326,41 +356,6 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
         "soft": Method(soft, "lets a rod yield, as MuJoCo does"),
         "project": Method(make_force, "puts q and v back after each step", project),
     }
-
-
-# project puts the end of a step back onto the rods. semi_implicit pulls along the rods as they were
-# at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
-# g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
-#     J M^-1 J_start^T dmu = g
-# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
-# would change a rod's length:
-#     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
-def project(system, q_start, q, v, dt):
-    """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
-
-    SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
-    """
-    m = np.repeat(system["m"], 3)
-    solve = solver(system)
-    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
-    tolerance = systems.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
-
-    def is_off(q):
-        _, g, _, _ = constraint_terms(system, q, v)
-        return np.max(np.abs(g / tolerance)) > 1.0
-
-    def newton(q):
-        jac, g, _, _ = constraint_terms(system, q, v)
-        dmu = solve((jac / m) @ jac_start.T, g)
-        return q - (jac_start.T @ dmu / m).reshape(q.shape)
-
-    # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
-    end = while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
-    v = v + (end - q) / dt
-    jac, _, gdot, _ = constraint_terms(system, end, v)
-    nu = solve((jac / m) @ jac.T, gdot)
-    return end, v - (jac.T @ nu / m).reshape(q.shape)
 
 
 def stabilized(step_fn, system, method):
@@ -407,7 +402,7 @@ def summary(system, run, method, reference):
 
 
 def print_table(args, runs, results, reference):
-    """Print a row for each method. Notes below the table say what a * or a - in it means."""
+    """Print a row for each method, and notes on it."""
     table.title(args, runs)
     print("\n               rods off by      energy off    largest   places off    a step")
     print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
@@ -416,8 +411,16 @@ def print_table(args, runs, results, reference):
         if run.lost:  # it failed or diverged
             table.say(f"{name:12}{run.lost}")
             continue
-        cells = table.cells(name, row, run, reference)  # text: 0.384 m is "38 cm"
-        print("{:12}{:>8}{:>10}{:>12}{:>11}{:>13}{:>10}".format(*cells))
+        star = "*" if table.doubts(row, run) else ""  # the notes below say why
+        print(
+            f"{name + star:12}"
+            f"{table.length(row['max_violation']):>8}"
+            f"{table.length(row['final_violation']):>10}"
+            f"{table.energy(row):>12}"
+            f"{table.force(row):>11}"
+            f"{table.error(row['error'], reference):>13}"
+            f"{run.pace:>10.3g}"
+        )
     table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
 
 
@@ -432,24 +435,21 @@ def main(argv=None):
         for name in progress.each(args.methods):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Rods can be right, the path wrong. So compare places with gauss and project, in steps so
-        # short that shorter ones change nothing, at a time before chaos has spread.
+        # Rods can be right, the path wrong. So compare places with the true motion: gauss with
+        # project, in steps so short that shorter ones change nothing, before chaos has spread.
         reference = find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    output.write(args, system, runs, results, reference, globals())  # globals: your edits
+    output.write(args, system, runs, results, reference, globals())  # play.html runs your edits
     return 0
-
-
-SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 
 
 def parse_args(argv=None):
     """Parse the flags and build the system they ask for."""
     parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")
     add = parser.add_argument
-    names = [*CHAINS, "chain", *SHIPPED]
+    names = [*CHAINS, "chain", *scenes.SHIPPED]
     every = make_methods()
     words = "; ".join(f"{name} {method.words}" for name, method in every.items())
     add("--system", default="double", help=f"{', '.join(names)}, or the file of a scene")

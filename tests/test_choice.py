@@ -591,14 +591,7 @@ def edited_loop(step_fn, system, force, dt, steps):
         state = step_fn(q[-1], speed, system["m"], force, dt)
         q.append(state[0])
         v.append(state[1])
-    q = np.stack(q)
-    return c.Run(
-        q,
-        np.stack(v),
-        q[:, -1],
-        c.constraint_violation(system, q),
-        c.energy(system, q, np.stack(v)),
-    )
+    return c.Run(system, np.stack(q), np.stack(v))
 
 
 def branching(system, q, v=None):

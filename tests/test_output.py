@@ -339,8 +339,7 @@ def edited_loop(edit):
             all_v[i + 1] = v
             if dt is None:
                 break
-        violations = c.constraint_violation(system, all_q)
-        return c.Run(all_q, all_v, all_q[:, -1], violations, c.energy(system, all_q, all_v))
+        return c.Run(system, all_q, all_v)
 
     return simulate
 

@@ -301,11 +301,17 @@ def test_the_reference_is_of_the_longest_run_and_of_two_seconds_at_most():
     assert reference_of(double, 0.01, 1000).step == 200
 
 
+def measured(q, v, violations, energies):
+    """A Run whose measures are given."""
+    measures = {"violations": np.array(violations), "energies": np.array(energies)}
+    return SimpleNamespace(q=q, v=v, tip=q[:, -1], **measures)
+
+
 def test_an_outcome_knows_what_its_rods_may_have_to_bear_and_how_quick_it_is():
     """A bob of 2 kg on 0.5 m, under a load of 5 N, from 1 to 3 m/s in 0.1 s; g is 2 m/s^2."""
     q = np.array([[[0.0, 0.0, 0.0]], [[0.1, 0.0, 0.0]], [[-0.05, 0.0, 0.0]]])
     v = np.array([[[1.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]]])
-    run = c.Run(q, v, q[:, -1], np.zeros(3), np.zeros(3))
+    run = measured(q, v, np.zeros(3), np.zeros(3))
     step = SimpleNamespace(report=Report(timed=2, seconds=6e-6))
     system = {"m": np.array([[2.0]]), "lengths": np.array([0.5]), "load": [[3.0, -4.0, 0.0]]}
     done = c.Outcome(run, system, 0.1, step, np.array([0.0, -1.2, 1.6]))
@@ -327,7 +333,7 @@ def test_an_outcome_ends_where_rods_are_a_hundred_times_as_long_as_all_together(
     step = SimpleNamespace(report=Report())
     system = {"m": np.ones((1, 1)), "lengths": np.array([0.5, 1.5])}
     for worst, told in ((199.0, None), (201.0, "lost at 0.1 s: diverged")):
-        run = c.Run(q, q, q[:, -1], np.array([0.0, 0.1, worst, 0.1]), np.zeros(4))
+        run = measured(q, q, [0.0, 0.1, worst, 0.1], np.zeros(4))
         assert c.Outcome(run, system, 0.1, step, c.GRAVITY).lost == told
 
 
@@ -337,7 +343,7 @@ def test_an_outcome_says_when_and_why_its_run_ended(energies, ends, failure, tol
     if ends:
         q[2:] = np.nan
     step = SimpleNamespace(report=Report(failure=failure))
-    run = c.Run(q, q, q[:, -1], np.zeros(4), np.array(energies))
+    run = measured(q, q, np.zeros(4), energies)
     done = c.Outcome(run, {"m": np.ones((1, 1)), "lengths": np.ones(1)}, 0.1, step, c.GRAVITY)
     assert done.stopped == told
     assert done.lost == (told if told and told.startswith("lost") else None)

@@ -110,19 +110,6 @@ def energy(row):
     return per_cent(row["energy_rel_max"]) if row["conserves"] else "-"
 
 
-def cells(name, row, run, reference):
-    """What a row of the table says, in words and units: 0.384 m is 38 cm."""
-    return (
-        name + ("*" if doubts(row, run) else ""),
-        length(row["max_violation"]),
-        length(row["final_violation"]),
-        energy(row),
-        force(row),
-        error(row["error"], reference),
-        f"{run.pace:.3g}",
-    )
-
-
 def notes(args, runs, results, reference, step_fn):
     """Print a sentence for each mark, for what is missing, and on baumgarte beside none.
 

@@ -22,7 +22,7 @@ from curriculum.ch3_4_constraints.mechanics.statics import refusal
 LARGEST = 1e7  # bytes of a file
 MOST_ENTRIES = 1000  # particles, rods or anchors in it
 FIT = 1e-6  # the share by which a length in it may differ from the distance of its rod's ends
-SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("scenes/*.json"))}
+SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.json"))}
 
 
 def load_scene(name, gravity, chains):
@@ -41,7 +41,7 @@ def load_scene(name, gravity, chains):
     except systems.SceneError as error:
         why = str(error)
     except (FileNotFoundError, NotADirectoryError):
-        known = [*chains, *SHIPPED]
+        known = [*chains, "chain", *SHIPPED]
         near = get_close_matches(name, known, 1)
         end = f"did you mean {near[0]!r}?" if near else f"scenes are {', '.join(known)}"
         why = f"no scene and no file; {end}"
