@@ -13,7 +13,7 @@ import numpy as np
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import scenes, systems
 from curriculum.ch3_4_constraints.studies.speed_vs_error import STEPS
-from curriculum.common import cli, progress
+from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
 
 STARTS = 20  # of each scene
@@ -134,5 +134,5 @@ def main(argv=None):
     integrators, methods = zip(*(title.split(" ", 1) for title in METHODS), strict=True)
     show("", integrators)
     show("", methods)
-    for name in progress.each(QUICK if args.quick else SCENES):
+    for name in cli.progress(QUICK if args.quick else SCENES):
         show(name, row(name))
