@@ -430,7 +430,7 @@ def main(argv=None):
         for name in cli.progress(args.methods):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Rods can be right, the path wrong. So compare places with the true motion, before chaos has
+        # Rods can be right, the path wrong. So compare places with the true motion before chaos has
         # spread: gauss with project, in steps so short that shorter ones change nothing.
         reference = mechanics.find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
