@@ -32,17 +32,17 @@ CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_system(name, rng=0, links=10):
-    """A chain of rods, one of CHAINS or "chain", which has `links`; or a scene, which is a file.
+    """One of CHAINS, "chain", which has so many `links`, or a scene, by its name or its file's.
 
-    A chain starts at rest along +x, tilted a little by `rng`: a seed or a numpy Generator.
+    A chain starts at rest along +x, tilted by a small random angle; `rng` may be its seed.
     """
     rods = links if name == "chain" else CHAINS.get(name)
     if rods is None:
         return mechanics.load_scene(name, GRAVITY, CHAINS)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
-    along = np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
+    along = np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])  # np's last digits are not the same
     system = {
-        "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m, at the start
+        "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m: rods of 1 m
         "v0": np.zeros((rods, 3)),  # (N, 3) m/s
         "m": np.ones((rods, 1)),  # (N, 1) kg: a column, so that force / m divides row by row
         "pairs": [(k, k - 1) for k in range(rods)],  # a rod (i, j) ties i to j; -1 is PIVOT
@@ -118,7 +118,7 @@ def anchor(system, j):
 # That is critical damping: less damping would overshoot, more would be slower. An error let go dies
 # like (1 + wt) e^(-wt): with w = 20 rad/s 1 % is left after 1/3 s. But each step makes a new error.
 # Once g has settled, semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the two new terms
-# cancel at g = -2 gdot / w: a rod stays short by -g / L, 5 mm for a pendulum fallen from level.
+# cancel at g = -2 gdot / w. So a rod is short by -g / L, 5 mm after a fall from level if dt is 5 ms.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -289,7 +289,7 @@ def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). In both this is all that rods do to a free step.
+    v, too (H. Andersen, ibid. 52 (1983) 24). Their steps are free; ours leave less to correct.
     """
     m = np.repeat(system["m"], 3)
     solve = mechanics.solver(system)
@@ -364,6 +364,9 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
+# Figures are made in summary, from an Outcome: that is a Run up to where it failed, why it did, and
+# what its steps took. A reference is the true motion at a time, before chaos has spread. `table`
+# turns numbers into text, and marks rows that look better than they are.
 def main(argv=None):
     """Run the methods, print what became of the rods, and write it to files."""
     args, system = parse_args(argv)
@@ -375,15 +378,14 @@ def main(argv=None):
         for name in cli.progress(args.methods):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Rods can be right, the path wrong. So compare places with the true motion before chaos has
-        # spread: gauss with project, in steps so short that shorter ones change nothing.
+        # Rods can be right, the path wrong. The true one is that of gauss with project, in steps so
+        # short that shorter ones change nothing.
         reference = mechanics.find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    # With --within first an answer. Then metrics.json, a recording, and play.html, which runs this
-    # file's functions as you have edited them: they are among globals().
-    output.write(args, system, runs, results, reference, globals())
+    this_file = globals()  # with your edits: play.html runs its functions, and --within, too
+    output.write(args, system, runs, results, reference, this_file)
     return 0
 
 
@@ -391,10 +393,7 @@ def main(argv=None):
 #     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
 #     print(run.q[-1], run.violations.max())
 def run_method(system, name, integrator, dt, steps, **knobs):
-    """Run a method, by its name, on a copy of the system: its Outcome. `knobs` are make_methods'.
-
-    That has what a Run has, up to where it failed or diverged, why it did, `pace` and `operations`.
-    """
+    """Run a method, by its name, on a copy of the system. `knobs` are make_methods'."""
     system = mechanics.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
     method = make_methods(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
