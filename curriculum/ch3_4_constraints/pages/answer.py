@@ -3,7 +3,7 @@
 import shlex
 from html import escape
 
-from curriculum.ch3_4_constraints.mechanics.choice import LAST, chosen, shortened
+from curriculum.ch3_4_constraints.mechanics.choice import chosen, shortened
 from curriculum.ch3_4_constraints.results import table
 from curriculum.ch3_4_constraints.results.advice import (
     later,
@@ -108,7 +108,7 @@ def integrators(settings):
 
 def not_tried(choice):
     """Without which integrators settings were measured, in words; "" if with all."""
-    return ", ".join(f"without {x}" for x in LAST if x not in integrators(choice.settings))
+    return ", ".join(f"without {x}" for x in choice.untried)
 
 
 def cheapest(choice, within, enough):

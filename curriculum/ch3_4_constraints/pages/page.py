@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS
-from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
+from curriculum.ch3_4_constraints.mechanics.stability import is_explicit, stability_limit
 from curriculum.ch3_4_constraints.mechanics.systems import conserves, is_flat, m_g_L
 from curriculum.ch3_4_constraints.pages import answer
 from curriculum.ch3_4_constraints.results import palette
@@ -83,12 +83,12 @@ def palette_css():
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
 
 
-def refuse(system, integrator):
+def refuse(chapter, system, integrator):
     """Raise NoPage for what no page can show."""
     if len(system["pairs"]) > MAX_RODS:
         raise NoPage(f"more than {MAX_RODS} rods are too slow for a browser")
-    if integrator == "gauss":
-        raise NoPage("gauss steps are too slow for a browser")
+    if not is_explicit(chapter.INTEGRATORS[integrator]):
+        raise NoPage(f"{integrator} steps are too slow for a browser")
     if not is_flat(system):
         raise NoPage("a page shows scenes in the plane z = 0 only")
 
@@ -100,7 +100,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     page may change, with the values it begins with. `measures`: {name: function(system, q, v) ->
     array}, to be added to those that every page has. Raises NoPage.
     """
-    refuse(system, integrator)
+    refuse(chapter, system, integrator)
     every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
     tracer = Tracer(chapter, system, integrator, list(knobs))

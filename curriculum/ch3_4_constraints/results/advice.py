@@ -171,16 +171,7 @@ def give(chapter, args, system, runs, reference):
         why = f"it would take long for more than {MAX_RODS} rods"
     if not why:
         try:
-            found = choosing.choose(
-                chapter,
-                system,
-                args.within,
-                args.dt,
-                args.steps,
-                args.knobs,
-                reference,
-                progress.each,
-            )
+            found = choosing.choose(chapter, system, args, reference, progress.each)
         except Untraceable as cause:
             why = f"steps cannot be compiled: {cause}"
     if why:

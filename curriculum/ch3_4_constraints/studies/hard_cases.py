@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import scenes, systems
+from curriculum.ch3_4_constraints.mechanics import choice, scenes, systems
 from curriculum.ch3_4_constraints.studies.speed_vs_error import STEPS
 from curriculum.common import cli, progress
 from curriculum.common.tracing import CompiledSteps, ordered
@@ -35,7 +35,8 @@ def is_asked(solver):
         return True
     if solver.integrator == "XPBD":
         return solver.method == "x20"
-    return solver.integrator != "euler" and solver.method not in ("none", "soft")
+    explicit, iterating = choice.worth_trying(c.INTEGRATORS)
+    return solver.integrator in explicit + iterating and solver.method not in ("none", "soft")
 
 
 SOLVERS = list(filter(is_asked, STEPS))
