@@ -329,6 +329,16 @@ def affordable(pairs, first, seconds, most):
     return counts, work()
 
 
+def affordable_span(whole, seconds, work):
+    """How much of the whole time is within BUDGET, in s, in multiples of some seconds.
+
+    `work`: how many operations a second of motion takes.
+    """
+    if whole * work <= BUDGET:
+        return whole
+    return min(whole, seconds * max(1, math.floor(BUDGET / work / seconds)))
+
+
 def choose(chapter, system, args, known=None, each=iter):
     """The Choice for a system and the flags of its run: within, dt, steps and knobs.
 
@@ -346,9 +356,7 @@ def choose(chapter, system, args, known=None, each=iter):
     pairs = build(chapter, system, explicit, args.knobs, each)
     first = first_count(system, force, args.dt, reference.step)
     counts, work = affordable(pairs, first, seconds, BUDGET)
-    span = whole
-    if whole * work > BUDGET:
-        span = min(whole, seconds * max(1, math.floor(BUDGET / work / seconds)))
+    span = affordable_span(whole, seconds, work)
     trial = Trial(chapter, reference, seconds, span)
     settings = ladders(trial, pairs, counts, args.within)
     sure = reference.uncertainty  # where it is not below `within`, nobody can tell

@@ -112,10 +112,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     except Untraceable as why:
         raise NoPage(f"a step cannot be written as JavaScript: {why}") from None
     limit = stability_limit(chapter.INTEGRATORS[integrator])
-    first = {}  # {source: method}: of methods whose steps are the same, the first one has it
-    same_step = {}
-    for name, step in steps.items():
-        same_step[name] = first.setdefault(javascript_of(step), name)
+    same_step = firsts(steps)
     return {
         "takes": list(knobs),
         "integrator": integrator,
@@ -132,10 +129,16 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "lengths": system["lengths"].tolist(),
         "conserves": bool(conserves(system, chapter.external_force, chapter.energy)),
         "same_step": same_step,
-        "steps": {name: steps[name] for name in first.values()},
+        "steps": {name: steps[name] for name in dict.fromkeys(same_step.values())},
         "posts": posts,
         "measures": measures,
     }
+
+
+def firsts(steps):
+    """{method: the first one whose step is the same}, of Programs {method: step}."""
+    first = {}  # {source: method}
+    return {name: first.setdefault(javascript_of(step), name) for name, step in steps.items()}
 
 
 class Tracer:

@@ -137,6 +137,57 @@ def chart(curves, x_ticks, y_ticks, y_name, covered=""):
     return sheet.text()
 
 
+class Tiles:
+    """So many tiles side by side on a sheet, each large enough for all points `seen` (..., 3)."""
+
+    def __init__(self, seen, count):
+        self.low = seen.min(axis=0) - 0.2
+        self.high = seen.max(axis=0) + 0.2
+        wide, tall, _ = self.high - self.low
+        self.wide = wide
+        self.tall = tall + 0.24 * wide  # with two lines of words
+        rows = -(-count // COLUMNS)
+        corner = self.low[:2] - [0.0, (rows - 1) * self.tall]
+        end = corner + [COLUMNS * self.wide, rows * self.tall]
+        self.sheet = Sheet(1500, round(500 * rows * self.tall / self.wide), corner, end)
+
+    def shift(self, k):
+        """How far tile k is from the first."""
+        return np.array([k % COLUMNS * self.wide, -(k // COLUMNS) * self.tall, 0.0])
+
+    def words(self, k, lines):
+        """Lines of words and their colours, from the top of tile k on."""
+        top = self.low + self.shift(k) + [0.5 * self.wide, self.tall, 0.0]
+        for row, (words, colour) in enumerate(lines):
+            self.sheet.words(top, words, colour, up=-50 * (row + 1))
+
+    def gaps(self, k, places, line, dt):
+        """A dashed line upright at x = `line`, and how far from it a particle is at its places."""
+        shift = self.shift(k)
+        ends = [(line + shift[0], y + shift[1]) for y in (self.low[1], self.high[1])]
+        self.sheet.line(ends, "ink", 3, "4 12")
+        gaps = []
+        for place in places:
+            beside = [line, place[1], 0.0]
+            gaps.append(self.sheet.strokes([(place + shift, beside + shift)]))
+        self.sheet.path(gaps, "long", 5, dt=dt)
+
+    def rods(self, k, system, q, colour, dt):
+        """The rods of a system in all states q (steps, N, 3), its particles and its anchors."""
+        shift = self.shift(k)
+        right, much, missing = rod_parts(system, q)
+        for parts, *style in (
+            (right, colour, 7, ""),
+            (missing[:, :, [0, 0]], colour, 20, "stroke-linecap:round"),  # particles
+            (much, "long", 12, ""),
+            (missing, "short", 7, "stroke-dasharray:6"),
+        ):
+            data = [self.sheet.strokes(part + shift) for part in parts]
+            self.sheet.path(data, *style, dt)
+        for anchor in system["anchors"] + shift:
+            self.sheet.line([anchor, anchor], "reference", 14)
+
+
 def tiles(scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps.
 
@@ -146,52 +197,22 @@ def tiles(scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     frames = np.arange(begin / DT, end / DT + 1, every, dtype=int)
     runs = [run(system, method, steps=frames[-1]) for method in methods]
     places = [found.q[frames[frames < len(found.q)]].reshape(-1, 3) for found in runs]
-    seen = np.vstack([system["anchors"], *places])
-    low = seen.min(axis=0) - 0.2
-    high = seen.max(axis=0) + 0.2
-    wide, tall, _ = high - low + [0.0, 0.24 * (high - low)[0], 0.0]  # with two lines of words
-    rows = -(-(len(runs) + 1) // COLUMNS)  # the last tile says what is seen
-    corner = low[:2] - [0.0, (rows - 1) * tall]
-    size = 1500, round(500 * rows * tall / wide)
-    sheet = Sheet(*size, corner, corner + [COLUMNS * wide, rows * tall])
-
-    def place(k):
-        return np.array([k % COLUMNS * wide, -(k // COLUMNS) * tall, 0.0])
-
+    board = Tiles(np.vstack([system["anchors"], *places]), len(runs) + 1)
     for k, (method, found) in enumerate(zip(methods, runs, strict=True)):
-        shift = place(k)
-        colour = METHODS[method]
         q = found.q[np.minimum(frames, len(found.q) - 1)]  # a run that is lost stays where it was
         if upright is not None:
-            line = system["q0"][upright, 0]
-            sheet.line(
-                [(line + shift[0], y + shift[1]) for y in (low[1], high[1])], "ink", 3, "4 12"
-            )
-            gaps = []
-            for joint in q[:, upright]:
-                beside = [line, joint[1], 0.0]
-                gaps.append(sheet.strokes([(joint + shift, beside + shift)]))
-            sheet.path(gaps, "long", 5, dt=every * DT)
-        right, much, missing = rod_parts(system, q)
-        for parts, *style in (
-            (right, colour, 7, ""),
-            (missing[:, :, [0, 0]], colour, 20, "stroke-linecap:round"),  # particles
-            (much, "long", 12, ""),
-            (missing, "short", 7, "stroke-dasharray:6"),
-        ):
-            data = [sheet.strokes(part + shift) for part in parts]
-            sheet.path(data, *style, every * DT)
-        for anchor in system["anchors"] + shift:
-            sheet.line([anchor, anchor], "reference", 14)
-        top = low + shift + [0.5 * wide, tall, 0.0]
-        sheet.words(top, method, colour, up=-50)
-        sheet.words(top, f"rods off by {length(found.violations.max())}", colour, up=-100)
-    top = low + place(len(runs)) + [0.5 * wide, tall, 0.0]
+            board.gaps(k, q[:, upright], system["q0"][upright, 0], every * DT)
+        board.rods(k, system, q, METHODS[method], every * DT)
+        off = f"rods off by {length(found.violations.max())}"
+        board.words(k, [(method, METHODS[method]), (off, METHODS[method])])
     when = "to" if begin < end else "at"
-    sheet.words(top, f"{scene}, {when} {end:g} s", up=-50)
-    sheet.words(top, "red: too long", "long", up=-100)
-    sheet.words(top, "blue: too short", "short", up=-150)
-    return sheet.text()
+    legend = [
+        (f"{scene}, {when} {end:g} s", "ink"),
+        ("red: too long", "long"),
+        ("blue: too short", "short"),
+    ]
+    board.words(len(runs), legend)  # the last tile says what is seen
+    return board.sheet.text()
 
 
 def one_step(d, v, dt=0.2, baumgarte=2.0):
