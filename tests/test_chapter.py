@@ -206,7 +206,8 @@ def test_the_solve_is_the_chapters_hanging_held_or_thrown(visit, gesture):
     texts = [x.replace("\N{MINUS SIGN}", "-") for x in found.locator("mn").all_text_contents()]
     v = np.insert(numbers(found, r"v[₀₁] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
     shown = np.split(np.array(texts, float), [8, 12, 14])  # J without the z axis, A, lambda, b
-    first, (x, y) = shown[0][:2], shown[0][6:]  # d of each rod
+    first = shown[0][:2]
+    x, y = shown[0][6:]  # d of each rod
     q = np.insert(np.cumsum([first, (x, y)], axis=0), 2, 0.0, axis=1)
     assert v == pytest.approx(spin * np.array([[0.0, 0.0, 0.0], [-y, x, 0.0]]), abs=0.1)
     jac, A, b, lam = chapter.equation(system, q, v).values()

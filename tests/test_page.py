@@ -328,8 +328,11 @@ def test_it_opens_at_the_step_of_the_run_and_says_so(pages):
 def cells(text, table):
     """{method: its cells} of a table in the text of a page."""
     body = re.findall("<tbody>(.*?)</table>", text, re.S)[table]
-    rows = [re.split("<t[hd][^>]*>", row)[1:] for row in body.split("<tr>")[1:]]
-    return {row[0]: [unescape(cell).strip() for cell in row[1:]] for row in rows}
+    found = {}
+    for row in body.split("<tr>")[1:]:
+        _, name, *others = re.split("<t[hd][^>]*>", row)
+        found[name] = [unescape(cell).strip() for cell in others]
+    return found
 
 
 def test_terminal_metrics_and_page_say_the_same_of_a_run(tmp_path, capsys):
@@ -549,7 +552,8 @@ def test_as_it_was_has_the_numbers_of_the_run_and_draws_its_pose(still):
         most = change[np.argmax(np.abs(change))]
         sign = "+" if most > 0 else "−"
         assert f"{name} {sign}{table.per_cent(abs(most))}" in told(still)
-    tile, found = "run.copies[1].view", run("baumgarte", 0.005, 400)
+    tile = "run.copies[1].view"
+    found = run("baumgarte", 0.005, 400)
     for color, places in ("ink", found.q[-1]), ("reference", fine[-1]):
         lines = [x["at"] for x in drawn(still, tile, "line", color)]
         rods = np.array([[np.zeros(3), places[0]], places])[..., :2]
@@ -616,7 +620,8 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(still):
     hand = still.locator(".tile").nth(3).locator(".hand").last
     click(still, "Energy")
     for key in "Escape", "Tab", "Shift":  # or by the mouse alone
-        box, before = hand.bounding_box(), still.evaluate("run.time")
+        box = hand.bounding_box()
+        before = still.evaluate("run.time")
         still.mouse.move(box["x"] + 22, box["y"] + 22)
         still.mouse.down()
         still.mouse.move(box["x"] + 3000, box["y"])  # far away, but the hand's force is bounded
@@ -670,7 +675,8 @@ def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(still)
 
 
 def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(still):
-    focused, hand = "document.activeElement", still.locator(".tile").first.locator(".hand").last
+    focused = "document.activeElement"
+    hand = still.locator(".tile").first.locator(".hand").last
     assert still.locator("a, button, input").first.inner_text() == "Play"
     hand.focus()
     still.keyboard.press("PageDown")
@@ -698,7 +704,8 @@ def test_a_finger_takes_the_nearest_bob_of_all_and_scrolls_where_none_is_near(pa
     for k, box in enumerate(boxes):
         shown.touchscreen.tap(box["x"] + 22, box["y"] + 22)
         assert f"pull bob {k + 1} of {many}" in shown.evaluate("document.activeElement.ariaLabel")
-    x, y = tile.bounding_box()["x"] + 80, min(box["y"] for box in boxes) - 15
+    x = tile.bounding_box()["x"] + 80
+    y = min(box["y"] for box in boxes) - 15
     assert shown.evaluate(f"document.elementFromPoint({x}, {y}).className") != "hand"
 
 

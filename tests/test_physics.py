@@ -34,7 +34,8 @@ def row(n):
 
 def make_system(q, pairs, anchors=((0.0, 0.0, 0.0),), v=0.0, m=1.0):
     """A system whose rods are as long as their ends are apart."""
-    q, anchors = np.array(q, float), np.array(anchors, float)
+    q = np.array(q, float)
+    anchors = np.array(anchors, float)
     ends = {-1 - k: anchor for k, anchor in enumerate(anchors)} | dict(enumerate(q))
     lengths = np.array([math.dist(ends[i], ends[j]) for i, j in pairs])
     system = {"q0": q, "v0": v + 0.0 * q, "m": np.reshape(m + 0.0 * q[:, 0], (-1, 1))}
@@ -43,7 +44,8 @@ def make_system(q, pairs, anchors=((0.0, 0.0, 0.0),), v=0.0, m=1.0):
 
 def at_random(pairs):
     """Particles, masses and velocities at random."""
-    rng, n = np.random.default_rng(3), 1 + max(pairs)[0]
+    rng = np.random.default_rng(3)
+    n = 1 + max(pairs)[0]
     q, v = rng.normal(size=(2, n, 3))
     return make_system(q, pairs, rng.normal(size=(3, 3)), v, rng.uniform(0.1, 10.0, n))
 
@@ -69,12 +71,17 @@ def acceleration(system, f, use_jdotv, damping, stiffness, regularization):
 
     By an SVD of J M^-1/2, its rows of length 1: A has the squares of its singular values.
     """
-    q, v, n = system["q0"], system["v0"], len(system["q0"])
+    q = system["q0"]
+    v = system["v0"]
+    n = len(system["q0"])
     points = np.concatenate([q, system["anchors"][::-1]])  # where -1 is the first anchor
     i, j = np.transpose(system["pairs"])
     incidence = np.eye(len(points))[i] - np.eye(len(points))[j]
-    d, d_dot, root = incidence @ points, incidence[:, :n] @ v, np.sqrt(system["m"])
-    g, gdot = 0.5 * (np.sum(d**2, axis=1) - system["lengths"] ** 2), np.sum(d * d_dot, axis=1)
+    d = incidence @ points
+    d_dot = incidence[:, :n] @ v
+    root = np.sqrt(system["m"])
+    g = 0.5 * (np.sum(d**2, axis=1) - system["lengths"] ** 2)
+    gdot = np.sum(d * d_dot, axis=1)
     asked = -use_jdotv * np.sum(d_dot**2, axis=1) - damping * gdot - stiffness * g
     jac = np.einsum("kn,kx->knx", incidence[:, :n] / root.T, d).reshape(len(d), -1)
     size = np.linalg.norm(jac, axis=1)
@@ -146,7 +153,9 @@ def test_energy_is_that_of_height_speed_and_load():
 
 def test_a_loaded_pendulum_hangs_aslant_and_swings_about_there():
     """A load of F to the side is gravity of sqrt(g^2 + (F/m)^2), at an angle atan(F / m g)."""
-    m, length, load = 2.0, 1.5, 11.0
+    m = 2.0
+    length = 1.5
+    load = 11.0
     g = math.hypot(9.81, load / m)
     across = np.array([load / m, -9.81, 0.0]) / g
     hanging = make_system([length * across], row(1), m=m) | {"load": [[load, 0.0, 0.0]]}
@@ -179,7 +188,8 @@ ORDERS = [  # an integrator, the longest of three steps in s, and the order
 @pytest.mark.parametrize(("step_fn", "dt", "order"), ORDERS)
 def test_halving_the_step_shows_the_order(step_fn, dt, order):
     """Of errors after 2 s, beside where joint angles put the particles."""
-    double, errors = c.build_system("double"), []
+    double = c.build_system("double")
+    errors = []
     step_fn = c.stabilized(step_fn, double, METHODS["project"])
     for k in (1, 2, 4):
         steps = round(2.0 * k / dt)
@@ -215,7 +225,9 @@ DRIFT = [  # method, integrator, and g of a rod that spins at v m/s in steps of 
 
 @pytest.mark.parametrize(("name", "integrator", "expected"), DRIFT)
 def test_a_spinning_rod_is_off_by_what_the_derivation_says(name, integrator, expected):
-    rod, dt, w = make_system([[1, 0, 0]], row(1), v=[[0, 5, 0]]), 0.0005, 50.0
+    rod = make_system([[1, 0, 0]], row(1), v=[[0, 5, 0]])
+    dt = 0.0005
+    w = 50.0
     rod["load"] = -rod["m"] * c.GRAVITY  # it floats
     run = c.run_method(rod, name, integrator, dt, 2000, baumgarte=w)
     speed = np.linalg.norm(run.v[-1])  # under euler it grows
@@ -356,7 +368,8 @@ SCALED = ("double", 2.0**-10, 1.0), ("double", 1.0, 2.0**10)
 @pytest.mark.parametrize(("name", "size", "gravity"), [*product(PLACES, [1.0], [1.0]), *SCALED])
 def test_gauss_and_the_reference_are_where_joint_angles_put_them(name, size, gravity):
     """In metres and millimetres, and under a load of 1023 weights: then times are 1/32."""
-    system, dt = c.build_system(name), 0.005 * math.sqrt(size / gravity)
+    system = c.build_system(name)
+    dt = 0.005 * math.sqrt(size / gravity)
     system = system | {key: size * system[key] for key in ("q0", "lengths", "anchors")}
     system["load"] = (gravity - 1.0) * c.GRAVITY * system["m"]
     run = c.run_method(system, "project", "gauss", 5.0 * dt, 80)
@@ -389,7 +402,8 @@ MOTIONS = [(SMALL, 0.01), *product(map(at_random, GRAPHS), [0.2])]
 @pytest.mark.parametrize(("system", "time"), MOTIONS)
 def test_motion_in_space_is_as_another_integrator_says(system, time):
     integrate = pytest.importorskip("scipy.integrate", reason="scipy is not installed")
-    q, shape = system["q0"], (2, *system["q0"].shape)
+    q = system["q0"]
+    shape = (2, *system["q0"].shape)
     _, v = c.project(system, q, q, system["v0"], 1.0)  # which keeps lengths
 
     def rate(t, y):
@@ -673,12 +687,14 @@ def test_a_loop_by_hand_over_the_file_without_its_report_has_the_bits_of_a_run(n
     prefix = source[: source.index("# --- region: report ---")]
     as_the_course_does = __future__.annotations.compiler_flag  # in a name that is no module's
     exec(compile(prefix, "constraints.py", "exec", as_the_course_does), file)
-    hand, system = SimpleNamespace(**file), c.build_system("double")
+    hand = SimpleNamespace(**file)
+    system = c.build_system("double")
     method = hand.make_methods(0.005)[name]
     step_fn = hand.stabilized(hand.INTEGRATORS[integrator], system, method)
     force = method.make_force(system)
     run = c.run_method(system, name, integrator, 0.005, 20)
-    q, v = system["q0"], system["v0"]
+    q = system["q0"]
+    v = system["v0"]
     for i in range(20):
         q, v = step_fn(q, v, system["m"], force, 0.005)
         assert np.array_equal([q, v], [run.q[i + 1], run.v[i + 1]])
@@ -721,7 +737,8 @@ def test_bits_are_the_same_over_kernels_and_compilers_and_in_plain_numpy():
 @pytest.mark.parametrize("name", ["double", "cable"])
 def test_a_row_that_a_reader_adds_to_j_is_obeyed_by_all_methods(name, monkeypatch):
     """A rail: the last particle keeps its height. Soft gives there, too."""
-    system, terms = c.build_system(name), c.constraint_terms
+    system = c.build_system(name)
+    terms = c.constraint_terms
     height = system["q0"][-1, 1]
 
     def with_rail(system, q, v):

@@ -140,8 +140,9 @@ def notes(args, runs, results, reference, step_fn):
         say(f"a step of {args.dt:g} s is long: {when}")
     if reference.q is None:
         say(f"- no reference: {reference.why}")
-    for name in args.left_out if args.stabilization == "all" else []:
-        say(f"{name} is left out: it is not made for {args.integrator}")
+    if args.stabilization == "all":
+        for name in args.left_out:
+            say(f"{name} is left out: it is not made for {args.integrator}")
     if is_past:
         limit = stability_limit(step_fn)
         digits = 3 if stiffness > 1.01 * limit else 6

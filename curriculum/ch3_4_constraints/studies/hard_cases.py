@@ -132,5 +132,6 @@ def main(argv=None):
     print(f"{len(SCENES)} scenes: largest step in s at which {held}")
     show("", [x.short for x in SOLVERS])
     show("", [x.method for x in SOLVERS])
-    for name in progress.each(QUICK if args.quick else SCENES):
+    scenes = QUICK if args.quick else SCENES
+    for name in progress.each(scenes):
         show(name, row(name))

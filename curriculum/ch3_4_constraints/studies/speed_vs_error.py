@@ -350,7 +350,8 @@ def main(argv=None):
         print("coarse: one scene, and nothing that takes long")
     if args.system:
         return one_of_your_own(parser, args, limit, turns)
-    for scene in ["double"] if args.quick else SCENES:
+    scenes = ["double"] if args.quick else list(SCENES)
+    for scene in scenes:
         measured = measure(scene, c.build_system(scene), SCENES[scene], limit, turns)
         print()
         for line in lines(measured):
