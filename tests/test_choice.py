@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import BARE, ROOT
+from independent import motion
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice, systems
@@ -51,39 +52,6 @@ def loaded():
         "load": np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [4.0, 1.0, 0.0]]),
     }
     return systems.check_system(rows, c.PIVOT, fit=1e-9)
-
-
-def motion(system, seconds, steps):
-    """Where the particles end, (N, 3): Gauss's principle by least squares, in steps of rk4."""
-    mass = np.repeat(np.asarray(system["m"]).ravel(), 3)
-    root = np.sqrt(mass)
-    n = len(mass)
-    free = np.tile([0.0, -9.81, 0.0], n // 3) + np.ravel(system.get("load", 0.0)) / mass
-
-    def rates(state):
-        q = state[:n].reshape(-1, 3)
-        v = state[n:].reshape(-1, 3)
-        rows = np.zeros((len(system["pairs"]), n))
-        right = np.zeros(len(rows))
-        for k, (i, j) in enumerate(system["pairs"]):
-            d = q[i] - (system["anchors"][-1 - j] if j < 0 else q[j])
-            speed = v[i] - (0.0 if j < 0 else v[j])
-            rows[k, 3 * i : 3 * i + 3] = d
-            if j >= 0:
-                rows[k, 3 * j : 3 * j + 3] = -d
-            right[k] = -speed @ speed
-        change = np.linalg.lstsq(rows / root, right - rows @ free, rcond=1e-11)[0]
-        return np.concatenate([state[n:], free + change / root])
-
-    state = np.concatenate([np.ravel(system["q0"]), np.ravel(system["v0"])]).astype(float)
-    h = seconds / steps
-    for _ in range(steps):
-        k1 = rates(state)
-        k2 = rates(state + 0.5 * h * k1)
-        k3 = rates(state + 0.5 * h * k2)
-        k4 = rates(state + h * k3)
-        state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return state[:n].reshape(-1, 3)
 
 
 def off(system, x, known, seconds):
@@ -132,7 +100,7 @@ def test_what_is_chosen_for_places_is_right_beside_joint_angles_and_longer_steps
 def test_in_a_loop_under_a_load_what_is_chosen_is_right_beside_an_independent_motion():
     system = loaded()
     found = choose(system, 1e-4, steps=100)
-    known = motion(system, found.error_at, 1500)
+    known = motion(system, found.error_at)
     assert found.error_at == 0.5 and {x.method for x in found.places} > {"project"}
     for x in found.places:
         cheaper = next_cheaper(found, x)

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import ROOT, python
+from independent import acceleration, incidence_and_rods, motion
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, Reference, find_reference
@@ -64,31 +65,6 @@ ASKED = {  # of gddot by each method: Jdot v, damping, stiffness, regularization
     "soft": (0.0, 2.0 / 0.019, 1.0 / 0.00038, 0.05 / 0.95),  # p = 0.95, t = 20 ms
     "project": (1.0, 0.0, 0.0, 0.0),
 }
-
-
-def acceleration(system, f, use_jdotv, damping, stiffness, regularization):
-    """a (N, 3) that meets what is asked and is nearest, weighed with masses, to the free f / m.
-
-    By an SVD of J M^-1/2, its rows of length 1: A has the squares of its singular values.
-    """
-    q = system["q0"]
-    v = system["v0"]
-    n = len(system["q0"])
-    points = np.concatenate([q, system["anchors"][::-1]])  # where -1 is the first anchor
-    i, j = np.transpose(system["pairs"])
-    incidence = np.eye(len(points))[i] - np.eye(len(points))[j]
-    d = incidence @ points
-    d_dot = incidence[:, :n] @ v
-    root = np.sqrt(system["m"])
-    g = 0.5 * (np.sum(d**2, axis=1) - system["lengths"] ** 2)
-    gdot = np.sum(d * d_dot, axis=1)
-    asked = -use_jdotv * np.sum(d_dot**2, axis=1) - damping * gdot - stiffness * g
-    jac = np.einsum("kn,kx->knx", incidence[:, :n] / root.T, d).reshape(len(d), -1)
-    size = np.linalg.norm(jac, axis=1)
-    whole = np.hstack([jac / size[:, None], np.sqrt(regularization) * np.eye(len(d))])
-    left = (asked - jac @ (f / root).ravel()) / size
-    held = np.linalg.lstsq(whole, left, rcond=1e-11)[0][: q.size]
-    return f / system["m"] + held.reshape(q.shape) / root
 
 
 def cable(rods, sag, heavier):
@@ -401,20 +377,11 @@ MOTIONS = [(SMALL, 0.01), *product(map(at_random, GRAPHS), [0.2])]
 
 @pytest.mark.parametrize(("system", "time"), MOTIONS)
 def test_motion_in_space_is_as_another_integrator_says(system, time):
-    integrate = pytest.importorskip("scipy.integrate", reason="scipy is not installed")
     q = system["q0"]
-    shape = (2, *system["q0"].shape)
     _, v = c.project(system, q, q, system["v0"], 1.0)  # which keeps lengths
-
-    def rate(t, y):
-        q, v = y.reshape(shape)
-        a = acceleration(system | {"q0": q, "v0": v}, system["m"] * c.GRAVITY, *ASKED["none"])
-        return np.ravel([v, a])
-
-    settings = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
-    exact = integrate.solve_ivp(rate, (0.0, time), np.ravel([q, v]), **settings).y[:, -1]
-    found = reference_of(system | {"v0": v}, time / 20.0, 20)
-    off = np.linalg.norm(found.q - exact.reshape(shape)[0], axis=1)
+    thrown = system | {"v0": v}
+    found = reference_of(thrown, time / 20.0, 20)
+    off = np.linalg.norm(found.q - motion(thrown, time), axis=1)
     assert np.max(off) < 1e-10 + found.uncertainty < 2e-10
 
 
@@ -462,10 +429,7 @@ def pulls_by_svd(system, run, asked, k):
     now = system | {"q0": np.array(run.q[k]), "v0": np.array(run.v[k])}
     weight = np.array(system["m"] * c.GRAVITY)
     rods = system["m"] * acceleration(now, weight, *asked) - weight
-    points = np.concatenate([now["q0"], system["anchors"][::-1]])
-    i, j = np.transpose(system["pairs"])
-    incidence = np.eye(len(points))[i] - np.eye(len(points))[j]
-    d = incidence @ points
+    incidence, d = incidence_and_rods(now)
     d = d / np.linalg.norm(d, axis=1)[:, None]
     rows = np.einsum("kn,kx->knx", incidence[:, : len(rods)], d).reshape(len(d), -1)
     ends = np.linalg.norm(rows, axis=1)  # the root of how many particles it pulls at: 1 or 2
