@@ -88,7 +88,7 @@ def answers(args, choice, scene):
                 "how": how(args, choice, within, enough),
                 "holds": escape(rods_hold(choice, within, enough, rods)),
                 "rows": "\n".join(ladder_rows(choice, within, enough, scene)),
-                "steps": [float(f"{x.dt:.9g}") for x in advised],
+                "steps": [table.in_digits(x.dt, 9) for x in advised],
             }
     return found
 
@@ -131,7 +131,7 @@ def cheapest(choice, within, enough):
         if not mine:
             parts.append(f"with {integrator}, nothing that was tried")
         elif integrator != best.integrator:
-            times = float(f"{mine[0].operations / best.operations:.2g}")
+            times = table.in_digits(mine[0].operations / best.operations, 2)
             step = f"{mine[0].method} at {milliseconds(mine[0].dt)}"
             parts.append(f"with {integrator}, {step}, for {times:g} times the operations")
     return "; ".join(parts) + "."

@@ -5,7 +5,7 @@ from decimal import Decimal
 
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
-from curriculum.ch3_4_constraints.results.table import length, per_cent, say
+from curriculum.ch3_4_constraints.results.table import in_digits, length, per_cent, say
 from curriculum.common import progress
 from curriculum.common.tracing import Untraceable
 
@@ -18,14 +18,14 @@ WIDTH = 80  # columns
 def spoken(x):
     """A tolerance of x m as one would say it: 0.001 is "1 mm"."""
     for unit, power in SHOWN.items():
-        size = float(f"{Decimal(x).scaleb(-power):.6g}")
+        size = in_digits(Decimal(x).scaleb(-power), 6)
         if size >= 1.0:
             return f"{size:g} {unit}"
     return f"{1e12 * x:.6g} pm"
 
 
 def milliseconds(dt):
-    return f"{float(f'{1e3 * dt:.3g}'):g} ms"
+    return f"{in_digits(1e3 * dt, 3):g} ms"
 
 
 def name_of(x):
@@ -34,12 +34,12 @@ def name_of(x):
 
 def thousands(x):
     """A number of operations, three digits of it: 149,000."""
-    return f"{float(f'{x:.3g}'):,.0f}"
+    return f"{in_digits(x, 3):,.0f}"
 
 
 def microseconds(x):
     """A time of x s in µs, three digits of it: 31.6 or 1,390."""
-    x = float(f"{1e6 * x:.3g}")
+    x = in_digits(1e6 * x, 3)
     return f"{x:,.0f}" if x >= 1000.0 else f"{x:g}"
 
 

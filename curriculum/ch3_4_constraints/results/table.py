@@ -5,6 +5,7 @@ import textwrap
 
 import numpy as np
 
+from curriculum.ch3_4_constraints.mechanics.outcome import MOVES
 from curriculum.ch3_4_constraints.mechanics.stability import grows, stability_limit
 
 JUMP = 0.1  # of m g L: energy may change by so much in a step without a mark
@@ -14,7 +15,6 @@ UNSURE = 0.1  # of such a force: so much of it may change as rods are put right,
 THREE_DIGITS = 0.005  # of a force: if it may be larger by no more between steps, it has them
 TWO_DIGITS = 0.05
 SANE = 0.5  # of rods, and of m g L: a run that is off by more tells nothing of the motion
-MOVES = 1e-9  # of the shortest rod: what moves by less, stands still
 ROUNDING = 1e-9  # of the shortest rod: errors below are not of a method
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "pm": 1e-12}  # in m
 
@@ -23,14 +23,19 @@ def length(x):
     """Metres x in two digits and a unit, 0.384 as "38 cm"; below project's aim "< 1 pm"."""
     if x < 1e-12:
         return "< 1 pm"
-    x = float(f"{x:.2g}")
+    x = in_digits(x, 2)
     unit = next(unit for unit, size in UNITS.items() if x >= size)
     return f"{x / UNITS[unit]:g} {unit}"
 
 
 def per_cent(share):
     """A share in per cent, two digits."""
-    return f"{float(f'{100.0 * share:.2g}'):g} %"
+    return f"{in_digits(100.0 * share, 2):g} %"
+
+
+def in_digits(x, many):
+    """The number x, rounded to so many digits."""
+    return float(f"{x:.{many}g}")
 
 
 def force(row):

@@ -21,6 +21,7 @@ from curriculum.ch3_4_constraints.mechanics.reference import distance, horizon
 from curriculum.ch3_4_constraints.mechanics.systems import has_loop, is_flat
 from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
+from curriculum.ch3_4_constraints.results.table import in_digits
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli, progress
@@ -279,11 +280,9 @@ def cell(timing):
     """The ms that it takes, and those of its step."""
     if timing is None:
         return "-"
-    return f"{two_digits(1e3 * timing.seconds)}/{two_digits(1e3 * timing.dt)}"
-
-
-def two_digits(x):
-    return f"{float(f'{x:.2g}'):g}"
+    took = in_digits(1e3 * timing.seconds, 2)
+    step = in_digits(1e3 * timing.dt, 2)
+    return f"{took:g}/{step:g}"
 
 
 def lines(measured):
