@@ -118,7 +118,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "integrator": integrator,
         "methods": list(rows),
         "words": {name: row.words for name, row in rows.items()},
-        "colors": {name: k % len(palette.METHODS) for k, name in enumerate(every)},
+        "colors": palette.places(every),
         "made_for": {name: row.integrator for name, row in every.items() if name not in rows},
         "knobs": knobs,
         "limit": limit if np.isfinite(limit) else None,

@@ -17,10 +17,9 @@ FOLDER = Path(__file__).parent
 DT = 0.005  # s
 TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
 MINUS = "\N{MINUS SIGN}"
+EVERY = 32  # steps between two points of a curve
 COLUMNS = 3  # of tiles
-METHODS = {  # and their colours
-    name: f"m{k % len(palette.METHODS)}" for k, name in enumerate(c.make_methods(DT))
-}
+METHODS = {name: f"m{k}" for name, k in palette.places(c.make_methods(DT)).items()}  # and colours
 run = partial(c.run_method, integrator="semi_implicit", dt=DT, steps=4000)
 STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
 text {{ font: 30px system-ui, sans-serif }}</style>"""
@@ -89,10 +88,11 @@ class Sheet:
         self.parts.append(f'<path class="still" d="{frames[-1]}" style="{style}"></path>')
         self.parts.append(f'<path class="moves" d="{frames[0]}" style="{style}">{move}</path>')
 
-    def words(self, point, words, colour="ink", anchor="middle", up=0):
+    def words(self, point, words, colour="ink", anchor="middle", up=0, style=""):
         x, y = self.at(point).split()
         place = f'x="{x}" y="{int(y) - up}" text-anchor="{anchor}"'
-        self.parts.append(f'<text {place} style="fill:var(--{colour})">{escape(words)}</text>')
+        style = f"{style}fill:var(--{colour})"
+        self.parts.append(f'<text {place} style="{style}">{escape(words)}</text>')
 
     def text(self, width=None):
         """The drawing as SVG, by default half as many pixels wide as it has units."""
@@ -253,35 +253,60 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
     return sheet.text()
 
 
-def drawn():
-    """Yield (name, text) of each: those that are curves, then those that move."""
-    double = c.build_system("double")
-    times = np.arange(0, 4001, 32) * DT
-    runs = {method: run(double, method) for method in METHODS}
-    worst = {x: np.maximum(runs[x].violations[::32], 1e-13) for x in ("none", "baumgarte")}
-    curves = [(x, METHODS[x], times, np.log10(errors)) for x, errors in worst.items()]
-    ticks = {k: length(10.0**k) for k in range(-4, 1)}
-    yield "two_methods", chart(curves, TIMES, ticks, "worst rod error")
-    gained = {x: (found.energies - found.energies[0])[::32] for x, found in runs.items()}
-    curves = [(x, METHODS[x], times, gain / m_g_L(double, c.GRAVITY)) for x, gain in gained.items()]
-    ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
-    at_zero = [x for x, _, _, gain in curves if np.max(np.abs(gain)) < 0.02]
-    yield "energy", chart(curves, TIMES, ticks, "energy gained, of m g L", ", ".join(at_zero))
+def two_methods(times, runs):
+    """How rods drift under none, and do not under baumgarte; runs {method: Outcome}."""
     curves = []
+    for name in "none", "baumgarte":
+        errors = np.maximum(runs[name].violations[::EVERY], 1e-13)
+        curves.append((name, METHODS[name], times, np.log10(errors)))
+    ticks = {k: length(10.0**k) for k in range(-4, 1)}
+    return chart(curves, TIMES, ticks, "worst rod error")
+
+
+def energies(times, runs, scale):
+    """How much energy each method gains, in parts of a `scale` in J."""
+    curves = []
+    at_zero = []
+    for name, found in runs.items():
+        gain = (found.energies - found.energies[0])[::EVERY] / scale
+        curves.append((name, METHODS[name], times, gain))
+        if np.max(np.abs(gain)) < 0.02:
+            at_zero.append(name)
+    ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
+    return chart(curves, TIMES, ticks, "energy gained, of m g L", ", ".join(at_zero))
+
+
+def cliff():
+    """What becomes of a rod that is too long, at three values of dt w."""
     hung = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
+    curves = []
     for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
         found = run(hung, "baumgarte", steps=40, baumgarte=z / DT)
         curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
     ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
-    yield "cliff", chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+    return chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+
+
+def chaos(times, double, tip):
+    """How starts part whose last bob is thrown ever less; tip (steps + 1, 3) if it is not."""
     curves = []
-    tip = run(double, "project").tip
     for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
         thrown = double | {"v0": np.array([[0.0, 0.0, 0.0], [0.0, 10.0**-digits, 0.0]])}
-        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[32::32]
+        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[EVERY::EVERY]
         curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
     ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
-    yield "chaos", chart(curves, TIMES, ticks, "distance between the tips")
+    return chart(curves, TIMES, ticks, "distance between the tips")
+
+
+def drawn():
+    """Yield (name, text) of each: those that are curves, then those that move."""
+    double = c.build_system("double")
+    times = np.arange(0, 4001, EVERY) * DT
+    runs = {method: run(double, method) for method in METHODS}
+    yield "two_methods", two_methods(times, runs)
+    yield "energy", energies(times, runs, m_g_L(double, c.GRAVITY))
+    yield "cliff", cliff()
+    yield "chaos", chaos(times, double, runs["project"].tip)
     yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
     yield "flat_pose", tiles("peaucellier", 4.0, 4.0, upright=3)
     yield "double", tiles("double", 12.0, 20.0, 10)

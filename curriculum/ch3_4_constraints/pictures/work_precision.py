@@ -53,9 +53,9 @@ def look(solver):
     methods = list(c.make_methods())
     if solver.integrator not in integrators or solver.method not in methods:
         return Look("ink", "", MARKS[-1])
-    place = methods.index(solver.method)
     dash = DASHES[integrators.index(solver.integrator) % len(DASHES)]
-    return Look(f"m{place % len(palette.METHODS)}", dash, MARKS[place % len(MARKS)])
+    mark = MARKS[methods.index(solver.method) % len(MARKS)]
+    return Look(f"m{palette.places(methods)[solver.method]}", dash, mark)
 
 
 def is_peer(solver):
@@ -174,11 +174,11 @@ class Diagram:
             style = HALO + BOLD if goal == self.main else HALO
             text = f"{best.solver}, {milliseconds(best.dt)}"
             if x < 0.5 * (LEFT + RIGHT):
-                names.append(((x + 10, row), text, colour, "start", style))
+                names.append(((x + 10, row), text, colour, "start", 0, style))
             else:
-                names.append(((x - 10, row), text, colour, "end", style))
+                names.append(((x - 10, row), text, colour, "end", 0, style))
         for name in names:  # last, so that no line crosses them
-            self.words(*name)
+            self.sheet.words(*name)
 
     def draw_best_peer(self):
         """The name of the peer that is quickest to the main goal, at the end of its line."""
@@ -189,9 +189,9 @@ class Diagram:
         solver = there[0].solver
         x, y = self.at(self.lines[solver][-1])
         if x < 0.5 * (LEFT + RIGHT):
-            self.words((x + 14, y + 12), str(solver), "reference", "start", HALO)
+            self.sheet.words((x + 14, y + 12), str(solver), "reference", "start", style=HALO)
         else:
-            self.words((x - 14, y + 12), str(solver), "reference", "end", HALO)
+            self.sheet.words((x - 14, y + 12), str(solver), "reference", "end", style=HALO)
 
     def draw_goal(self, goal):
         """The length itself, beside its line where another one is near."""
@@ -205,12 +205,7 @@ class Diagram:
             anchor = "start"
             x -= 16
         bold = BOLD if goal == self.main else ""
-        self.words((x, self.bottom - LINE), spoken(goal), "ink", anchor, bold)
-
-    def words(self, place, text, colour, anchor, style):
-        self.sheet.words(place, text, colour, anchor)
-        if style:
-            self.sheet.parts[-1] = self.sheet.parts[-1].replace('style="', f'style="{style}')
+        self.sheet.words((x, self.bottom - LINE), spoken(goal), "ink", anchor, style=bold)
 
     def draw_words(self):
         """What is seen, above, and how it was measured, below."""
@@ -219,7 +214,7 @@ class Diagram:
         title = f"{scene}: quickest to {spoken(self.main)} is nobody"
         if self.main in self.best:
             title = f"{scene}: quickest to {spoken(self.main)} is {self.best[self.main].solver}"
-        self.words((30, top), title, "ink", "start", BOLD)
+        self.sheet.words((30, top), title, "ink", "start", style=BOLD)
         said = ["colour: quickest to a length; grey: all others"]
         if any(map(is_peer, self.lines)):
             said.append("open circles: MuJoCo")
