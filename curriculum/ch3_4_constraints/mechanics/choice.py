@@ -156,12 +156,6 @@ def measure(trial, pair, count):
     dt = trial.seconds / count
     steps = max(count, math.floor(trial.span / dt + 1e-6))
     q, v = pair.run(pair.start, steps, dt)
-    spent = pair.run.seconds
-    if spent < QUICK:  # a short time is that of others, too
-        for _ in range(TURNS):
-            pair.run(pair.start, steps, dt)
-            spent = min(spent, pair.run.seconds)
-    spent = spent / max(1, len(q) - 1) / dt
     q = ordered(q)
     v = ordered(v)
     violations = chapter.constraint_violation(system, q)
@@ -171,16 +165,35 @@ def measure(trial, pair, count):
     error = None
     if reference.q is not None and good > count:
         error = six_digits(truth.distance(q[count], reference.q))
+    found = Setting(
+        pair.integrator,
+        pair.method,
+        dt,
+        rods=None,
+        energy=None,
+        error=error,
+        operations=operations,
+        seconds=least_time(pair, steps, dt) / max(1, len(q) - 1) / dt,
+        lost=None,
+    )
     if good <= steps:
-        lost = f"at {(good - 1) * dt:.3g} s: {why_lost(pair, q[good - 1], v[good - 1], dt)}"
-        return Setting(pair.integrator, pair.method, dt, None, None, error, operations, spent, lost)
-    energy = None
+        why = why_lost(pair, q[good - 1], v[good - 1], dt)
+        return found._replace(lost=f"at {(good - 1) * dt:.3g} s: {why}")
     if pair.conserves:
         energies = chapter.energy(system, q, v)
         change = np.max(np.abs(energies - energies[0]))
-        energy = six_digits(change / m_g_L(system, chapter.GRAVITY))
-    row = six_digits(np.max(violations)), energy, error, operations, spent, None
-    return Setting(pair.integrator, pair.method, dt, *row)
+        found = found._replace(energy=six_digits(change / m_g_L(system, chapter.GRAVITY)))
+    return found._replace(rods=six_digits(np.max(violations)))
+
+
+def least_time(pair, steps, dt):
+    """How many s the run took that a pair has just made; or less, if that was due to others."""
+    spent = pair.run.seconds
+    if spent < QUICK:
+        for _ in range(TURNS):
+            pair.run(pair.start, steps, dt)
+            spent = min(spent, pair.run.seconds)
+    return spent
 
 
 def why_lost(pair, q, v, dt):

@@ -138,7 +138,9 @@ def sentences(choice):
     tail = [why_they_differ(choice), lost, left_out(choice)]
     shorter = [x for x in tail if x and x != lost]  # metrics.json says of each what became of it
     tail = [x for x in tail if x]
-    for rows, end in [*((rows, tail) for rows in ROWS), (ROWS[-1], shorter)]:
+    attempts = [(rows, tail) for rows in ROWS]
+    attempts.append((ROWS[-1], shorter))
+    for rows, end in attempts:
         found = said(choice, rows, end)
         if wrapped([line(x, text) for x, text in found]) <= LINES:
             break

@@ -123,16 +123,10 @@ def notes(args, runs, results, reference, step_fn):
     stiffness = args.dt * args.baumgarte
     is_past = "baumgarte" in results and grows(step_fn, stiffness)
     for name, row in results.items():
-        if runs[name].lost:
-            if name != "baumgarte" or not is_past:
-                say_gain(name, row, runs[name])
-            continue
-        if row["stopped"]:
-            say(f"{name}: {row['stopped']}")
-        if row["tension_max"] is None:
-            say(f"- {name}: its rods' forces hang on the last digits of places")
-        for why in doubts(row, runs[name]):
-            say(f"* {name}: {why}")
+        if not runs[name].lost:
+            say_of_row(name, row, runs[name])
+        elif name != "baumgarte" or not is_past:
+            say_gain(name, row, runs[name])
     shown = [force(row) for name, row in results.items() if not runs[name].lost]
     if any(x.startswith("over") for x in shown):
         say("over: the largest force at the steps; between them it may be larger")
@@ -149,12 +143,26 @@ def notes(args, runs, results, reference, step_fn):
         for name in args.left_out:
             say(f"{name} is left out: it is not made for {args.integrator}")
     if is_past:
-        limit = stability_limit(step_fn)
-        digits = 3 if stiffness > 1.01 * limit else 6
-        if stiffness > limit * (1.0 + 1e-6):  # at the limit itself an error stays as it is
-            found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
-            say(f"baumgarte: {found}")
+        say_limit(stiffness, stability_limit(step_fn))
     verdict(results, runs)
+
+
+def say_of_row(name, row, run):
+    """Print a sentence for each mark of a row."""
+    if row["stopped"]:
+        say(f"{name}: {row['stopped']}")
+    if row["tension_max"] is None:
+        say(f"- {name}: its rods' forces hang on the last digits of places")
+    for why in doubts(row, run):
+        say(f"* {name}: {why}")
+
+
+def say_limit(stiffness, limit):
+    """Print by how much dt w is past its limit; at the limit itself an error stays as it is."""
+    digits = 3 if stiffness > 1.01 * limit else 6
+    if stiffness > limit * (1.0 + 1e-6):
+        found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
+        say(f"baumgarte: {found}")
 
 
 def holds(row, run):

@@ -167,6 +167,19 @@ def peers(system, seconds):
     return found
 
 
+def peers_there(system, seconds):
+    """{Solver: run} of the peers that can hold a scene, and {Solver: why not} of the others."""
+    runs = {}
+    missing = {}
+    for solver, run in peers(system, seconds).items():
+        why = trouble(solver, system)
+        if why:
+            missing[solver] = why
+        else:
+            runs[solver] = run
+    return runs, missing
+
+
 # --- measuring ---
 def known_motion(system, seconds):
     """The Reference after so many seconds or, where that is not known, after fewer."""
@@ -240,18 +253,11 @@ def measure(scene, system, seconds, limit, turns):
     goals = [goal for goal in GOALS if known.uncertainty < goal < largest]
     if not goals:
         raise ArgumentTypeError(f"it is too small: {spoken(largest)} is less than all goals")
-    runs = {}
     clock = time.perf_counter()
-    for solver, step in STEPS.items():
-        runs[solver] = ours(system, seconds, partial(step, system))
+    runs = {solver: ours(system, seconds, partial(step, system)) for solver, step in STEPS.items()}
     built = time.perf_counter() - clock
-    missing = {}
-    for solver, run in peers(system, seconds).items():
-        why = trouble(solver, system)
-        if why:
-            missing[solver] = why
-        else:
-            runs[solver] = run
+    there, missing = peers_there(system, seconds)
+    runs |= there
     found = {}
     for solver in progress.each(runs):
         take = partial(timed, solver, runs[solver], system, seconds, known.q)
@@ -261,9 +267,17 @@ def measure(scene, system, seconds, limit, turns):
             for x in timings:
                 if x.times[0] < SHORT:
                     x.times.append(runs[solver](round(seconds / x.dt))[0])
-    shown = seconds / (SHOWN * first)
-    parts = scene, seconds, found, goals, known.uncertainty, built, missing, shown, turns
-    return Measured(*parts)
+    return Measured(
+        scene=scene,
+        seconds=seconds,
+        found=found,
+        goals=goals,
+        uncertainty=known.uncertainty,
+        built=built,
+        missing=missing,
+        shown=seconds / (SHOWN * first),
+        turns=turns,
+    )
 
 
 # --- what is printed ---
