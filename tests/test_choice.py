@@ -160,10 +160,27 @@ def test_what_swings_a_spring_ever_wider_is_left_out_if_another_costs_as_much_an
     assert choice.worth_trying(named) == (["other", "rk4", "heun"], ["midpoint"])
 
 
-def test_gauss_is_tried_where_nothing_else_is_right():
+def test_gauss_is_tried_where_nothing_else_is_right_and_else_it_is_said_that_it_was_not(double):
+    assert "gauss" in double.untried
     tight = choose(c.build_system("double"), 1e-11, steps=100)
     assert tight.places[0].integrator == "gauss" and not tight.untried
     assert tight.places[0].error <= 1e-11
+
+
+def test_a_short_time_is_the_least_of_some_and_a_long_one_is_taken_as_it_is():
+    class Run:
+        def __init__(self, first, *others):
+            self.seconds = first
+            self.left = iter(others)
+
+        def __call__(self, *_):
+            self.seconds = next(self.left)
+
+    def least(*times):
+        return choice.least_time(SimpleNamespace(start=None, run=Run(*times)), 10, 0.1)
+
+    assert least(1e-3, 4e-4, 9e-4, 8e-4) == 4e-4
+    assert least(1.0, 0.5, 0.5, 0.5) == 1.0
 
 
 # --- luck, ties, and what counts ---

@@ -72,6 +72,12 @@ def test_steps_of_the_page_are_pythons_bits(name, integrator):
         assert np.array_equal(state, [run.q[-1], run.v[-1]]), method
 
 
+def test_steps_that_are_the_same_but_for_what_follows_are_written_once():
+    scene = page.scene_of(c, c.build_system("double"), "rk4", USUAL, {})
+    assert scene["same_step"]["project"] == "none" and "project" not in scene["steps"]
+    assert {*scene["same_step"].values()} == scene["steps"].keys()
+
+
 @pytest.mark.parametrize("hand", [[1.0, -2.0, 0.0], [100.0, -2.0, 0.0]])
 def test_sliders_and_a_hand_pull_each_method_and_the_readers_own_as_a_force_would(hand):
     carried = np.array([[0.0, 3.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # N

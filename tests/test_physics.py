@@ -370,6 +370,15 @@ def test_the_reference_of_a_thrown_pendulum_is_within_its_uncertainty(length, sp
     assert np.linalg.norm(found.q[0] - exact) <= found.uncertainty < 1e-9
 
 
+@pytest.mark.parametrize("far", [1e3, 1e4])
+def test_far_from_the_origin_a_reference_is_as_sure_as_rounding_lets_it_be(far):
+    near = reference_of(make_system([[0.6, -0.8, 0.0]], row(1)))
+    found = reference_of(make_system([[0.6 + far, -0.8, 0.0]], row(1), [[far, 0.0, 0.0]]))
+    off = np.linalg.norm(found.q - [far, 0.0, 0.0] - near.q)
+    assert off <= found.uncertainty + near.uncertainty < 1e-9
+    assert found.uncertainty > 10.0 * near.uncertainty
+
+
 # About the line of its rods of 1 m a bob swings on 10 um: w = sqrt(g / 10 um) is far quicker.
 SMALL = make_system([[0, 0, 1e-5]], [(0, -1), (0, -2)], [[-1, 0, 0], [1, 0, 0]])
 MOTIONS = [(SMALL, 0.01), *product(map(at_random, GRAPHS), [0.2])]

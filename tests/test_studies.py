@@ -116,6 +116,12 @@ def test_mujocos_particles_bear_the_loads_of_ours(scene, name, steps, off):
     assert speed.distance(q, exact) < off < 0.3 * speed.distance(without, exact)
 
 
+@pytest.mark.parametrize(("scene", "closed"), [("double", "hinges"), ("jansen_leg", "connect")])
+def test_a_loop_is_closed_by_connects_and_what_has_none_needs_hinges_only(scene, closed):
+    methods = {x.method.partition(",")[0] for x in speed.peers(SCENES[scene], 1.0)}
+    assert methods == {closed, "tendons"}
+
+
 def test_a_force_that_mujocos_peers_would_leave_out_is_refused(monkeypatch):
     pytest.importorskip("mujoco", reason=PEER)
     monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
