@@ -606,6 +606,7 @@ NO_ANSWERS = [
     ({}, ["--plain"], "steps are not compiled"),
     ({"simulate": edited_loop}, [], "the loop edits"),
     ({"external_force": branching}, [], "steps are not compiled"),
+    ({"INTEGRATORS": c.INTEGRATORS | {"mine": lambda *_: 1 / 0}}, [], "steps cannot be compiled"),
 ]
 
 

@@ -19,7 +19,12 @@ from independent import acceleration, incidence_and_rods, motion
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, Reference, find_reference
-from curriculum.ch3_4_constraints.mechanics.stability import grows, stability_limit
+from curriculum.ch3_4_constraints.mechanics.stability import (
+    force_calls,
+    grows,
+    is_explicit,
+    stability_limit,
+)
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError
 from curriculum.ch3_4_constraints.results import table
 from curriculum.common.gauss import make_gauss
@@ -100,12 +105,15 @@ def test_the_force_is_that_of_the_least_constraint(name):
         assert np.max(np.abs(off)) < 1e-7 * max(9.81, np.max(np.abs(expected)))
 
 
-def test_an_integrator_may_edit_its_arguments_under_project(monkeypatch):
-    def in_place(q, v, m, force, dt):
-        v += dt * force(q, v) / m
-        q += dt * v
-        return q, v
+def in_place(q, v, m, force, dt):
+    """semi_implicit, which edits its arguments, and sees that nothing leaves the plane."""
+    v += dt * force(q, v) / m
+    v *= [1.0, 1.0, 0.0]
+    q += dt * v
+    return q, v
 
+
+def test_an_integrator_may_edit_its_arguments_under_project(monkeypatch):
     monkeypatch.setitem(c.INTEGRATORS, "mine", in_place)
     run = partial(c.run_method, c.build_system("double"), "project", dt=0.005, steps=50)
     assert np.array_equal(run("mine").q, run("semi_implicit").q)
@@ -229,6 +237,12 @@ def test_baumgarte_is_stable_up_to_the_limit_of_theory(integrator):
         w = share * LIMITS[integrator] / 0.005
         run = c.run_method(hanging, "baumgarte", integrator, 0.005, 20_000, baumgarte=w)
         assert (run.violations[-1] < 1e-9) == (share < 1.0)
+
+
+def test_what_is_asked_of_an_integrator_is_asked_of_one_that_edits_arrays_with_three_axes():
+    for _ in range(2):
+        assert is_explicit(in_place) and force_calls(in_place) == 1
+        assert stability_limit(in_place) == stability_limit(c.semi_implicit_step)
 
 
 def test_project_keeps_rods_and_its_energy_does_not_grow_but_halves_with_the_step():

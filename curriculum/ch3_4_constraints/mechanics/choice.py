@@ -93,10 +93,14 @@ def worth_trying(integrators):
     explicit = []
     iterating = []
     for name, step_fn in integrators.items():
-        if not is_explicit(step_fn):
-            iterating.append(name)
-        elif not is_beaten(step_fn, integrators):
-            explicit.append(name)
+        try:
+            kind = explicit if is_explicit(step_fn) else iterating
+            is_left_out = is_beaten(step_fn, integrators)
+        except Exception:  # as it is compiled it fails, too, and that says where
+            kind = explicit
+            is_left_out = False
+        if not is_left_out:
+            kind.append(name)
     return explicit, iterating
 
 
