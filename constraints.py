@@ -11,17 +11,13 @@ drift, what stops the drift, and what that costs.
 """
 
 # --- region: setup ---
-from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
-# You need not open these: a run's record, the true motion, rods in loops, scenes in files, checks;
-from curriculum.ch3_4_constraints.mechanics import Outcome, find_reference, loops, scenes, systems
-from curriculum.ch3_4_constraints.results import output, table  # what is printed and written;
-from curriculum.common import cli, exact, gauss, progress  # flags; cos and sin; an integrator;
-from curriculum.common.tracing import compiled, plain, vmap, while_loop  # same numbers, only faster
+from curriculum.ch3_4_constraints import mechanics  # rods in loops, scenes, checks, the true motion
+from curriculum.ch3_4_constraints.results import output, table  # what is written and printed
+from curriculum.common import cli, exact, gauss, tracing  # flags, cos and sin, an integrator, speed
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
@@ -42,7 +38,7 @@ def build_system(name, rng=0, links=10):
     """
     rods = links if name == "chain" else CHAINS.get(name)
     if rods is None:
-        return scenes.load_scene(name, GRAVITY, CHAINS)
+        return mechanics.load_scene(name, GRAVITY, CHAINS)
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
     along = np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
     system = {
@@ -52,7 +48,7 @@ def build_system(name, rng=0, links=10):
         "pairs": [(k, k - 1) for k in range(rods)],  # rod (i, j) ties i to j; -1 is PIVOT
         "lengths": np.ones(rods),  # (C,) m
     }
-    return systems.check_system(system, PIVOT)  # a checked copy
+    return mechanics.check_system(system, PIVOT)  # a checked copy
 
 
 def external_force(system, q, v=None):
@@ -61,8 +57,8 @@ def external_force(system, q, v=None):
 
 
 def anchor(system, j):
-    """A point that stands still, (3,) in m: j = -1 is PIVOT. A scene may have its own, and more."""
-    return system.get("anchors", [PIVOT])[-1 - j]  # -1 is the first, -2 the second
+    """The fixed point j < 0, (3,) in m: -1 is PIVOT; a scene may have others, -1, -2, and so on."""
+    return system.get("anchors", [PIVOT])[-1 - j]  # -1 is the first
 
 
 # --- endregion ---
@@ -120,10 +116,10 @@ def constraint_terms(system, q, v):
 # So ask that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
-# That is critical damping: less damping would overshoot, more would be slower. With w = 20 rad/s
-# 1 % of an error is left after 1/3 s. But every step makes a new one. Once g has settled, a step of
-# semi_implicit ends with gdot = dt |d_dot|^2 / 2, and the two terms on the right cancel if
-# g = -2 gdot / w: the rod stays short by -g / L, 5 mm for one pendulum fallen from level.
+# That is critical damping: less damping would overshoot, more would be slower. An error let go dies
+# like (1 + wt) e^(-wt): with w = 20 rad/s 1 % is left after 1/3 s. But each step makes a new error.
+# In the end semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the terms on the right
+# cancel at g = -2 gdot / w: a rod stays short by -g / L, 5 mm for a pendulum fallen from level.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -132,16 +128,15 @@ def constraint_force(system, q, v, w=0.0):
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    solve = loops.solver(system, v)  # np.linalg.solve, unless rods close a loop: A may be singular
+    # This is np.linalg.solve, unless rods close a loop. There A may be singular; if it is so for a
+    # moment only, v tells how the rods go on.
+    solve = mechanics.solver(system, v)
     lam = solve(A, b)
     return (jac.T @ lam).reshape(q.shape)
 
 
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in newtons: external_force plus the rods'. The solve hides in here.
-
-    Integrators need no change. Each call solves for lambda anew: in RK4 four times a step.
-    """
+    """force(q, v), (N, 3) in newtons. Integrators need no change; RK4 solves four times a step."""
 
     def force(q, v):
         return external_force(system, q, v) + constraint_force(system, q, v, w)
@@ -197,8 +192,7 @@ def energy(system, q, v):
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    load = system.get("load", 0.0)
-    force = system["m"] * GRAVITY + load  # not external_force: drag has no potential
+    force = system["m"] * GRAVITY + system.get("load", 0.0)  # without drag: it has no potential
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
@@ -221,12 +215,12 @@ def constraint_violation(system, q):
 def tensions(system, q, v, force):
     """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
 
-    Whatever the method, the rods' part of force(q, v) is J^T lambda: here lambda is found from it.
-    If rods are redundant many lambda fit, and this takes the smallest.
+    Any method's force(q, v) hides its lambda: the rods' part of it is J^T lambda. If rods are
+    redundant many lambda fit, and this takes the smallest.
     """
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
-    lam = loops.least_squares(jac.T, rods_force.ravel())
+    lam = mechanics.least_squares(jac.T, rods_force.ravel())
     lam = lam[: len(system["pairs"])]  # J may have more rows: yours, after the rods'
     return -lam * rod_lengths(system, q)
 
@@ -249,7 +243,7 @@ def simulate(step_fn, system, force, dt, steps):
     """Take `steps` steps of dt s from q0, v0. Keep and measure every state: the Run."""
     q = system["q0"].copy()
     v = system["v0"].copy()
-    all_q = np.full((steps + 1, *q.shape), np.nan)  # what you do not reach, with break, stays NaN
+    all_q = np.full((steps + 1, *q.shape), np.nan)  # NaN: not reached, should you break
     all_v = np.full((steps + 1, *v.shape), np.nan)
     all_q[0] = q
     all_v[0] = v
@@ -278,7 +272,7 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
         A = (jac / m) @ jac.T
         R = softness * np.diag(np.diag(A))
         b = -(jac @ (f / m)) - damping * gdot - stiffness * g
-        solve = loops.solver(system, v)
+        solve = mechanics.solver(system, v)
         lam = solve(A + R, b)
         return (f + jac.T @ lam).reshape(q.shape)
 
@@ -299,9 +293,9 @@ def project(system, q_start, q, v, dt):
     v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
     """
     m = np.repeat(system["m"], 3)
-    solve = loops.solver(system)
+    solve = mechanics.solver(system)
     jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
-    tolerance = systems.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
+    tolerance = mechanics.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
 
     def is_off(q):
         _, g, _, _ = constraint_terms(system, q, v)
@@ -313,20 +307,21 @@ def project(system, q_start, q, v, dt):
         return q - (jac_start.T @ dmu / m).reshape(q.shape)
 
     # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
-    end = while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
+    end = tracing.while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
     nu = solve((jac / m) @ jac.T, gdot)
     return end, v - (jac.T @ nu / m).reshape(q.shape)
 
 
-class Method(NamedTuple):
+class Method:
     """How to hold the rods. Add yours to make_methods: table and page will show it."""
 
-    make_force: Callable  # system -> force(q, v)
-    words: str  # what it does
-    post_step: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v)
-    integrator: str | None = None  # the only one it works with
+    def __init__(self, make_force, words, post_step=None, integrator=None):
+        self.make_force = make_force  # system -> force(q, v)
+        self.words = words  # what it does
+        self.post_step = post_step  # (system, q_start, q, v, dt) -> (q, v), after each step
+        self.integrator = integrator  # the only one it works with, if there is one
 
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
@@ -374,24 +369,24 @@ def stabilized(step_fn, system, method):
 #     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
 def run_method(system, name, integrator, dt, steps, **knobs):
     """The Outcome of a method, by name, on a copy of the system; `knobs` are make_methods'."""
-    system = systems.check_run(system, PIVOT, dt, steps, external_force)
+    system = mechanics.check_run(system, PIVOT, dt, steps, external_force)
     method = make_methods(dt, **knobs)[name]
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    step_fn = systems.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
-    step_fn = compiled(step_fn, steps)  # the same numbers, but faster
+    step_fn = mechanics.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
+    step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
     states = simulate(step_fn, system, method.make_force(system), dt, steps)
-    return Outcome(states, system, dt, step_fn, GRAVITY)
+    return mechanics.Outcome(states, system, dt, step_fn, GRAVITY)
 
 
 def summary(system, run, method, reference):
     """What metrics.json says about a run."""
-    force = method.make_force(system)
-    pulls = vmap(lambda q, v: tensions(system, q, v, force))(run.q, run.v)  # (steps + 1, C) in N
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: the scale, as energies begin near 0
+    pull = partial(tensions, system, force=method.make_force(system))
+    pulls = tracing.vmap(pull)(run.q, run.v)  # (steps + 1, C) in N: of all states
+    m_g_L = mechanics.m_g_L(system, GRAVITY)  # J: the scale, as energies begin near 0
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
-        "conserves": systems.conserves(system, external_force, energy),  # should energy stay?
+        "conserves": mechanics.conserves(system, external_force, energy),  # should energy stay?
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         **table.largest_force(pulls),  # N, over rods and states
         "operations": run.operations,  # for a second of motion
@@ -403,7 +398,7 @@ def summary(system, run, method, reference):
 
 def print_table(args, runs, results, reference):
     """Print a row for each method, and notes on it."""
-    table.title(args, runs)
+    table.title(args, runs)  # what was run, and how
     print("\n               rods off by      energy off    largest   places off    a step")
     print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
     for name, row in results.items():
@@ -411,14 +406,14 @@ def print_table(args, runs, results, reference):
         if run.lost:  # it failed or diverged
             table.say(f"{name:12}{run.lost}")
             continue
-        star = "*" if table.doubts(row, run) else ""  # the notes below say why
+        star = "*" if table.doubts(row, run) else ""  # a note says why
         print(
             f"{name + star:12}"
-            f"{table.length(row['max_violation']):>8}"
+            f"{table.length(row['max_violation']):>8}"  # 0.384 m is "38 cm"
             f"{table.length(row['final_violation']):>10}"
             f"{table.energy(row):>12}"
-            f"{table.force(row):>11}"
-            f"{table.error(row['error'], reference):>13}"
+            f"{table.force(row):>11}"  # "over 450", if it may be larger between steps
+            f"{table.error(row['error'], reference):>13}"  # no finer than the reference
             f"{run.pace:>10.3g}"
         )
     table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
@@ -431,17 +426,19 @@ def main(argv=None):
     methods = make_methods(args.dt, **args.knobs)
     runs = {}
     results = {}
-    with plain(args.plain):
-        for name in progress.each(args.methods):
+    with tracing.plain(args.plain):
+        for name in cli.progress(args.methods):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Rods can be right, the path wrong. So compare places with the true motion: gauss with
-        # project, in steps so short that shorter ones change nothing, before chaos has spread.
-        reference = find_reference(system, make_force(system), project, runs.values())
+        # Rods can be right, the path wrong. So compare places with the true motion before chaos has
+        # spread: gauss with project, in steps so short that shorter ones change nothing.
+        reference = mechanics.find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    output.write(args, system, runs, results, reference, globals())  # play.html runs your edits
+    # With --within first an answer. Then metrics.json, a recording, and play.html, which runs this
+    # file's functions as you have edited them: they are among globals().
+    output.write(args, system, runs, results, reference, globals())
     return 0
 
 
@@ -449,10 +446,10 @@ def parse_args(argv=None):
     """Parse the flags and build the system they ask for."""
     parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")
     add = parser.add_argument
-    names = [*CHAINS, "chain", *scenes.SHIPPED]
+    known = [*CHAINS, "chain", *mechanics.SHIPPED]
     every = make_methods()
     words = "; ".join(f"{name} {method.words}" for name, method in every.items())
-    add("--system", default="double", help=f"{', '.join(names)}, or the file of a scene")
+    add("--system", default="double", help=f"{', '.join(known)}, or the file of a scene")
     add("--links", type=cli.whole(1, 300), default=10, help="how many rods --system chain has")
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")

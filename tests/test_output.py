@@ -95,7 +95,7 @@ def test_a_length_has_two_digits_and_its_unit_and_a_share_is_per_cent():
 def test_a_readers_own_row_is_in_all_files_and_fails_alone(run, tmp_path, monkeypatch):
     def torn(system, q_start, q, v, dt):
         low = {"most": 5, "failure": "it is torn"}
-        return c.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
+        return c.tracing.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
 
     usual = c.make_methods
     own = {"torn": c.Method(c.make_force, "tears", torn)}

@@ -6,7 +6,7 @@ from decimal import Decimal
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
 from curriculum.ch3_4_constraints.results.table import in_digits, length, per_cent, say
-from curriculum.common import progress
+from curriculum.common import cli
 from curriculum.common.tracing import Untraceable
 
 SHOWN = {"m": 0, "cm": -2, "mm": -3, "µm": -6, "nm": -9}  # to say a tolerance
@@ -173,7 +173,7 @@ def give(chapter, args, system, runs, reference):
         why = f"it would take long for more than {MAX_RODS} rods"
     if not why:
         try:
-            found = choosing.choose(chapter, system, args, reference, progress.each)
+            found = choosing.choose(chapter, system, args, reference, cli.progress)
         except Untraceable as cause:
             why = f"steps cannot be compiled: {cause}"
     if why:

@@ -13,7 +13,7 @@ import numpy as np
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice, scenes, systems
 from curriculum.ch3_4_constraints.studies.speed_vs_error import STEPS
-from curriculum.common import cli, progress
+from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
 
 STARTS = 20  # of each scene
@@ -132,6 +132,6 @@ def main(argv=None):
     print(f"{len(SCENES)} scenes: largest step in s at which {held}")
     show("", [x.short for x in SOLVERS])
     show("", [x.method for x in SOLVERS])
-    scenes = QUICK if args.quick else SCENES
-    for name in progress.each(scenes):
+    names = QUICK if args.quick else SCENES
+    for name in cli.progress(names):
         show(name, row(name))

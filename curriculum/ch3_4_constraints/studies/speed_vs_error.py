@@ -24,7 +24,7 @@ from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
 from curriculum.ch3_4_constraints.results.table import in_digits
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
-from curriculum.common import cli, progress
+from curriculum.common import cli
 from curriculum.common.files import check_writable, write_together
 from curriculum.common.tracing import CompiledSteps
 
@@ -259,10 +259,10 @@ def measure(scene, system, seconds, limit, turns):
     there, missing = peers_there(system, seconds)
     runs |= there
     found = {}
-    for solver in progress.each(runs):
+    for solver in cli.progress(runs):
         take = partial(timed, solver, runs[solver], system, seconds, known.q)
         found[solver] = ladder(take, first, seconds, goals[0], limit)
-    for _ in progress.each(f"{scene}, turn {k}" for k in range(1, turns)):
+    for _ in cli.progress(f"{scene}, turn {k}" for k in range(1, turns)):
         for solver, timings in found.items():
             for x in timings:
                 if x.times[0] < SHORT:
