@@ -26,8 +26,8 @@ SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs by
 
 # --- endregion ---
 # --- region: systems ---
-# A system is a dict: N particles, and C rods that tie them. A state is q and v, (N, 3) each: where
-# the particles are, in m, and their velocities, in m/s, at one time.
+# A system is a dict: N particles, and C rods that tie them. As in chapter 3.3 a state is q and v,
+# positions in m and velocities in m/s; now they are (N, 3) each, with a row per particle.
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
@@ -44,8 +44,8 @@ def build_system(name, rng=0, links=10):
     system = {
         "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m, at the start
         "v0": np.zeros((rods, 3)),  # (N, 3) m/s
-        "m": np.ones((rods, 1)),  # (N, 1) kg
-        "pairs": [(k, k - 1) for k in range(rods)],  # rod (i, j) ties i to j; -1 is PIVOT
+        "m": np.ones((rods, 1)),  # (N, 1) kg: a column, so that force / m divides row by row
+        "pairs": [(k, k - 1) for k in range(rods)],  # a rod (i, j) ties i to j; -1 is PIVOT
         "lengths": np.ones(rods),  # (C,) m
     }
     return mechanics.check_system(system, PIVOT)  # a checked copy
@@ -54,11 +54,6 @@ def build_system(name, rng=0, links=10):
 def external_force(system, q, v=None):
     """All forces but the rods', (N, 3) in newtons. Add drag here if you like: energy() omits it."""
     return system["m"] * GRAVITY + system.get("load", 0.0)  # a scene may have a load, (N, 3) in N
-
-
-def anchor(system, j):
-    """The fixed point j < 0, (3,) in m: -1 is PIVOT; a scene may have others, -1, -2, and so on."""
-    return system.get("anchors", [PIVOT])[-1 - j]  # -1 is the first
 
 
 # --- endregion ---
@@ -75,7 +70,6 @@ def anchor(system, j):
 #         (-d_1    d_1 )
 # Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
 #     gddot = J a + Jdot v
-#
 # A rod without mass pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j.
 # That is lambda times its row of J; all rods together give J^T lambda. So each rod has one unknown,
 # its Lagrange multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a
@@ -110,6 +104,11 @@ def constraint_terms(system, q, v):
     return np.stack(jac), np.stack(g), np.stack(gdot), np.stack(jdotv)
 
 
+def anchor(system, j):
+    """A fixed point, (3,) in m: PIVOT, for j = -1. A scene may have its own, for j = -1, -2, ..."""
+    return system.get("anchors", [PIVOT])[-1 - j]
+
+
 # gddot = 0 pulls nothing back: an error in g stays, and one in gdot makes g grow. And steps make
 # errors: semi_implicit goes straight, along the tangent of the rod's circle. In a run that starts
 # at rest every step adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one; the chapter proves it.
@@ -118,7 +117,7 @@ def constraint_terms(system, q, v):
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
 # That is critical damping: less damping would overshoot, more would be slower. An error let go dies
 # like (1 + wt) e^(-wt): with w = 20 rad/s 1 % is left after 1/3 s. But each step makes a new error.
-# In the end semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the terms on the right
+# Once g has settled, semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the two new terms
 # cancel at g = -2 gdot / w: a rod stays short by -g / L, 5 mm for a pendulum fallen from level.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
@@ -128,10 +127,10 @@ def constraint_force(system, q, v, w=0.0):
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    # This is np.linalg.solve, unless rods close a loop. There A may be singular; if it is so for a
-    # moment only, v tells how the rods go on.
-    solve = mechanics.solver(system, v)
-    lam = solve(A, b)
+    if mechanics.has_loop(system):  # rods that close a loop can make A singular
+        lam = mechanics.solve_loops(system, v, A, b)
+    else:
+        lam = np.linalg.solve(A, b)
     return (jac.T @ lam).reshape(q.shape)
 
 
@@ -187,7 +186,7 @@ INTEGRATORS = {
 # --- endregion ---
 # --- region: simulate ---
 def energy(system, q, v):
-    """Kinetic plus potential energy, in J, of one state or of many.
+    """Kinetic plus potential energy, in joules, of one state or of many.
 
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
@@ -216,12 +215,12 @@ def tensions(system, q, v, force):
     """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
 
     Any method's force(q, v) hides its lambda: the rods' part of it is J^T lambda. If rods are
-    redundant many lambda fit, and this takes the smallest.
+    redundant many lambda fit, and this takes the smallest. What a post_step does is not counted.
     """
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
     lam = mechanics.least_squares(jac.T, rods_force.ravel())
-    lam = lam[: len(system["pairs"])]  # J may have more rows: yours, after the rods'
+    lam = lam[: len(system["pairs"])]  # if you have added rows to J: rods come first
     return -lam * rod_lengths(system, q)
 
 
@@ -233,7 +232,7 @@ class Run:
         self.v = v  # (steps + 1, N, 3), in m/s
         self.tip = q[:, -1]  # (steps + 1, 3): the path of the last particle, in m
         self.violations = constraint_violation(system, q)  # (steps + 1,), in m
-        self.energies = energy(system, q, v)  # (steps + 1,), in J
+        self.energies = energy(system, q, v)  # (steps + 1,), in joules
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
@@ -243,7 +242,7 @@ def simulate(step_fn, system, force, dt, steps):
     """Take `steps` steps of dt s from q0, v0. Keep and measure every state: the Run."""
     q = system["q0"].copy()
     v = system["v0"].copy()
-    all_q = np.full((steps + 1, *q.shape), np.nan)  # NaN: not reached, should you break
+    all_q = np.full((steps + 1, *q.shape), np.nan)  # rows stay NaN if you `break` the loop
     all_v = np.full((steps + 1, *v.shape), np.nan)
     all_q[0] = q
     all_v[0] = v
@@ -272,7 +271,7 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
         A = (jac / m) @ jac.T
         R = softness * np.diag(np.diag(A))
         b = -(jac @ (f / m)) - damping * gdot - stiffness * g
-        solve = mechanics.solver(system, v)
+        solve = mechanics.solver(system, v)  # the one or the other, as in constraint_force
         lam = solve(A + R, b)
         return (f + jac.T @ lam).reshape(q.shape)
 
@@ -290,7 +289,7 @@ def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
+    v, too (H. Andersen, ibid. 52 (1983) 24). In both this is all that rods do to a free step.
     """
     m = np.repeat(system["m"], 3)
     solve = mechanics.solver(system)
@@ -365,60 +364,6 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# Run each method, measure it, and print a row for it. One method, from Python:
-#     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
-def run_method(system, name, integrator, dt, steps, **knobs):
-    """The Outcome of a method, by name, on a copy of the system; `knobs` are make_methods'."""
-    system = mechanics.check_run(system, PIVOT, dt, steps, external_force)
-    method = make_methods(dt, **knobs)[name]
-    step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    step_fn = mechanics.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
-    step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
-    states = simulate(step_fn, system, method.make_force(system), dt, steps)
-    return mechanics.Outcome(states, system, dt, step_fn, GRAVITY)
-
-
-def summary(system, run, method, reference):
-    """What metrics.json says about a run."""
-    pull = partial(tensions, system, force=method.make_force(system))
-    pulls = tracing.vmap(pull)(run.q, run.v)  # (steps + 1, C) in N: of all states
-    m_g_L = mechanics.m_g_L(system, GRAVITY)  # J: the scale, as energies begin near 0
-    return {
-        "max_violation": np.max(run.violations),  # m, over all states
-        "final_violation": run.violations[-1],  # m
-        "conserves": mechanics.conserves(system, external_force, energy),  # should energy stay?
-        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
-        **table.largest_force(pulls),  # N, over rods and states
-        "operations": run.operations,  # for a second of motion
-        "tip_final": run.tip[-1].tolist(),  # m
-        "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
-        "stopped": run.stopped,  # when and why, if it ended early
-    }
-
-
-def print_table(args, runs, results, reference):
-    """Print a row for each method, and notes on it."""
-    table.title(args, runs)  # what was run, and how
-    print("\n               rods off by      energy off    largest   places off    a step")
-    print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
-    for name, row in results.items():
-        run = runs[name]
-        if run.lost:  # it failed or diverged
-            table.say(f"{name:12}{run.lost}")
-            continue
-        star = "*" if table.doubts(row, run) else ""  # a note says why
-        print(
-            f"{name + star:12}"
-            f"{table.length(row['max_violation']):>8}"  # 0.384 m is "38 cm"
-            f"{table.length(row['final_violation']):>10}"
-            f"{table.energy(row):>12}"
-            f"{table.force(row):>11}"  # "over 450", if it may be larger between steps
-            f"{table.error(row['error'], reference):>13}"  # no finer than the reference
-            f"{run.pace:>10.3g}"
-        )
-    table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
-
-
 def main(argv=None):
     """Run the methods, print what became of the rods, and write it to files."""
     args, system = parse_args(argv)
@@ -440,6 +385,64 @@ def main(argv=None):
     # file's functions as you have edited them: they are among globals().
     output.write(args, system, runs, results, reference, globals())
     return 0
+
+
+# From Python, for example:
+#     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
+#     print(run.q[-1], run.violations.max())
+def run_method(system, name, integrator, dt, steps, **knobs):
+    """Run a method, by its name, on a copy of the system: its Outcome. `knobs` are make_methods'.
+
+    That has what a Run has, up to where it failed or diverged, why it did, `pace` and `operations`.
+    """
+    system = mechanics.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
+    method = make_methods(dt, **knobs)[name]
+    step_fn = stabilized(INTEGRATORS[integrator], system, method)
+    step_fn = mechanics.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
+    step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
+    states = simulate(step_fn, system, method.make_force(system), dt, steps)
+    return mechanics.Outcome(states, system, dt, step_fn, GRAVITY)
+
+
+def summary(system, run, method, reference):
+    """What metrics.json says about a run."""
+    pull = partial(tensions, system, force=method.make_force(system))
+    pulls = tracing.vmap(pull)(run.q, run.v)  # (steps + 1, C) in N: pull(q, v) of all states
+    m_g_L = mechanics.m_g_L(system, GRAVITY)  # joules: all masses times g times all rods
+    return {
+        "max_violation": np.max(run.violations),  # m, over all states
+        "final_violation": run.violations[-1],  # m
+        "conserves": mechanics.conserves(system, external_force, energy),  # not with drag
+        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
+        **table.largest_force(pulls),  # tension_max in N, and by how much it may be larger
+        "operations": run.operations,  # for a second of motion
+        "tip_final": run.tip[-1].tolist(),  # m
+        "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
+        "stopped": run.stopped,  # when and why, if it ended early
+    }
+
+
+def print_table(args, runs, results, reference):
+    """Print a row for each method. A new column: a key in summary, a heading and a line here."""
+    table.title(args, runs)  # what was run, and how
+    print("\n               rods off by      energy off    largest   places off    a step")
+    print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
+    for name, row in results.items():
+        run = runs[name]
+        if run.lost:  # it failed or diverged
+            table.say(f"{name:12}{run.lost}")
+            continue
+        star = "*" if table.doubts(row, run) else ""  # a note says why
+        print(
+            f"{name + star:12}"
+            f"{table.length(row['max_violation']):>8}"  # 0.384 m is "38 cm"
+            f"{table.length(row['final_violation']):>10}"
+            f"{table.energy(row):>12}"  # "-" where it need not stay
+            f"{table.force(row):>11}"  # "over 450", if it may be larger between steps
+            f"{table.error(row['error'], reference):>13}"  # no finer than the reference
+            f"{run.pace:>10.3g}"
+        )
+    table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])  # what * and - mean
 
 
 def parse_args(argv=None):
