@@ -9,7 +9,8 @@ from curriculum.ch3_4_constraints.results import output
 
 
 def test_smoke_run_twice_gives_the_same_metrics_bytes_and_equal_recordings(tmp_path):
-    found, recordings = [], []
+    found = []
+    recordings = []
     for name in ("first", "second"):
         out = tmp_path / "out"
         done = python("constraints.py", "--smoke", "--seed", 0, "--out", out)

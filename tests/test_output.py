@@ -55,7 +55,8 @@ def test_a_run_prints_the_courses_first_lines_and_what_metrics_json_and_python_h
         hardest = np.max(np.abs([*map(pulls, done.q, done.v)]))
         assert found["tension_max"] == pytest.approx(hardest, abs=1e-9)
         drift = (done.energies - done.energies[0]) / (2.0 * 9.81 * 2.0)
-        worst, end = np.max(done.violations), done.violations[800]
+        worst = np.max(done.violations)
+        end = done.violations[800]
         energy = np.max(np.abs(drift))
         keys = "max_violation", "final_violation", "energy_rel_max"
         for key, x in zip(keys, (worst, end, energy), strict=True):
@@ -96,7 +97,8 @@ def test_a_readers_own_row_is_in_all_files_and_fails_alone(run, tmp_path, monkey
         low = {"most": 5, "failure": "it is torn"}
         return c.tracing.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
 
-    usual, own = c.make_methods, {"torn": c.Method(c.make_force, "tears", torn)}
+    usual = c.make_methods
+    own = {"torn": c.Method(c.make_force, "tears", torn)}
     monkeypatch.setattr(c, "make_methods", lambda *a, **k: usual(*a, **k) | own)
     printed, metrics = run("--system pendulum --steps 400")
     assert all(b"torn" in (tmp_path / name).read_bytes() for name in FILES)
@@ -107,8 +109,8 @@ def test_a_readers_own_row_is_in_all_files_and_fails_alone(run, tmp_path, monkey
 @pytest.mark.parametrize("flags", ["--smoke", "--smoke --system triple --integrator rk4"])
 def test_the_verdict_is_the_ratio_of_the_worst_errors_where_it_is_above_three(flags, run):
     printed, metrics = run(flags, *BARE)
-    none, baumgarte = (metrics["results"][name] for name in ("none", "baumgarte"))
-    ratio = none["max_violation"] / baumgarte["max_violation"]
+    rows = metrics["results"]
+    ratio = rows["none"]["max_violation"] / rows["baumgarte"]["max_violation"]
     said = f"largest rod error, none > 3 x baumgarte: as expected ({ratio:.2g} x)\n"
     assert ratio > 3.0 and said in printed
 
@@ -183,8 +185,6 @@ def test_a_run_that_is_lost_says_how_its_energy_had_grown(run):
 LIMITS = {  # w and dt in flags, and what is said of baumgarte's limit under euler, 2
     "--baumgarte 400": None,  # which is met, not passed
     "--baumgarte 401": "dt w = 2.005 is past its limit 2\n",
-    "--baumgarte 500": "dt w = 2.5 is past its limit 2\n",
-    "--baumgarte 399": None,
 }
 
 
@@ -396,6 +396,11 @@ def test_an_edit_in_the_loop_is_obeyed_and_the_same_with_plain(edit, monkeypatch
     assert said in printed
 
 
+def tip_of(files):
+    """The x of the tip at the end of a run under none, in m, by its metrics.json."""
+    return json.loads(files[output.METRICS])["results"]["none"]["tip_final"][0]
+
+
 def test_what_changes_beside_arguments_ends_a_run_before_a_file(monkeypatch, tmp_path, capsys):
     wind = np.zeros(3)  # m/s^2
 
@@ -417,9 +422,7 @@ def test_what_changes_beside_arguments_ends_a_run_before_a_file(monkeypatch, tmp
     assert contents(tmp_path) == before and "none" not in capsys.readouterr().out
     wind[0] = 0.0
     c.main([*run, "--plain"])
-    usual, windy = (json.loads(x[output.METRICS]) for x in (before, contents(tmp_path)))
-    still, moved = (x["results"]["none"]["tip_final"][0] for x in (usual, windy))
-    assert moved > still + 0.1  # m
+    assert tip_of(contents(tmp_path)) > tip_of(before) + 0.1  # m
 
 
 def test_a_run_leaves_its_files_and_none_of_an_earlier_run(tmp_path, monkeypatch, capsys):

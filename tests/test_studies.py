@@ -52,21 +52,22 @@ def test_a_run_ends_when_it_should_however_many_steps_it_takes(steps):
     assert np.allclose(q, system["q0"] + 5.0 * system["v0"], rtol=0.0, atol=1e-9) and seconds > 0.0
 
 
-def settings(name, *rows):
-    """{name: Settings} of rows of a step in s, an error in m and a time in s."""
-    return {name: [speed.Setting(name, dt, error, 0.0, [seconds]) for dt, error, seconds in rows]}
+def timings(integrator, method, *rows):
+    """{Solver: Timings} of rows of a step in s, an error in m and a time in s."""
+    solver = speed.Solver(integrator, method)
+    return {solver: [speed.Timing(solver, dt, error, 0.0, [took]) for dt, error, took in rows]}
 
 
 def test_a_sentence_names_who_is_quickest_and_who_as_quick_with_ms_of_all_steps_and_of_one():
     """A setting counts if the next finer one is as good."""
-    found = settings("slow", (0.01, 1e-7, 0.3), (0.005, 1e-8, 0.6))
-    found |= settings("quick", (0.005, 1e-7, 0.0021), (0.0025, 1e-8, 0.0042))
-    found |= settings("near", (0.005, 1e-7, 0.0023), (0.0025, 1e-8, 0.0044))
-    found |= settings("lucky", (0.02, 1e-7, 1e-6), (0.01, 0.1, 2e-6))
-    assert speed.quickest(found, 1e-6) == "to 1 µm: quick 2.1/5, near 2.3/5"
+    found = timings("rk4", "slow", (0.01, 1e-7, 0.3), (0.005, 1e-8, 0.6))
+    found |= timings("rk4", "quick", (0.005, 1e-7, 0.0021), (0.0025, 1e-8, 0.0042))
+    found |= timings("semi_implicit", "near", (0.005, 1e-7, 0.0023), (0.0025, 1e-8, 0.0044))
+    found |= timings("rk4", "lucky", (0.02, 1e-7, 1e-6), (0.01, 0.1, 2e-6))
+    assert speed.quickest(found, 1e-6) == "to 1 µm: rk4 quick 2.1/5, semi near 2.3/5"
     assert speed.quickest(found, 1e-9) == "to 1 nm: nobody"
-    found |= settings("as quick and better", (0.005, 1e-9, 0.0022), (0.0025, 1e-9, 0.0044))
-    assert speed.quickest(found, 1e-6).startswith("to 1 µm: as quick and better 2.2/5, quick")
+    found |= timings("rk4", "better", (0.005, 1e-9, 0.0022), (0.0025, 1e-9, 0.0044))
+    assert speed.quickest(found, 1e-6).startswith("to 1 µm: rk4 better 2.2/5, rk4 quick")
 
 
 def test_references_are_where_joint_angles_have_the_particles():
@@ -83,11 +84,11 @@ def test_references_are_where_joint_angles_have_the_particles():
 
 
 PEERS = [  # a scene, a row of MuJoCo's, steps, and how near it is to ours, in m
-    ("double", "MuJoCo hinges", 2000, 1e-8),
-    ("double", "MuJoCo tendons, hard", 4000, 5e-3),
-    ("jansen_leg", "MuJoCo connect, hard", 800, 1e-5),
-    ("jansen_leg", "MuJoCo tendons, hard", 800, 1e-3),
-    ("windows", "MuJoCo connect", 400, 2e-3),
+    ("double", "hinges", 2000, 1e-8),
+    ("double", "tendons, hard", 4000, 5e-3),
+    ("jansen_leg", "connect, hard", 800, 1e-5),
+    ("jansen_leg", "tendons, hard", 800, 1e-3),
+    ("windows", "connect", 400, 2e-3),
 ]
 
 
@@ -97,11 +98,11 @@ def test_mujocos_hinges_connects_and_tendons_move_as_particles_on_rods(scene, na
     system = SCENES[scene]
     seconds = speed.SCENES[scene]
     exact, _ = speed.reference(system, seconds)
-    _, q = speed.peers(system, seconds)[name](steps)
+    _, q = speed.peers(system, seconds)["MuJoCo", name](steps)
     assert speed.distance(q, exact) < off
 
 
-RIGID = [row for row in PEERS if row[1] != "MuJoCo connect"]  # which gives under a load
+RIGID = [row for row in PEERS if row[1] != "connect"]  # which gives under a load
 
 
 @pytest.mark.parametrize(("scene", "name", "steps", "off"), RIGID)
@@ -111,26 +112,32 @@ def test_mujocos_particles_bear_the_loads_of_ours(scene, name, steps, off):
     system = SCENES[scene] | {"load": load}
     without, _ = speed.reference(SCENES[scene], 0.5)
     exact, _ = speed.reference(system, 0.5)
-    _, q = speed.peers(system, 0.5)[name](steps)
+    _, q = speed.peers(system, 0.5)["MuJoCo", name](steps)
     assert speed.distance(q, exact) < off < 0.3 * speed.distance(without, exact)
+
+
+@pytest.mark.parametrize(("scene", "closed"), [("double", "hinges"), ("jansen_leg", "connect")])
+def test_a_loop_is_closed_by_connects_and_what_has_none_needs_hinges_only(scene, closed):
+    methods = {x.method.partition(",")[0] for x in speed.peers(SCENES[scene], 1.0)}
+    assert methods == {closed, "tendons"}
 
 
 def test_a_force_that_mujocos_peers_would_leave_out_is_refused(monkeypatch):
     pytest.importorskip("mujoco", reason=PEER)
     monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
     with pytest.raises(argparse.ArgumentTypeError, match="gravity and the system's load only"):
-        speed.peers(SCENES["double"], 1.0)["MuJoCo hinges"](10)
+        speed.peers(SCENES["double"], 1.0)["MuJoCo", "hinges"](10)
 
 
 def drawn(*more):
     """What is drawn of lines of order 1 and 4, of a peer and of some more lines."""
     steps = [0.02 * 0.5**k for k in range(12)]
     found = {}
-    for rule, order in ("semi", 1), ("rk4", 4):
+    for integrator, order in ("semi_implicit", 1), ("rk4", 4):
         for method in "none", "project":
             rows = [(dt, 30.0 * dt**order, 1e-5 / dt) for dt in steps]
-            found |= settings(f"{rule} {method}", *rows)
-    found |= settings("MuJoCo hinges", *[(dt, 30.0 * dt**4, 1e-3 / dt) for dt in steps])
+            found |= timings(integrator, method, *rows)
+    found |= timings("MuJoCo", "hinges", *[(dt, 30.0 * dt**4, 1e-3 / dt) for dt in steps])
     for line in more:
         found |= line
     measured = speed.Measured("double", 5.0, found, speed.GOALS, 1e-13, 1.0, {}, 0.005, 5)
@@ -159,31 +166,31 @@ def test_a_diagram_rises_to_the_right_as_an_order_has_it():
 
 
 def test_a_diagram_names_what_is_quickest_in_its_colour_and_leaves_the_others_grey():
-    quick = settings("rk4 baumgarte", (0.02, 5e-4, 1e-5), (0.01, 4e-4, 2e-5))
+    quick = timings("rk4", "baumgarte", (0.02, 5e-4, 1e-5), (0.01, 4e-4, 2e-5))
     text, found = drawn(quick)
     colours = dict(re.findall(r'style="[^"]*fill:var\(--(\w+)\)">([\w ]+), [\d.]+ ms<', text))
     winners = {goal: speed.winners(found, goal)[0] for goal in speed.GOALS[:3]}
-    assert winners[1e-3].name == "rk4 baumgarte" and winners[1e-6].name == "rk4 none"
-    assert set(colours.values()) >= {x.name for x in winners.values()}
+    assert winners[1e-3].solver == ("rk4", "baumgarte")
+    assert winners[1e-6].solver == ("rk4", "none")
+    assert set(colours.values()) >= {str(x.solver) for x in winners.values()}
     assert "double: quickest to 1 mm is rk4 baumgarte<" in text
     bold = re.findall(r"<text [^>]*font-weight:bold[^>]*>([^<]*)<", text)
     assert "1 mm" in bold and f"rk4 baumgarte, {1e3 * winners[1e-3].dt:g} ms" in bold
     grey = [style for _, style in lines_of(text) if "--reference" in style]
-    names = {x.name for x in winners.values()}
-    assert len(grey) == len(found) - len(names)
-    peer = work_precision.shown(found["MuJoCo hinges"])
+    assert len(grey) == len(found) - len({x.solver for x in winners.values()})
+    peer = work_precision.shown(found["MuJoCo", "hinges"])
     assert text.count(work_precision.OPEN) == len(peer) > 5
     assert "open circles: MuJoCo" in text and ">MuJoCo hinges<" in text
 
 
 def test_a_small_scene_is_asked_for_its_coarsest_goal():
-    found = settings("rk4 none", (0.02, 5e-7, 1e-5), (0.01, 4e-7, 2e-5))
+    found = timings("rk4", "none", (0.02, 5e-7, 1e-5), (0.01, 4e-7, 2e-5))
     measured = speed.Measured("flea", 0.1, found, [1e-6, 1e-9], 1e-13, 1.0, {}, 0.005, 5)
     text = work_precision.text_of(measured, speed.winners)
     assert "flea: quickest to 1 µm is rk4 none<" in text and ">1 mm<" not in text
     nobody = measured._replace(goals=[1e-9])
     assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(nobody, speed.winners)
-    far = nobody._replace(found=settings("rk4 none", (0.02, 9.0, 1e-5)))
+    far = nobody._replace(found=timings("rk4", "none", (0.02, 9.0, 1e-5)))
     assert "flea: quickest to 1 nm is nobody<" in work_precision.text_of(far, speed.winners)
 
 
@@ -203,9 +210,15 @@ def test_words_of_a_diagram_are_read_on_a_phone():
 
 
 def test_a_name_that_no_table_has_is_drawn_like_the_others():
-    assert work_precision.look("rk5 none") == work_precision.look("MuJoCo hinges")
-    looks = [work_precision.look(name) for name in speed.STEPS if not name.startswith("XPBD")]
+    other = work_precision.look(speed.Solver("MuJoCo", "hinges"))
+    assert work_precision.look(speed.Solver("rk5", "none")) == other
+    looks = [work_precision.look(x) for x in speed.STEPS if x.integrator != "XPBD"]
     assert len({*looks}) == len(looks)
+
+
+def only_rk4(monkeypatch, methods=("none",)):
+    solvers = [speed.Solver("rk4", method) for method in methods]
+    monkeypatch.setattr(speed, "STEPS", {x: speed.STEPS[x] for x in solvers})
 
 
 def quick_study(tmp_path, *flags):
@@ -215,9 +228,7 @@ def quick_study(tmp_path, *flags):
 
 
 def test_a_scene_of_ones_own_is_printed_and_written_with_its_diagram(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(
-        speed, "STEPS", {name: speed.STEPS[name] for name in ("rk4 none", "rk4 project")}
-    )
+    only_rk4(monkeypatch, ["none", "project"])
     scene = tmp_path / "swing.json"
     scene.write_text(
         json.dumps(
@@ -236,15 +247,15 @@ def test_a_scene_of_ones_own_is_printed_and_written_with_its_diagram(tmp_path, c
     if speed.find_spec("mujoco") is None:
         why = "mujoco is not installed"
     assert f"MuJoCo hinges is not there: {why}" in text
-    for name in speed.STEPS:
-        assert re.search(rf"^{name} +\d", text, re.M)
+    for solver in speed.STEPS:
+        assert re.search(rf"^{solver} +\d", text, re.M)
     assert re.search(r"^to 1 mm: rk4 (none|project) ", text, re.M)
     picture = (tmp_path / "out" / speed.DIAGRAM).read_text("utf-8")
     assert "swing: quickest to 1 mm is rk4" in picture
 
 
 def test_a_scene_that_nobody_knows_for_so_long_is_followed_for_less(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(speed, "STEPS", {"rk4 none": speed.STEPS["rk4 none"]})
+    only_rk4(monkeypatch)
     known = speed.choice.truth.true_motion
 
     def true_motion(system, force, project, dt, last):
@@ -260,7 +271,7 @@ def test_a_scene_that_nobody_knows_for_so_long_is_followed_for_less(tmp_path, ca
 
 @pytest.mark.parametrize(("size", "goals"), [(2.0, 5), (0.02, 4), (1e-4, 3)])
 def test_what_is_as_large_as_the_scene_is_no_goal(size, goals, monkeypatch):
-    monkeypatch.setattr(speed, "STEPS", {"rk4 none": speed.STEPS["rk4 none"]})
+    only_rk4(monkeypatch)
     monkeypatch.setattr(speed, "find_spec", lambda name: None)
     rows = {"q0": np.array([[size, 0.0, 0.0]]), "lengths": np.array([size])}
     system = systems.check_system(c.build_system("pendulum") | rows, c.PIVOT)
@@ -269,7 +280,7 @@ def test_what_is_as_large_as_the_scene_is_no_goal(size, goals, monkeypatch):
 
 
 def test_mujoco_need_not_be_there(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(speed, "STEPS", {"rk4 none": speed.STEPS["rk4 none"]})
+    only_rk4(monkeypatch)
     monkeypatch.setattr(speed, "find_spec", lambda name: None)
     quick_study(tmp_path)
     said = "MuJoCo hinges is not there: mujoco is not installed: pip install -e '.[fast,peers]'"
@@ -406,7 +417,7 @@ def table_of_hard_cases():
     _, block = text.split("studies hard_cases -->\n```text\n")
     _, integrators, methods, *rows = block.split("\n```")[0].splitlines()
     titles = zip(integrators.split(), methods.split(), strict=True)
-    found = {" ".join(title): {} for title in titles}
+    found = {title: {} for title in titles}
     for row in rows:
         scene, *cells = row.split()
         for title, cell in zip(found, cells, strict=True):
@@ -417,12 +428,13 @@ def table_of_hard_cases():
 
 def test_what_is_said_of_the_hard_cases_follows_from_their_table():
     table = table_of_hard_cases()
-    assert [*table] == hard.METHODS and [*table["semi none"]] == hard.SCENES
-    assert {*table["gauss baumgarte"].values()} == {max(hard.LADDER)}
-    impulse = table["semi impulse"]
+    assert [*table] == [(x.short, x.method) for x in hard.SOLVERS]
+    assert [*table["semi", "none"]] == hard.SCENES
+    assert {*table["gauss", "baumgarte"].values()} == {max(hard.LADDER)}
+    impulse = table["semi", "impulse"]
     assert min(impulse.values()) > 0.0
     for method in "none", "baumgarte", "soft":  # which solve once a step, too
-        assert all(impulse[scene] >= step for scene, step in table[f"semi {method}"].items())
+        assert all(impulse[scene] >= step for scene, step in table["semi", method].items())
 
 
 def test_in_space_a_start_is_pushed_along_all_axes():
@@ -434,7 +446,7 @@ def test_in_space_a_start_is_pushed_along_all_axes():
 def test_a_step_that_is_compiled_once_runs_with_each_starts_masses_and_step():
     system = c.build_system("heavy_tip")
     v, m = hard.starts(system, 3)[2]
-    run = hard.compiled_for(system, speed.STEPS["semi impulse"])
+    run = hard.compiled_for(system, speed.STEPS["semi_implicit", "impulse"])
     for dt in 0.002, 0.001:
         q, _ = run(system["q0"], v, m, dt, 50)
         own = system | {"m": m, "v0": v}

@@ -49,7 +49,8 @@ STARTS = {
 
 def states(step, start, steps, edit=lambda i, *state: state):
     """All states of an ordinary loop (steps + 1, numbers)."""
-    state, rows = tuple(start), [np.concatenate(start, axis=None)]
+    state = tuple(start)
+    rows = [np.concatenate(start, axis=None)]
     for i in range(steps):
         made = step(*state)
         state = edit(i, *made) if isinstance(made, tuple) else edit(i, made)
@@ -106,7 +107,8 @@ def halved(x, halve=lambda x: 0.5 * x):
 def bounds_of_nan(x):
     """Whether a bound is NaN, if one of two numbers is; and what is less, of NaN and of equals."""
     with np.errstate(all="ignore"):
-        huge, one = 1e300 * x[0] * 1e300, x[0]
+        huge = 1e300 * x[0] * 1e300
+        one = x[0]
         nan = huge - 2.0 * huge
     bounds = np.maximum(nan, one), np.maximum(one, nan), np.minimum(nan, one), np.minimum(one, nan)
     less = [nan < one, one < nan, nan >= one, one <= nan, one < one, one <= one]
@@ -199,11 +201,13 @@ def test_what_the_loop_does_is_obeyed_and_known(edit, language):
     def rows(step):
         return states(step, STARTS[spring], 1200, EDITS[edit]).tolist()
 
-    fast, slow = compiled(spring, 1100), compiled(spring, 1100)  # it may be called more often
+    fast = compiled(spring, 1100)
+    slow = compiled(spring, 1100)  # it may be called more often
     assert rows(fast) == rows(spring)
     with plain():
         assert rows(slow) == rows(spring)
-    fast, slow = fast.report, slow.report
+    fast = fast.report
+    slow = slow.report
     assert (fast.how, fast.is_compiled) == (language, True)
     assert (slow.how, slow.is_compiled, slow.timed) == ("plain numpy", False, 1200)
     assert fast.edited == slow.edited == (edit not in ("nothing", "as another holds it"))
@@ -231,7 +235,12 @@ OTHERS = {
 @pytest.mark.parametrize("name", OTHERS)
 def test_other_arguments_are_obeyed_wherever_they_change(name, language):
     def run(step):
-        q, v, m, force, dt, rows = np.ones(2), np.zeros(2), np.array([1.0, 2.0]), np.add, 0.01, []
+        q = np.ones(2)
+        v = np.zeros(2)
+        m = np.array([1.0, 2.0])
+        force = np.add
+        dt = 0.01
+        rows = []
         for i in range(600):
             m, force, dt = OTHERS[name](i, m, force, dt)
             q, v = step(q, v, m, force, dt)
@@ -253,7 +262,8 @@ def test_a_function_may_edit_its_arguments_and_the_callers_stay(many):
         m *= 2.0
         return x
 
-    x, step = np.ones((2, many or 1, 2)), vmap(edits) if many else compiled(edits, 100)
+    x = np.ones((2, many or 1, 2))
+    step = vmap(edits) if many else compiled(edits, 100)
     for _ in range(3):
         np.testing.assert_array_equal(step(*x), 2.0)
         assert (x == 1.0).all()
@@ -266,7 +276,8 @@ def test_a_block_in_which_nothing_is_compiled_may_begin_midway_and_hold_another(
         calls.append(x)
         return 0.5 * x
 
-    fast, many = compiled(step, 1000), np.ones((200, 2))
+    fast = compiled(step, 1000)
+    many = np.ones((200, 2))
     half = states(fast, [1.0], 100)[-1:]  # a number
     assert len(calls) < 50 and vmap(step)(many).sum() == 200.0 and len(calls) < 60
     calls.clear()
@@ -322,7 +333,8 @@ def test_a_step_that_keeps_something_is_told_to_run_plainly(what):
     kept = [0.0]
 
     def step(x):
-        before, kept[0] = kept[0], x
+        before = kept[0]
+        kept[0] = x
         return function(before, x)
 
     with pytest.raises(StepChanged, match=f"{words}.*--plain"):
@@ -332,10 +344,15 @@ def test_a_step_that_keeps_something_is_told_to_run_plainly(what):
 def drive(compile_step, edit, steps=800):
     """All states of a ball that falls through air, with what a reader edits in its loop."""
     ball = SimpleNamespace(q=np.array([1.0, 2.0]), v=np.array([0.5, 0.0]), m=np.array([2.0]))
-    ball.dt, ball.wind, ball.drag = 0.01, 0.0, lambda q, v: -0.1 * v
-    ball.draw, ball.calls, ball.kept = np.random.default_rng(1).random, count(), [1.0]
+    ball.dt = 0.01
+    ball.wind = 0.0
+    ball.drag = lambda q, v: -0.1 * v
+    ball.draw = np.random.default_rng(1).random
+    ball.calls = count()
+    ball.kept = [1.0]
     ball.force = lambda q, v: ball.drag(q, v) + [ball.wind, -9.81]
-    step, rows = compile_step(fall, steps), []
+    step = compile_step(fall, steps)
+    rows = []
     for i in range(steps):
         vars(ball).update(edit(i, ball))
         ball.q, ball.v = step(ball.q, ball.v, ball.m, ball.force, ball.dt)
@@ -415,7 +432,8 @@ def test_steps_of_one_block_are_compiled_alike():
             hows.append(step.report.how)
         return hows
 
-    python, machine = "compiled to Python", "machine code"
+    python = "compiled to Python"
+    machine = "machine code"
     assert how("long", "short") == [machine, python]
     with plain(False):
         assert how("long", "short") == [machine, machine]
@@ -480,7 +498,9 @@ def test_a_loop_takes_at_most_so_many_turns_in_every_language(needed, expected, 
     def step(x, n):
         return x, n + turns(x)
 
-    fast, x, zero = compiled(step, 40), np.float64(needed), np.float64(0.0)
+    fast = compiled(step, 40)
+    x = np.float64(needed)
+    zero = np.float64(0.0)
     np.testing.assert_array_equal([turns(x), fast(x, zero)[1]], expected)
     program, _ = trace_loop(step, [np.ones(()), np.ones(())])
     ends = node(program, [needed, 0.0], 1)
@@ -504,7 +524,8 @@ REFUSED = {
 
 @pytest.mark.parametrize("word", REFUSED)
 def test_what_cannot_be_traced_runs_as_it_stands_and_names_its_line(word):
-    step, start = compiled(REFUSED[word], 10), np.array([1.0, 0.5, 0.3])
+    step = compiled(REFUSED[word], 10)
+    start = np.array([1.0, 0.5, 0.3])
     np.testing.assert_array_equal(step(start), REFUSED[word](start))
     assert step.report.how.startswith("plain numpy, after a trial: ") and word in step.report.how
     if word != "other shapes":

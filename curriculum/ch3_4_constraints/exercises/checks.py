@@ -21,29 +21,6 @@ def blank(what):
     raise NotImplementedError(f"{Path(caller.filename).name}, line {caller.lineno}: {what}")
 
 
-def explicit(integrators):
-    """Those of {name: step_fn} that ask for the force as often whatever the force is."""
-    return {name: step_fn for name, step_fn in integrators.items() if is_explicit(step_fn)}
-
-
-def is_explicit(step_fn):
-    """Whether a step asks a weak and a strong spring for their forces equally often."""
-    return calls(step_fn, 0.1) == calls(step_fn, 1.0)
-
-
-def calls(step_fn, w):
-    """How often a step of 1 s asks for the force of a spring, `w` in rad/s."""
-    asked = []
-
-    def force(q, v):
-        asked.append(q)
-        return -w * w * q
-
-    one = np.ones((1, 1))
-    step_fn(one, one, one, force, 1.0)
-    return len(asked)
-
-
 # A check takes the module of an exercise and yields, for one answer after the other, what it is,
 # the answer, what is right, how far off it may be (a share of what is right), and a hint.
 def drift(exercise):

@@ -12,14 +12,13 @@ import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics import reference as truth
 from curriculum.ch3_4_constraints.mechanics.outcome import FAR, average, six_digits
+from curriculum.ch3_4_constraints.mechanics.stability import force_calls, grows, is_explicit
 from curriculum.ch3_4_constraints.mechanics.systems import EARTH, conserves, m_g_L
 from curriculum.common.tracing import CompiledSteps, ordered
 from curriculum.common.tracing.counting import Counter
 from curriculum.common.tracing.plainly import OwnStep
 
-LEFT_OUT = ("euler",)  # semi_implicit costs as much and is better
-LAST = ("gauss",)  # a step costs so much that it is tried only where no other is right
-EARLY = 2  # at one of so many of the longest steps
+EARLY = 2  # integrators that iterate are tried if none of so many of the longest steps is right
 SWING = 0.2  # of sqrt(L/g): the longest step that is tried
 RUNGS = 6  # steps of different lengths, each half of the one before
 LEAST = 2  # rungs: of a single one nothing can be said
@@ -89,6 +88,36 @@ def pairs_of(chapter, integrators):
     return found
 
 
+def worth_trying(integrators):
+    """The names of those that are explicit and of those that iterate, but none that is beaten."""
+    explicit = []
+    iterating = []
+    for name, step_fn in integrators.items():
+        try:
+            kind = explicit if is_explicit(step_fn) else iterating
+            is_left_out = is_beaten(step_fn, integrators)
+        except Exception:  # as it is compiled it fails, too, and that says where
+            kind = explicit
+            is_left_out = False
+        if not is_left_out:
+            kind.append(name)
+    return explicit, iterating
+
+
+def is_beaten(step_fn, integrators):
+    """Whether a spring swings ever wider under these steps, and under another's, as dear, does not.
+
+    As dear is what asks for the force as often. The spring's step is the longest that is tried.
+    """
+    if not grows(step_fn, SWING, damping=0.0):
+        return False
+    calls = force_calls(step_fn)
+    for other in integrators.values():
+        if force_calls(other) == calls and not grows(other, SWING, damping=0.0):
+            return True
+    return False
+
+
 def first_count(system, force, dt, last):
     """Into how many steps the time of `last` steps of dt s is divided first.
 
@@ -114,17 +143,23 @@ def digits(seconds, count):
     return len(f"{seconds / count:.9e}".split("e")[0].rstrip("0"))
 
 
-def measure(chapter, pair, reference, seconds, span, count):
-    """The Setting of a pair whose steps divide the reference's `seconds` into `count`."""
+class Trial(NamedTuple):
+    """What settings are compared with, and over how long."""
+
+    chapter: object
+    reference: truth.Reference
+    seconds: float  # s, after which its places are
+    span: float  # s, over which rods and energy are measured
+
+
+def measure(trial, pair, count):
+    """The Setting of a pair whose steps divide the trial's `seconds` into `count`."""
+    chapter = trial.chapter
+    reference = trial.reference
     system = pair.system
-    dt = seconds / count
-    steps = max(count, math.floor(span / dt + 1e-6))
+    dt = trial.seconds / count
+    steps = max(count, math.floor(trial.span / dt + 1e-6))
     q, v = pair.run(pair.start, steps, dt)
-    spent = pair.run.seconds
-    for _ in range(TURNS if spent < QUICK else 0):  # a short time is that of others, too
-        pair.run(pair.start, steps, dt)
-        spent = min(spent, pair.run.seconds)
-    spent = spent / max(1, len(q) - 1) / dt
     q = ordered(q)
     v = ordered(v)
     violations = chapter.constraint_violation(system, q)
@@ -134,16 +169,35 @@ def measure(chapter, pair, reference, seconds, span, count):
     error = None
     if reference.q is not None and good > count:
         error = six_digits(truth.distance(q[count], reference.q))
+    found = Setting(
+        pair.integrator,
+        pair.method,
+        dt,
+        rods=None,
+        energy=None,
+        error=error,
+        operations=operations,
+        seconds=least_time(pair, steps, dt) / max(1, len(q) - 1) / dt,
+        lost=None,
+    )
     if good <= steps:
-        lost = f"at {(good - 1) * dt:.3g} s: {why_lost(pair, q[good - 1], v[good - 1], dt)}"
-        return Setting(pair.integrator, pair.method, dt, None, None, error, operations, spent, lost)
-    energy = None
+        why = why_lost(pair, q[good - 1], v[good - 1], dt)
+        return found._replace(lost=f"at {(good - 1) * dt:.3g} s: {why}")
     if pair.conserves:
         energies = chapter.energy(system, q, v)
         change = np.max(np.abs(energies - energies[0]))
-        energy = six_digits(change / m_g_L(system, chapter.GRAVITY))
-    row = six_digits(np.max(violations)), energy, error, operations, spent, None
-    return Setting(pair.integrator, pair.method, dt, *row)
+        found = found._replace(energy=six_digits(change / m_g_L(system, chapter.GRAVITY)))
+    return found._replace(rods=six_digits(np.max(violations)))
+
+
+def least_time(pair, steps, dt):
+    """How many s the run took that a pair has just made; or less, if that was due to others."""
+    spent = pair.run.seconds
+    if spent < QUICK:
+        for _ in range(TURNS):
+            pair.run(pair.start, steps, dt)
+            spent = min(spent, pair.run.seconds)
+    return spent
 
 
 def why_lost(pair, q, v, dt):
@@ -174,12 +228,12 @@ def ladder(take, counts, digits, within):
     return found
 
 
-def ladders(chapter, reference, seconds, span, within, pairs, counts):
+def ladders(trial, pairs, counts, within):
     """The Settings of several pairs."""
     found = []
     for pair in pairs:
-        take = partial(measure, chapter, pair, reference, seconds, span)
-        found += ladder(take, counts, partial(digits, seconds), within)
+        take = partial(measure, trial, pair)
+        found += ladder(take, counts, partial(digits, trial.seconds), within)
     return found
 
 
@@ -250,6 +304,7 @@ class Choice(NamedTuple):
     reference: truth.Reference
     whole: float  # s, of the run; more than the span if that would take long
     left_out: list  # what else was left out, and why, in sentences
+    untried: list  # integrators that iterate, where others are right
     settings: list
     places: list  # those that put every place and all rods right to `within`, cheapest first
     rods_hold: list  # those that hold the rods to it for the whole span
@@ -291,45 +346,67 @@ def affordable(pairs, first, seconds, most):
     return counts, work()
 
 
-def choose(chapter, system, within, dt, steps, knobs, known=None, each=iter):
-    """The Choice for a system that is run for `steps` of dt s.
+def affordable_span(whole, seconds, work):
+    """How much of the whole time is within BUDGET, in s, in multiples of some seconds.
+
+    `work`: how many operations a second of motion takes.
+    """
+    if whole * work <= BUDGET:
+        return whole
+    return min(whole, seconds * max(1, math.floor(BUDGET / work / seconds)))
+
+
+def choose(chapter, system, args, known=None, each=iter):
+    """The Choice for a system and the flags of its run: within, dt, steps and knobs.
 
     `known`: its reference, if there is one; each(names) gives the names, and may show them.
     Raises Untraceable where a step cannot be compiled.
     """
     force = chapter.make_force(system)
-    last = truth.horizon(system, force, dt, steps)
+    last = truth.horizon(system, force, args.dt, args.steps)
     if known is not None and known.step != last:  # its runs ended early
         known = None
-    reference = known_motion(chapter, system, dt, last, known)
-    seconds = reference.step * dt
-    whole = steps * dt
-    usual = [x for x in chapter.INTEGRATORS if x not in LEFT_OUT + LAST]
-    pairs = build(chapter, system, usual, knobs, each)
-    first = first_count(system, force, dt, reference.step)
+    reference = known_motion(chapter, system, args.dt, last, known)
+    seconds = reference.step * args.dt
+    whole = args.steps * args.dt
+    explicit, iterating = worth_trying(chapter.INTEGRATORS)
+    pairs = build(chapter, system, explicit, args.knobs, each)
+    first = first_count(system, force, args.dt, reference.step)
     counts, work = affordable(pairs, first, seconds, BUDGET)
-    span = whole
-    if whole * work > BUDGET:
-        span = min(whole, seconds * max(1, math.floor(BUDGET / work / seconds)))
-    left_out = []
-    if reference.step < last and reference.q is not None:
-        left_out.append(f"places later than at {seconds:.3g} s are not known")
-    if len(counts) < RUNGS:
-        finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
-        left_out.append(f"the ladder of steps ends at {finest}: more would take long")
-    climb = partial(ladders, chapter, reference, seconds, span, within)
-    settings = climb(pairs, counts)
+    span = affordable_span(whole, seconds, work)
+    trial = Trial(chapter, reference, seconds, span)
+    settings = ladders(trial, pairs, counts, args.within)
     sure = reference.uncertainty  # where it is not below `within`, nobody can tell
     early = seconds / counts[min(EARLY, len(counts)) - 1]
-    found = chosen(settings, "error", within, sure)
-    if reference.q is not None and not any(x.dt >= early for x in found):
-        pairs = build(chapter, system, [x for x in chapter.INTEGRATORS if x in LAST], knobs, each)
-        counts, _ = affordable(pairs, first, span, MORE)
-        settings += climb(pairs, counts)
-    places = chosen(settings, "error", within, sure)
-    rods_hold = chosen(settings, "rods", within)
-    parts = within, span, seconds, reference, whole, left_out, settings, places, rods_hold
-    return Choice(*parts)
+    found = chosen(settings, "error", args.within, sure)
+    is_needed = reference.q is not None and not any(x.dt >= early for x in found)
+    if is_needed:
+        pairs = build(chapter, system, iterating, args.knobs, each)
+        longer, _ = affordable(pairs, first, span, MORE)
+        settings += ladders(trial, pairs, longer, args.within)
+    return Choice(
+        within=args.within,
+        span=span,
+        error_at=seconds,
+        reference=reference,
+        whole=whole,
+        left_out=left_out(reference, last, seconds, counts),
+        untried=[] if is_needed else iterating,
+        settings=settings,
+        places=chosen(settings, "error", args.within, sure),
+        rods_hold=chosen(settings, "rods", args.within),
+    )
+
+
+def left_out(reference, last, seconds, counts):
+    """What is not in a Choice that was asked for `last` steps, and why, in sentences."""
+    found = []
+    if reference.step < last and reference.q is not None:
+        found.append(f"places later than at {seconds:.3g} s are not known")
+    if len(counts) < RUNGS:
+        finest = f"{1e3 * seconds / counts[-1]:.3g} ms"
+        found.append(f"the ladder of steps ends at {finest}: more would take long")
+    return found
 
 
 def shortened(choice):

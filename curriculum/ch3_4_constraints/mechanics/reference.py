@@ -15,7 +15,7 @@ TURN = 0.5  # rad: nor does anything turn by more in it
 COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # beside half the first
 NEAR = 1e-8  # of the shortest rod: a move by which a frequency is measured
 MOST_STEPS = 20_000  # of one rod at once: more take too long
-STEPS = 800  # for each rod, as a guess: many repay machine code
+STEPS = 800  # for each rod, in all: many repay machine code
 ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
 MAX_RODS = 40  # for more the reference takes longer than the run, and browsers are too slow
@@ -69,64 +69,97 @@ def true_motion(system, force, project, dt, last, why=""):
     """The Reference after the `last` step of dt s; unknown if there is a reason `why`.
 
     project(system, q_start, q, v, dt) puts the end of a step back onto the rods. The steps get
-    shorter until two ends agree, or until rounding keeps them apart. Gauss's rule halves a step
-    whose stages do not converge, so no count is twice the last one: both might be made of the same
-    parts, and agree.
+    shorter until two ends agree, or until rounding keeps them apart.
     """
-    q = system["q0"]
-    v = system["v0"]
-    rods = len(system["pairs"])
     shortest = float(np.min(system["lengths"]))
-    swing, turn = time_scales(system, force)
     unknown = Reference(last, f"at {last * dt:.3g} s")
+    counts = []
+    if not why:
+        counts, why = step_counts(system, force, last * dt)
     if why:
         return unknown._replace(why=why)
+    try:
+        end = end_after(last * dt, system, force, project, counts[0])
+    except Untraceable as cause:
+        return unknown._replace(why=f"its steps cannot be compiled: {cause}")
+    count, best, uncertainty = agreed(end, counts, ENOUGH * min(1.0, shortest))
+    known = min(KNOWN, 1e-6 * shortest)
+    if uncertainty < known:  # what changes with the last digit of the start cannot be known
+        uncertainty += change_by_rounding(end, count, best, system)
+    if not uncertainty < known:
+        near = "a nanometre" if known == KNOWN else "a millionth of the shortest rod"
+        return unknown._replace(why=f"shorter steps do not agree to {near}")
+    return Reference(last, unknown.at, best, uncertainty)
+
+
+def step_counts(system, force, seconds):
+    """Into how many steps so many seconds are divided, one time after the other: a list.
+
+    Beside it stands why that cannot be, in words, or "". Gauss's rule halves a step whose stages do
+    not converge. So no count is twice the last one: both might be made of the same parts, and
+    agree.
+    """
+    rods = len(system["pairs"])
     if rods > MAX_RODS:
-        return unknown._replace(why=f"it would take long for more than {MAX_RODS} rods")
+        return [], f"it would take long for more than {MAX_RODS} rods"
+    swing, turn = time_scales(system, force)
     if math.isnan(swing):
-        return unknown._replace(why="the force at the start is not a number")
-    least = math.ceil(last * dt / min(FIRST * swing, TURN * turn) / 2.0)
+        return [], "the force at the start is not a number"
+    least = math.ceil(seconds / min(FIRST * swing, TURN * turn) / 2.0)
     most = MOST_STEPS // rods
     counts = [least * k for k in COUNTS if least * k <= most]
     if len(counts) < 2:
-        return unknown._replace(why=f"it would take more than {most} steps")
+        return [], f"it would take more than {most} steps"
+    return counts, ""
 
+
+def end_after(seconds, system, force, project, fewest):
+    """end(count, q) -> (N, 3): where so many steps, at least `fewest`, of gauss and project lead.
+
+    They begin at q, by default that of the system, and with its v. An end that is not reached is
+    NaN. Raises Untraceable.
+    """
+    v = system["v0"]
     gauss = make_gauss(8)
 
     def step(q, v, dt):
         return project(system, q, *gauss(q, v, system["m"], force, dt), dt)
 
-    try:
-        run = CompiledSteps(step, [q, v], max(STEPS * rods, 8 * least), knobs=1)
-    except Untraceable as why:
-        return unknown._replace(why=f"its steps cannot be compiled: {why}")
+    steps = max(STEPS * len(system["pairs"]), 4 * fewest)  # as a guess
+    run = CompiledSteps(step, [system["q0"], v], steps, knobs=1)
 
-    def end(count, q):
-        ends, _ = run([q, v], count, last * dt / count)
+    def end(count, q=system["q0"]):
+        ends, _ = run([q, v], count, seconds / count)
         return ends[-1] if len(ends) > count else np.full_like(q, np.nan)
 
-    best = end(counts[0], q)
+    return end
+
+
+def agreed(end, counts, enough):
+    """The first count whose end agrees with that before it, this end, and by how much, in m.
+
+    Or those of the last count, or of the first that rounding keeps from getting nearer.
+    """
+    best = end(counts[0])
     gaps = []
     for count in counts[1:]:
         before = best
-        best = end(count, q)
+        best = end(count)
         gaps.append(distance(best, before))
-        if gaps[-1] < ENOUGH * min(1.0, shortest):
-            uncertainty = gaps[-1]
-            break
-        uncertainty = max(gaps[-3:])
+        if gaps[-1] < enough:
+            return count, best, gaps[-1]
         if len(gaps) > 4 and not gaps[-1] < gaps[-5]:
             break  # rounding keeps them apart: these steps are four times as short
-    known = min(KNOWN, 1e-6 * shortest)
-    if uncertainty < known:  # what changes with the last digit of the start cannot be known
-        signs = (-1.0) ** np.arange(q.size).reshape(q.shape)
-        digit = 2.0**-52 * (np.abs(q) + np.max(system["lengths"])) * np.any([q, v], axis=(0, 1))
-        change = distance(end(count, q + signs * digit), best)
-        uncertainty += 4.0 * math.sqrt(count) * change  # each step rounds, as steps at random do
-    if not uncertainty < known:
-        near = "a nanometre" if known == KNOWN else "a millionth of the shortest rod"
-        return unknown._replace(why=f"shorter steps do not agree to {near}")
-    return Reference(last, unknown.at, best, uncertainty)
+    return count, best, max(gaps[-3:])
+
+
+def change_by_rounding(end, count, best, system):
+    """How far an end may be off, in m, since each of its steps rounds, as steps at random do."""
+    q = system["q0"]
+    signs = (-1.0) ** np.arange(q.size).reshape(q.shape)
+    moves = np.any([q, system["v0"]], axis=(0, 1))  # along which axes
+    digit = 2.0**-52 * (np.abs(q) + np.max(system["lengths"])) * moves
+    return 4.0 * math.sqrt(count) * distance(end(count, q + signs * digit), best)
 
 
 def time_scales(system, force):

@@ -1,18 +1,22 @@
-"""Up to which step a damped spring is stable, found by taking steps of an integrator."""
+"""What an integrator makes of a spring, found by taking its steps: when errors grow, and its cost.
+
+Its step_fn(q, v, m, force, dt) returns q and v.
+"""
 
 import numpy as np
 
 SEARCHED = 10.0  # dt w: an integrator that is stable up to here has no limit that matters
 COARSE = 40  # places that are looked at before the limit is narrowed down
+ALONG_X = np.array([[1.0, 0.0, 0.0]])  # of one particle: integrators may use all three axes
 GROWS = 1e-9  # an error that grows by a smaller share in a step is rounding
 
 
 def stability_limit(step_fn):
     """The dt w up to which Baumgarte's error does not grow in a rod at rest; inf if always.
 
-    There g moves like a damped spring, gddot = -2 w gdot - w^2 g, and one step of
-    step_fn(q, v, m, force, dt) multiplies (g, gdot) by a matrix. An error grows where that has an
-    eigenvalue beyond the unit circle (E. Hairer, G. Wanner, Solving ODEs II, IV.2).
+    There g moves like a damped spring, gddot = -2 w gdot - w^2 g, and one step multiplies (g, gdot)
+    by a matrix. An error grows where that has an eigenvalue beyond the unit circle (E. Hairer, G.
+    Wanner, Solving ODEs II, IV.2).
     """
     low = 0.0
     for high in np.linspace(0.0, SEARCHED, COARSE + 1)[1:]:
@@ -30,15 +34,39 @@ def stability_limit(step_fn):
     return low
 
 
-def grows(step_fn, w):
-    """Whether steps of 1 s let an error of a damped spring grow, `w` in rad/s."""
+def grows(step_fn, w, damping=1.0):
+    """Whether steps of 1 s let a spring swing ever wider, `w` in rad/s; by default it is damped.
+
+    A `damping` of 1 is the least with which it does not swing at all; with 0 it swings for ever.
+    """
 
     def force(g, gdot):
-        return -2.0 * w * gdot - w * w * g
+        return -2.0 * damping * w * gdot - w * w * g
 
-    unit = np.ones((1, 1))
-    columns = [step_fn(g * unit, (1.0 - g) * unit, unit, force, 1.0) for g in (1.0, 0.0)]
-    matrix = np.reshape(columns, (2, 2)).T
+    matrix = np.zeros((2, 2))
+    for k, (g, gdot) in enumerate([(1.0, 0.0), (0.0, 1.0)]):
+        q, v = step_fn(g * ALONG_X, gdot * ALONG_X, np.ones((1, 1)), force, 1.0)
+        matrix[:, k] = q[0, 0], v[0, 0]
     if not np.all(np.isfinite(matrix)):
         return True
     return np.max(np.abs(np.linalg.eigvals(matrix))) > 1.0 + GROWS
+
+
+def is_explicit(step_fn):
+    """Whether a step asks a weak and a strong spring for their forces equally often.
+
+    Others iterate: what a step of theirs costs depends on the state, and is much.
+    """
+    return force_calls(step_fn, 0.1) == force_calls(step_fn, 1.0)
+
+
+def force_calls(step_fn, w=1.0):
+    """How often a step of 1 s asks for the force of a spring, `w` in rad/s."""
+    asked = []
+
+    def force(q, v):
+        asked.append(q)
+        return -w * w * q
+
+    step_fn(ALONG_X.copy(), ALONG_X.copy(), np.ones((1, 1)), force, 1.0)  # it may edit them
+    return len(asked)

@@ -3,7 +3,7 @@
 import shlex
 from html import escape
 
-from curriculum.ch3_4_constraints.mechanics.choice import LAST, chosen, shortened
+from curriculum.ch3_4_constraints.mechanics.choice import chosen, shortened
 from curriculum.ch3_4_constraints.results import table
 from curriculum.ch3_4_constraints.results.advice import (
     later,
@@ -88,7 +88,7 @@ def answers(args, choice, scene):
                 "how": how(args, choice, within, enough),
                 "holds": escape(rods_hold(choice, within, enough, rods)),
                 "rows": "\n".join(ladder_rows(choice, within, enough, scene)),
-                "steps": [float(f"{x.dt:.9g}") for x in advised],
+                "steps": [table.in_digits(x.dt, 9) for x in advised],
             }
     return found
 
@@ -108,7 +108,7 @@ def integrators(settings):
 
 def not_tried(choice):
     """Without which integrators settings were measured, in words; "" if with all."""
-    return ", ".join(f"without {x}" for x in LAST if x not in integrators(choice.settings))
+    return ", ".join(f"without {x}" for x in choice.untried)
 
 
 def cheapest(choice, within, enough):
@@ -131,7 +131,7 @@ def cheapest(choice, within, enough):
         if not mine:
             parts.append(f"with {integrator}, nothing that was tried")
         elif integrator != best.integrator:
-            times = float(f"{mine[0].operations / best.operations:.2g}")
+            times = table.in_digits(mine[0].operations / best.operations, 2)
             step = f"{mine[0].method} at {milliseconds(mine[0].dt)}"
             parts.append(f"with {integrator}, {step}, for {times:g} times the operations")
     return "; ".join(parts) + "."

@@ -7,6 +7,7 @@ it stays the picture. What moves the figures is the chapter's own code (see page
 import re
 from functools import partial
 from html import escape
+from inspect import signature
 from itertools import groupby
 from pathlib import Path
 from urllib.parse import quote
@@ -63,7 +64,7 @@ MEASURES = {  # what figures ask of a state, by system, besides what every page 
     "double": {name: of_equation(name) for name in ("J", "A", "b", "lambda")},
     "peaucellier": {},
 }
-KNOBS = {"dt": 0.005, "baumgarte": 20.0, "time_constant": 0.02, "impedance": 0.95}
+KNOBS = {name: x.default for name, x in signature(constraints.make_methods).parameters.items()}
 KEYS = {  # functions that are folded, and the lines of each that stay in sight, by their beginning
     "constraint_terms": ("jac.append", "g.append", "gdot.append", "jdotv.append"),
     "tensions": ("lam = ",),

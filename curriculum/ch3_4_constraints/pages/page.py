@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS
-from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
+from curriculum.ch3_4_constraints.mechanics.stability import is_explicit, stability_limit
 from curriculum.ch3_4_constraints.mechanics.systems import conserves, is_flat, m_g_L
 from curriculum.ch3_4_constraints.pages import answer
 from curriculum.ch3_4_constraints.results import palette
@@ -83,12 +83,12 @@ def palette_css():
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
 
 
-def refuse(system, integrator):
+def refuse(chapter, system, integrator):
     """Raise NoPage for what no page can show."""
     if len(system["pairs"]) > MAX_RODS:
         raise NoPage(f"more than {MAX_RODS} rods are too slow for a browser")
-    if integrator == "gauss":
-        raise NoPage("gauss steps are too slow for a browser")
+    if not is_explicit(chapter.INTEGRATORS[integrator]):
+        raise NoPage(f"{integrator} steps are too slow for a browser")
     if not is_flat(system):
         raise NoPage("a page shows scenes in the plane z = 0 only")
 
@@ -100,7 +100,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     page may change, with the values it begins with. `measures`: {name: function(system, q, v) ->
     array}, to be added to those that every page has. Raises NoPage.
     """
-    refuse(system, integrator)
+    refuse(chapter, system, integrator)
     every = chapter.make_methods(**knobs)
     rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
     tracer = Tracer(chapter, system, integrator, list(knobs))
@@ -112,16 +112,13 @@ def scene_of(chapter, system, integrator, knobs, measures):
     except Untraceable as why:
         raise NoPage(f"a step cannot be written as JavaScript: {why}") from None
     limit = stability_limit(chapter.INTEGRATORS[integrator])
-    first = {}  # {source: method}: of methods whose steps are the same, the first one has it
-    same_step = {}
-    for name, step in steps.items():
-        same_step[name] = first.setdefault(javascript_of(step), name)
+    same_step = firsts(steps)
     return {
         "takes": list(knobs),
         "integrator": integrator,
         "methods": list(rows),
         "words": {name: row.words for name, row in rows.items()},
-        "colors": {name: k % len(palette.METHODS) for k, name in enumerate(every)},
+        "colors": palette.places(every),
         "made_for": {name: row.integrator for name, row in every.items() if name not in rows},
         "knobs": knobs,
         "limit": limit if np.isfinite(limit) else None,
@@ -132,10 +129,16 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "lengths": system["lengths"].tolist(),
         "conserves": bool(conserves(system, chapter.external_force, chapter.energy)),
         "same_step": same_step,
-        "steps": {name: steps[name] for name in first.values()},
+        "steps": {name: steps[name] for name in dict.fromkeys(same_step.values())},
         "posts": posts,
         "measures": measures,
     }
+
+
+def firsts(steps):
+    """{method: the first one whose step is the same}, of Programs {method: step}."""
+    first = {}  # {source: method}
+    return {name: first.setdefault(javascript_of(step), name) for name, step in steps.items()}
 
 
 class Tracer:

@@ -141,22 +141,27 @@ def filled(text, again=()):
             run(match)
         if kind is None:
             return match[0]
-        if kind == "region":
-            new = region(what)
-        elif what == "lines above":
-            new = outputs[-1]
-        elif study_of(what) in SLOW and study_of(what) not in again:
-            new = body
-        elif study_of(what) in SLOW:
-            new = printed_by_study(what, study_of(what))
-        else:
-            new = printed(what)
-        new = new.rstrip() + "\n"
-        if not differs(body, new) and kind == "printed by":
-            new = body
-        return f"<!-- {kind}: {what} -->\n```{language}\n{new}```"
+        new = output_of(what, body, outputs, again) if kind == "printed by" else region(what)
+        return f"<!-- {kind}: {what} -->\n```{language}\n{new.rstrip()}\n```"
 
     return BLOCK.sub(fill, text)
+
+
+def output_of(what, body, outputs, again):
+    """What a block says that it prints; its body, if that differs in nothing but times.
+
+    `outputs` are those of the text's Python so far, and `again` the slow studies to be run.
+    """
+    study = study_of(what)
+    if what == "lines above":
+        new = outputs[-1]
+    elif study in SLOW and study not in again:
+        return body
+    elif study in SLOW:
+        new = printed_by_study(what, study)
+    else:
+        new = printed(what)
+    return new if differs(body, new.rstrip()) else body
 
 
 def is_outdated(text, study):

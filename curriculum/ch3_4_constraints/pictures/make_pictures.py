@@ -17,10 +17,9 @@ FOLDER = Path(__file__).parent
 DT = 0.005  # s
 TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
 MINUS = "\N{MINUS SIGN}"
+EVERY = 32  # steps between two points of a curve
 COLUMNS = 3  # of tiles
-METHODS = {  # and their colours
-    name: f"m{k % len(palette.METHODS)}" for k, name in enumerate(c.make_methods(DT))
-}
+METHODS = {name: f"m{k}" for name, k in palette.places(c.make_methods(DT)).items()}  # and colours
 run = partial(c.run_method, integrator="semi_implicit", dt=DT, steps=4000)
 STYLE = f"""<style>{page.palette_css()}path {{ fill: none; stroke-linejoin: round }}
 text {{ font: 30px system-ui, sans-serif }}</style>"""
@@ -89,10 +88,11 @@ class Sheet:
         self.parts.append(f'<path class="still" d="{frames[-1]}" style="{style}"></path>')
         self.parts.append(f'<path class="moves" d="{frames[0]}" style="{style}">{move}</path>')
 
-    def words(self, point, words, colour="ink", anchor="middle", up=0):
+    def words(self, point, words, colour="ink", anchor="middle", up=0, style=""):
         x, y = self.at(point).split()
         place = f'x="{x}" y="{int(y) - up}" text-anchor="{anchor}"'
-        self.parts.append(f'<text {place} style="fill:var(--{colour})">{escape(words)}</text>')
+        style = f"{style}fill:var(--{colour})"
+        self.parts.append(f'<text {place} style="{style}">{escape(words)}</text>')
 
     def text(self, width=None):
         """The drawing as SVG, by default half as many pixels wide as it has units."""
@@ -137,6 +137,57 @@ def chart(curves, x_ticks, y_ticks, y_name, covered=""):
     return sheet.text()
 
 
+class Tiles:
+    """So many tiles side by side on a sheet, each large enough for all points `seen` (..., 3)."""
+
+    def __init__(self, seen, count):
+        self.low = seen.min(axis=0) - 0.2
+        self.high = seen.max(axis=0) + 0.2
+        wide, tall, _ = self.high - self.low
+        self.wide = wide
+        self.tall = tall + 0.24 * wide  # with two lines of words
+        rows = -(-count // COLUMNS)
+        corner = self.low[:2] - [0.0, (rows - 1) * self.tall]
+        end = corner + [COLUMNS * self.wide, rows * self.tall]
+        self.sheet = Sheet(1500, round(500 * rows * self.tall / self.wide), corner, end)
+
+    def shift(self, k):
+        """How far tile k is from the first."""
+        return np.array([k % COLUMNS * self.wide, -(k // COLUMNS) * self.tall, 0.0])
+
+    def words(self, k, lines):
+        """Lines of words and their colours, from the top of tile k on."""
+        top = self.low + self.shift(k) + [0.5 * self.wide, self.tall, 0.0]
+        for row, (words, colour) in enumerate(lines):
+            self.sheet.words(top, words, colour, up=-50 * (row + 1))
+
+    def gaps(self, k, places, line, dt):
+        """A dashed line upright at x = `line`, and how far from it a particle is at its places."""
+        shift = self.shift(k)
+        ends = [(line + shift[0], y + shift[1]) for y in (self.low[1], self.high[1])]
+        self.sheet.line(ends, "ink", 3, "4 12")
+        gaps = []
+        for place in places:
+            beside = [line, place[1], 0.0]
+            gaps.append(self.sheet.strokes([(place + shift, beside + shift)]))
+        self.sheet.path(gaps, "long", 5, dt=dt)
+
+    def rods(self, k, system, q, colour, dt):
+        """The rods of a system in all states q (steps, N, 3), its particles and its anchors."""
+        shift = self.shift(k)
+        right, much, missing = rod_parts(system, q)
+        for parts, *style in (
+            (right, colour, 7, ""),
+            (missing[:, :, [0, 0]], colour, 20, "stroke-linecap:round"),  # particles
+            (much, "long", 12, ""),
+            (missing, "short", 7, "stroke-dasharray:6"),
+        ):
+            data = [self.sheet.strokes(part + shift) for part in parts]
+            self.sheet.path(data, *style, dt)
+        for anchor in system["anchors"] + shift:
+            self.sheet.line([anchor, anchor], "reference", 14)
+
+
 def tiles(scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     """The methods side by side, moving from `begin` to `end` in s, a frame every so many steps.
 
@@ -146,52 +197,22 @@ def tiles(scene, begin, end, every=1, upright=None, methods=tuple(METHODS)):
     frames = np.arange(begin / DT, end / DT + 1, every, dtype=int)
     runs = [run(system, method, steps=frames[-1]) for method in methods]
     places = [found.q[frames[frames < len(found.q)]].reshape(-1, 3) for found in runs]
-    seen = np.vstack([system["anchors"], *places])
-    low = seen.min(axis=0) - 0.2
-    high = seen.max(axis=0) + 0.2
-    wide, tall, _ = high - low + [0.0, 0.24 * (high - low)[0], 0.0]  # with two lines of words
-    rows = -(-(len(runs) + 1) // COLUMNS)  # the last tile says what is seen
-    corner = low[:2] - [0.0, (rows - 1) * tall]
-    size = 1500, round(500 * rows * tall / wide)
-    sheet = Sheet(*size, corner, corner + [COLUMNS * wide, rows * tall])
-
-    def place(k):
-        return np.array([k % COLUMNS * wide, -(k // COLUMNS) * tall, 0.0])
-
+    board = Tiles(np.vstack([system["anchors"], *places]), len(runs) + 1)
     for k, (method, found) in enumerate(zip(methods, runs, strict=True)):
-        shift = place(k)
-        colour = METHODS[method]
         q = found.q[np.minimum(frames, len(found.q) - 1)]  # a run that is lost stays where it was
         if upright is not None:
-            line = system["q0"][upright, 0]
-            sheet.line(
-                [(line + shift[0], y + shift[1]) for y in (low[1], high[1])], "ink", 3, "4 12"
-            )
-            gaps = []
-            for joint in q[:, upright]:
-                beside = [line, joint[1], 0.0]
-                gaps.append(sheet.strokes([(joint + shift, beside + shift)]))
-            sheet.path(gaps, "long", 5, dt=every * DT)
-        right, much, missing = rod_parts(system, q)
-        for parts, *style in (
-            (right, colour, 7, ""),
-            (missing[:, :, [0, 0]], colour, 20, "stroke-linecap:round"),  # particles
-            (much, "long", 12, ""),
-            (missing, "short", 7, "stroke-dasharray:6"),
-        ):
-            data = [sheet.strokes(part + shift) for part in parts]
-            sheet.path(data, *style, every * DT)
-        for anchor in system["anchors"] + shift:
-            sheet.line([anchor, anchor], "reference", 14)
-        top = low + shift + [0.5 * wide, tall, 0.0]
-        sheet.words(top, method, colour, up=-50)
-        sheet.words(top, f"rods off by {length(found.violations.max())}", colour, up=-100)
-    top = low + place(len(runs)) + [0.5 * wide, tall, 0.0]
+            board.gaps(k, q[:, upright], system["q0"][upright, 0], every * DT)
+        board.rods(k, system, q, METHODS[method], every * DT)
+        off = f"rods off by {length(found.violations.max())}"
+        board.words(k, [(method, METHODS[method]), (off, METHODS[method])])
     when = "to" if begin < end else "at"
-    sheet.words(top, f"{scene}, {when} {end:g} s", up=-50)
-    sheet.words(top, "red: too long", "long", up=-100)
-    sheet.words(top, "blue: too short", "short", up=-150)
-    return sheet.text()
+    legend = [
+        (f"{scene}, {when} {end:g} s", "ink"),
+        ("red: too long", "long"),
+        ("blue: too short", "short"),
+    ]
+    board.words(len(runs), legend)  # the last tile says what is seen
+    return board.sheet.text()
 
 
 def one_step(d, v, dt=0.2, baumgarte=2.0):
@@ -232,35 +253,60 @@ def one_step(d, v, dt=0.2, baumgarte=2.0):
     return sheet.text()
 
 
-def drawn():
-    """Yield (name, text) of each: those that are curves, then those that move."""
-    double = c.build_system("double")
-    times = np.arange(0, 4001, 32) * DT
-    runs = {method: run(double, method) for method in METHODS}
-    worst = {x: np.maximum(runs[x].violations[::32], 1e-13) for x in ("none", "baumgarte")}
-    curves = [(x, METHODS[x], times, np.log10(errors)) for x, errors in worst.items()]
-    ticks = {k: length(10.0**k) for k in range(-4, 1)}
-    yield "two_methods", chart(curves, TIMES, ticks, "worst rod error")
-    gained = {x: (found.energies - found.energies[0])[::32] for x, found in runs.items()}
-    curves = [(x, METHODS[x], times, gain / m_g_L(double, c.GRAVITY)) for x, gain in gained.items()]
-    ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
-    at_zero = [x for x, _, _, gain in curves if np.max(np.abs(gain)) < 0.02]
-    yield "energy", chart(curves, TIMES, ticks, "energy gained, of m g L", ", ".join(at_zero))
+def two_methods(times, runs):
+    """How rods drift under none, and do not under baumgarte; runs {method: Outcome}."""
     curves = []
+    for name in "none", "baumgarte":
+        errors = np.maximum(runs[name].violations[::EVERY], 1e-13)
+        curves.append((name, METHODS[name], times, np.log10(errors)))
+    ticks = {k: length(10.0**k) for k in range(-4, 1)}
+    return chart(curves, TIMES, ticks, "worst rod error")
+
+
+def energies(times, runs, scale):
+    """How much energy each method gains, in parts of a `scale` in J."""
+    curves = []
+    at_zero = []
+    for name, found in runs.items():
+        gain = (found.energies - found.energies[0])[::EVERY] / scale
+        curves.append((name, METHODS[name], times, gain))
+        if np.max(np.abs(gain)) < 0.02:
+            at_zero.append(name)
+    ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
+    return chart(curves, TIMES, ticks, "energy gained, of m g L", ", ".join(at_zero))
+
+
+def cliff():
+    """What becomes of a rod that is too long, at three values of dt w."""
     hung = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
+    curves = []
     for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
         found = run(hung, "baumgarte", steps=40, baumgarte=z / DT)
         curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
     ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
-    yield "cliff", chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+    return chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+
+
+def chaos(times, double, tip):
+    """How starts part whose last bob is thrown ever less; tip (steps + 1, 3) if it is not."""
     curves = []
-    tip = run(double, "project").tip
     for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
         thrown = double | {"v0": np.array([[0.0, 0.0, 0.0], [0.0, 10.0**-digits, 0.0]])}
-        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[32::32]
+        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[EVERY::EVERY]
         curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
     ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
-    yield "chaos", chart(curves, TIMES, ticks, "distance between the tips")
+    return chart(curves, TIMES, ticks, "distance between the tips")
+
+
+def drawn():
+    """Yield (name, text) of each: those that are curves, then those that move."""
+    double = c.build_system("double")
+    times = np.arange(0, 4001, EVERY) * DT
+    runs = {method: run(double, method) for method in METHODS}
+    yield "two_methods", two_methods(times, runs)
+    yield "energy", energies(times, runs, m_g_L(double, c.GRAVITY))
+    yield "cliff", cliff()
+    yield "chaos", chaos(times, double, runs["project"].tip)
     yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
     yield "flat_pose", tiles("peaucellier", 4.0, 4.0, upright=3)
     yield "double", tiles("double", 12.0, 20.0, 10)

@@ -46,27 +46,27 @@ class Look(NamedTuple):
     mark: str
 
 
-def look(name):
-    """The Look of "integrator method", by their places in the chapter's tables; or of another."""
-    first, _, method = name.partition(" ")
+def look(solver):
+    """The Look of a Solver of the chapter's, by the places of its integrator and its method in the
+    tables; or that of another one."""
+    integrators = list(c.INTEGRATORS)
     methods = list(c.make_methods())
-    integrators = [x.removesuffix("_implicit") for x in c.INTEGRATORS]
-    if first not in integrators or method not in methods:
+    if solver.integrator not in integrators or solver.method not in methods:
         return Look("ink", "", MARKS[-1])
-    place = methods.index(method)
-    dash = DASHES[integrators.index(first) % len(DASHES)]
-    return Look(f"m{place % len(palette.METHODS)}", dash, MARKS[place % len(MARKS)])
+    dash = DASHES[integrators.index(solver.integrator) % len(DASHES)]
+    mark = MARKS[methods.index(solver.method) % len(MARKS)]
+    return Look(f"m{palette.places(methods)[solver.method]}", dash, mark)
 
 
-def is_peer(name):
-    return name.startswith("MuJoCo")
+def is_peer(solver):
+    return solver.integrator == "MuJoCo"
 
 
-def shown(settings):
+def shown(timings):
     """Those of a line that are drawn: none that is far off, or finer than rounding allows."""
-    least = 3.0 * min(x.error for x in settings)
+    least = 3.0 * min(x.error for x in timings)
     found = []
-    for x in settings:
+    for x in timings:
         if x.error < 10.0**-COARSE:
             found.append(x)
         if x.error <= max(least, 10.0**-FINE):
@@ -82,11 +82,11 @@ class Diagram:
         self.goals = measured.goals
         self.main = MAIN if MAIN in self.goals else self.goals[0]
         self.winners = winners
-        self.best = {}  # {goal: the Setting that is quickest to it}
+        self.best = {}  # {goal: the Timing that is quickest to it}
         for goal in self.goals:
             for first in winners(measured.found, goal)[:1]:
                 self.best[goal] = first
-        self.lines = {name: shown(settings) for name, settings in measured.found.items()}
+        self.lines = {solver: shown(timings) for solver, timings in measured.found.items()}
         times = [x.seconds for line in self.lines.values() for x in line] or [1e-3]  # none is near
         self.fastest = math.floor(math.log10(min(times)))
         self.slowest = max(self.fastest + 1, math.ceil(math.log10(max(times))))
@@ -103,19 +103,19 @@ class Diagram:
         share = (math.log10(seconds) - self.fastest) / (self.slowest - self.fastest)
         return self.bottom + share * HIGH
 
-    def at(self, setting):
-        return self.x(setting.error), self.y(setting.seconds)
+    def at(self, timing):
+        return self.x(timing.error), self.y(timing.seconds)
 
     def draw(self):
         """Draw all of it, and return the sheet."""
         self.draw_axes()
-        chosen = {x.name for x in self.best.values()}
-        for name in self.lines:
-            if name not in chosen:
-                self.draw_other(name)
-        for name in self.lines:
-            if name in chosen:
-                self.draw_line(name)
+        chosen = {x.solver for x in self.best.values()}
+        for solver in self.lines:
+            if solver not in chosen:
+                self.draw_other(solver)
+        for solver in self.lines:
+            if solver in chosen:
+                self.draw_line(solver)
         self.draw_names()
         self.draw_best_peer()
         self.draw_words()
@@ -136,22 +136,22 @@ class Diagram:
             else:
                 self.sheet.line([(x, self.bottom), (x, top)], "reference", 1)
 
-    def draw_other(self, name):
+    def draw_other(self, solver):
         """A line that is quickest to nothing."""
-        points = [self.at(x) for x in self.lines[name]]
+        points = [self.at(x) for x in self.lines[solver]]
         if not points:
             return
         style = "stroke-linecap:round;opacity:0.45"
         path = "M" + "L".join(self.sheet.at(x) for x in points)
         self.sheet.path([path], "reference", 2, style)
-        if is_peer(name):
+        if is_peer(solver):
             marks = "".join(f"M{self.sheet.at(x)}{OPEN}" for x in points)
             self.sheet.path([marks], "reference", 3)
 
-    def draw_line(self, name):
+    def draw_line(self, solver):
         """A line that is quickest to something."""
-        colour, dash, mark = look(name)
-        points = [self.at(x) for x in self.lines[name]]
+        colour, dash, mark = look(solver)
+        points = [self.at(x) for x in self.lines[solver]]
         self.sheet.line(points, colour, 5, dash)
         marks = "".join(f"M{self.sheet.at(x)}{mark}" for x in points)
         self.sheet.path([marks], colour, 4)
@@ -165,33 +165,33 @@ class Diagram:
         for k, (goal, best) in enumerate(self.best.items()):
             row = under - (k + 1) * LINE
             x = self.x(goal)
-            colour = look(best.name).colour
+            colour = look(best.solver).colour
             self.sheet.line([(x, self.at(best)[1]), (x, self.bottom)], colour, 2, "4 6")
             self.sheet.line([(x, under), (x, row + 10)], colour, 2, "4 6")
             self.sheet.path(
                 [f"M{self.sheet.at(self.at(best))}{DOT}"], colour, 2, f"fill:var(--{colour})"
             )
             style = HALO + BOLD if goal == self.main else HALO
-            text = f"{best.name}, {milliseconds(best.dt)}"
+            text = f"{best.solver}, {milliseconds(best.dt)}"
             if x < 0.5 * (LEFT + RIGHT):
-                names.append(((x + 10, row), text, colour, "start", style))
+                names.append(((x + 10, row), text, colour, "start", 0, style))
             else:
-                names.append(((x - 10, row), text, colour, "end", style))
+                names.append(((x - 10, row), text, colour, "end", 0, style))
         for name in names:  # last, so that no line crosses them
-            self.words(*name)
+            self.sheet.words(*name)
 
     def draw_best_peer(self):
         """The name of the peer that is quickest to the main goal, at the end of its line."""
-        peers = {name: line for name, line in self.measured.found.items() if is_peer(name)}
+        peers = {x: timings for x, timings in self.measured.found.items() if is_peer(x)}
         there = self.winners(peers, self.main)
-        if not there or there[0].name in {x.name for x in self.best.values()}:
+        if not there or there[0].solver in {x.solver for x in self.best.values()}:
             return
-        name = there[0].name
-        x, y = self.at(self.lines[name][-1])
+        solver = there[0].solver
+        x, y = self.at(self.lines[solver][-1])
         if x < 0.5 * (LEFT + RIGHT):
-            self.words((x + 14, y + 12), name, "reference", "start", HALO)
+            self.sheet.words((x + 14, y + 12), str(solver), "reference", "start", style=HALO)
         else:
-            self.words((x - 14, y + 12), name, "reference", "end", HALO)
+            self.sheet.words((x - 14, y + 12), str(solver), "reference", "end", style=HALO)
 
     def draw_goal(self, goal):
         """The length itself, beside its line where another one is near."""
@@ -205,12 +205,7 @@ class Diagram:
             anchor = "start"
             x -= 16
         bold = BOLD if goal == self.main else ""
-        self.words((x, self.bottom - LINE), spoken(goal), "ink", anchor, bold)
-
-    def words(self, place, text, colour, anchor, style):
-        self.sheet.words(place, text, colour, anchor)
-        if style:
-            self.sheet.parts[-1] = self.sheet.parts[-1].replace('style="', f'style="{style}')
+        self.sheet.words((x, self.bottom - LINE), spoken(goal), "ink", anchor, style=bold)
 
     def draw_words(self):
         """What is seen, above, and how it was measured, below."""
@@ -218,8 +213,8 @@ class Diagram:
         top = self.height - LINE
         title = f"{scene}: quickest to {spoken(self.main)} is nobody"
         if self.main in self.best:
-            title = f"{scene}: quickest to {spoken(self.main)} is {self.best[self.main].name}"
-        self.words((30, top), title, "ink", "start", BOLD)
+            title = f"{scene}: quickest to {spoken(self.main)} is {self.best[self.main].solver}"
+        self.sheet.words((30, top), title, "ink", "start", style=BOLD)
         said = ["colour: quickest to a length; grey: all others"]
         if any(map(is_peer, self.lines)):
             said.append("open circles: MuJoCo")
@@ -239,7 +234,7 @@ def short_name(name):
 
 
 def text_of(measured, winners):
-    """The diagram as an SVG; winners(found, goal) are Settings in order, the quickest first."""
+    """The diagram as an SVG; winners(found, goal) are Timings in order, the quickest first."""
     return Diagram(measured, winners).draw().text(640)
 
 

@@ -5,7 +5,7 @@ from decimal import Decimal
 
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
-from curriculum.ch3_4_constraints.results.table import length, per_cent, say
+from curriculum.ch3_4_constraints.results.table import in_digits, length, per_cent, say
 from curriculum.common import cli
 from curriculum.common.tracing import Untraceable
 
@@ -18,14 +18,14 @@ WIDTH = 80  # columns
 def spoken(x):
     """A tolerance of x m as one would say it: 0.001 is "1 mm"."""
     for unit, power in SHOWN.items():
-        size = float(f"{Decimal(x).scaleb(-power):.6g}")
+        size = in_digits(Decimal(x).scaleb(-power), 6)
         if size >= 1.0:
             return f"{size:g} {unit}"
     return f"{1e12 * x:.6g} pm"
 
 
 def milliseconds(dt):
-    return f"{float(f'{1e3 * dt:.3g}'):g} ms"
+    return f"{in_digits(1e3 * dt, 3):g} ms"
 
 
 def name_of(x):
@@ -34,12 +34,12 @@ def name_of(x):
 
 def thousands(x):
     """A number of operations, three digits of it: 149,000."""
-    return f"{float(f'{x:.3g}'):,.0f}"
+    return f"{in_digits(x, 3):,.0f}"
 
 
 def microseconds(x):
     """A time of x s in µs, three digits of it: 31.6 or 1,390."""
-    x = float(f"{1e6 * x:.3g}")
+    x = in_digits(1e6 * x, 3)
     return f"{x:,.0f}" if x >= 1000.0 else f"{x:g}"
 
 
@@ -138,7 +138,9 @@ def sentences(choice):
     tail = [why_they_differ(choice), lost, left_out(choice)]
     shorter = [x for x in tail if x and x != lost]  # metrics.json says of each what became of it
     tail = [x for x in tail if x]
-    for rows, end in [*((rows, tail) for rows in ROWS), (ROWS[-1], shorter)]:
+    attempts = [(rows, tail) for rows in ROWS]
+    attempts.append((ROWS[-1], shorter))
+    for rows, end in attempts:
         found = said(choice, rows, end)
         if wrapped([line(x, text) for x, text in found]) <= LINES:
             break
@@ -171,16 +173,7 @@ def give(chapter, args, system, runs, reference):
         why = f"it would take long for more than {MAX_RODS} rods"
     if not why:
         try:
-            found = choosing.choose(
-                chapter,
-                system,
-                args.within,
-                args.dt,
-                args.steps,
-                args.knobs,
-                reference,
-                cli.progress,
-            )
+            found = choosing.choose(chapter, system, args, reference, cli.progress)
         except Untraceable as cause:
             why = f"steps cannot be compiled: {cause}"
     if why:

@@ -28,6 +28,7 @@ CHAPTER = {
     "stabilized": "(step, system, method) -> step: --within takes steps of all integrators",
     "constraint_violation": "(system, q) -> (...) in m, of many states at once",
 }
+DECIMALS = {"tip_final": 6}  # of a row's numbers: others have 12
 METRICS = "metrics.json"
 PAGE = "play.html"
 RECORDING = "constraints.rrd"
@@ -123,12 +124,14 @@ def metrics(args, system, results, reference, choice=None):
     used["rods"] = len(system["pairs"])
     used["error_at"] = reference.step * args.dt
     used["reference_uncertainty"] = reference.uncertainty if reference.q is not None else None
-    used["results"] = {
-        name: {key: rounded(x, 6 if key == "tip_final" else 12) for key, x in row.items()}
-        for name, row in results.items()
-    }
+    used["results"] = {name: rounded_row(row) for name, row in results.items()}
     used["choice"] = advice.as_metrics(choice)
     return json.dumps(used, indent=2, sort_keys=True, allow_nan=False) + "\n"
+
+
+def rounded_row(row):
+    """A row of the results, whose numbers have as many decimals as DECIMALS says."""
+    return {key: rounded(x, DECIMALS.get(key, 12)) for key, x in row.items()}
 
 
 def rounded(x, digits):

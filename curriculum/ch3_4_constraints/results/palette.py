@@ -16,3 +16,8 @@ TOO_LONG = "#ca2837", "#e63e37"  # a piece of a rod, solid
 TOO_SHORT = "#0072e5", "#88a8fe"  # dashed
 INK = "#1f2328", "#e6edf3"
 PAPER = "#ffffff", "#0d1117"  # the grounds that they are legible on
+
+
+def places(methods):
+    """{name: the place of its colours in METHODS}, of a chapter's methods in their order."""
+    return {name: k % len(METHODS) for k, name in enumerate(methods)}

@@ -74,6 +74,7 @@ def record(args, system, runs, results, metrics, chapter):
 def fill(stream, args, system, runs, results, chapter):
     """Send runs to a stream of Rerun's, and how they are to be looked at."""
     methods = chapter.make_methods(args.dt, **args.knobs)
+    places = palette.places(methods)
     scale = m_g_L(system, chapter.GRAVITY)
     alive = [run for run in runs.values() if not run.stopped] or list(runs.values())
     seen = np.concatenate([nodes(run.q, system["anchors"]).reshape(-1, 3) for run in alive])
@@ -82,7 +83,7 @@ def fill(stream, args, system, runs, results, chapter):
     stream.log("anchors", anchors, static=True)
     values = {plot: [] for plot in TITLES}
     for name, run in runs.items():
-        color = rgb(palette.METHODS[[*methods].index(name) % len(palette.METHODS)])
+        color = rgb(palette.METHODS[places[name]])
         key = rr.escape_entity_path_part(name)
         shown = frames(run)
         seconds = shown * run.dt

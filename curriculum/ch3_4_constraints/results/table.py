@@ -5,6 +5,7 @@ import textwrap
 
 import numpy as np
 
+from curriculum.ch3_4_constraints.mechanics.outcome import MOVES
 from curriculum.ch3_4_constraints.mechanics.stability import grows, stability_limit
 
 JUMP = 0.1  # of m g L: energy may change by so much in a step without a mark
@@ -14,7 +15,6 @@ UNSURE = 0.1  # of such a force: so much of it may change as rods are put right,
 THREE_DIGITS = 0.005  # of a force: if it may be larger by no more between steps, it has them
 TWO_DIGITS = 0.05
 SANE = 0.5  # of rods, and of m g L: a run that is off by more tells nothing of the motion
-MOVES = 1e-9  # of the shortest rod: what moves by less, stands still
 ROUNDING = 1e-9  # of the shortest rod: errors below are not of a method
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "pm": 1e-12}  # in m
 
@@ -23,14 +23,19 @@ def length(x):
     """Metres x in two digits and a unit, 0.384 as "38 cm"; below project's aim "< 1 pm"."""
     if x < 1e-12:
         return "< 1 pm"
-    x = float(f"{x:.2g}")
+    x = in_digits(x, 2)
     unit = next(unit for unit, size in UNITS.items() if x >= size)
     return f"{x / UNITS[unit]:g} {unit}"
 
 
 def per_cent(share):
     """A share in per cent, two digits."""
-    return f"{float(f'{100.0 * share:.2g}'):g} %"
+    return f"{in_digits(100.0 * share, 2):g} %"
+
+
+def in_digits(x, many):
+    """The number x, rounded to so many digits."""
+    return float(f"{x:.{many}g}")
 
 
 def force(row):
@@ -118,16 +123,10 @@ def notes(args, runs, results, reference, step_fn):
     stiffness = args.dt * args.baumgarte
     is_past = "baumgarte" in results and grows(step_fn, stiffness)
     for name, row in results.items():
-        if runs[name].lost:
-            if name != "baumgarte" or not is_past:
-                say_gain(name, row, runs[name])
-            continue
-        if row["stopped"]:
-            say(f"{name}: {row['stopped']}")
-        if row["tension_max"] is None:
-            say(f"- {name}: its rods' forces hang on the last digits of places")
-        for why in doubts(row, runs[name]):
-            say(f"* {name}: {why}")
+        if not runs[name].lost:
+            say_of_row(name, row, runs[name])
+        elif name != "baumgarte" or not is_past:
+            say_gain(name, row, runs[name])
     shown = [force(row) for name, row in results.items() if not runs[name].lost]
     if any(x.startswith("over") for x in shown):
         say("over: the largest force at the steps; between them it may be larger")
@@ -140,15 +139,30 @@ def notes(args, runs, results, reference, step_fn):
         say(f"a step of {args.dt:g} s is long: {when}")
     if reference.q is None:
         say(f"- no reference: {reference.why}")
-    for name in args.left_out if args.stabilization == "all" else []:
-        say(f"{name} is left out: it is not made for {args.integrator}")
+    if args.stabilization == "all":
+        for name in args.left_out:
+            say(f"{name} is left out: it is not made for {args.integrator}")
     if is_past:
-        limit = stability_limit(step_fn)
-        digits = 3 if stiffness > 1.01 * limit else 6
-        if stiffness > limit * (1.0 + 1e-6):  # at the limit itself an error stays as it is
-            found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
-            say(f"baumgarte: {found}")
+        say_limit(stiffness, stability_limit(step_fn))
     verdict(results, runs)
+
+
+def say_of_row(name, row, run):
+    """Print a sentence for each mark of a row."""
+    if row["stopped"]:
+        say(f"{name}: {row['stopped']}")
+    if row["tension_max"] is None:
+        say(f"- {name}: its rods' forces hang on the last digits of places")
+    for why in doubts(row, run):
+        say(f"* {name}: {why}")
+
+
+def say_limit(stiffness, limit):
+    """Print by how much dt w is past its limit; at the limit itself an error stays as it is."""
+    digits = 3 if stiffness > 1.01 * limit else 6
+    if stiffness > limit * (1.0 + 1e-6):
+        found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
+        say(f"baumgarte: {found}")
 
 
 def holds(row, run):

@@ -61,22 +61,14 @@ def tendons(system, constraint):
 
 
 def linkage(system, constraint):
-    """A body for each rod of a plane system, hinged where its partner is; loops by `connect`.
-
-    A particle's mass is shared by the ends of the rods that meet in it, so that the whole moves as
-    the particles would.
-    """
+    """A body for each rod of a plane system, hinged where its partner is; loops by `connect`."""
     pairs = system["pairs"]
     lengths = system["lengths"]
-    ends = np.ravel(pairs)
-    meet = np.bincount(ends[ends >= 0])  # how many rods do, in each particle
-    share = system["m"][:, 0] / meet
-    x, y, _ = differences(system["q0"], system["anchors"], pairs).T
-    x_dot, y_dot, _ = differences(system["v0"], 0.0 * system["anchors"], pairs).T
-    angles = np.arctan2(y, x)  # rad
-    rates = (x * y_dot - y * x_dot) / (x * x + y * y)  # rad/s
-    turns = np.stack([angles, rates], axis=1)
-    first = {i: k for k, (i, _) in reversed([*enumerate(pairs)])}  # what bears a particle
+    share = shares(system)
+    turns = turns_of_rods(system)
+    first = {}  # {particle: the rod that bears it}
+    for k, (i, _) in enumerate(pairs):
+        first.setdefault(i, k)
     state = []
     equalities = []
 
@@ -86,8 +78,6 @@ def linkage(system, constraint):
         It begins at a place of the rod before it, which has that turn, with a mass `near`.
         """
         i, _ = pairs[k]
-        whole = near + share[i]
-        spread = max(near * share[i] / whole * lengths[k] ** 2, 1e-14)  # kg m^2
         state.append(turns[k] - turn)
         end = f"{lengths[k]} 0 0"
         if k != first[i]:
@@ -101,9 +91,7 @@ def linkage(system, constraint):
                 if j == i:
                     rest += body(other, end, share[i], turns[k])
         return f"""<body pos="{place}"><joint type="hinge" axis="0 0 1"/>
-            <inertial pos="{share[i] / whole * lengths[k]} 0 0" mass="{whole}"
-                diaginertia="1e-14 {spread} {spread}"/>
-            <site name="{site}" pos="{end}"/>{rest}</body>"""
+            {inertial(near, share[i], lengths[k])}<site name="{site}" pos="{end}"/>{rest}</body>"""
 
     bodies = ""
     for k, (_, j) in enumerate(pairs):
@@ -111,3 +99,30 @@ def linkage(system, constraint):
             bodies += body(k, point(*system["anchors"][-1 - j]), 0.0, np.zeros(2))
     parts = f"<worldbody>{bodies}</worldbody><equality>{''.join(equalities)}</equality>"
     return parts, *np.transpose(state)
+
+
+def shares(system):
+    """The mass in kg at the end of each rod that meets in a particle, (N,).
+
+    A particle's mass is shared by those ends, so that the whole moves as the particles would.
+    """
+    ends = np.ravel(system["pairs"])
+    meet = np.bincount(ends[ends >= 0])  # how many rods do, in each particle
+    return system["m"][:, 0] / meet
+
+
+def inertial(near, far, length):
+    """Two masses in kg at the ends of a rod, whose length is in m."""
+    whole = near + far
+    spread = max(near * far / whole * length**2, 1e-14)  # kg m^2
+    place = f"{far / whole * length} 0 0"
+    return f'<inertial pos="{place}" mass="{whole}" diaginertia="1e-14 {spread} {spread}"/>'
+
+
+def turns_of_rods(system):
+    """How far each rod has turned from the x axis and how fast it turns, (C, 2): rad and rad/s."""
+    pairs = system["pairs"]
+    x, y, _ = differences(system["q0"], system["anchors"], pairs).T
+    x_dot, y_dot, _ = differences(system["v0"], 0.0 * system["anchors"], pairs).T
+    rates = (x * y_dot - y * x_dot) / (x * x + y * y)
+    return np.stack([np.arctan2(y, x), rates], axis=1)

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import scenes, systems
+from curriculum.ch3_4_constraints.mechanics import choice, scenes, systems
 from curriculum.ch3_4_constraints.studies.speed_vs_error import STEPS
 from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
@@ -29,17 +29,17 @@ SCENES = [name for name in scenes.SHIPPED if name != "taut_cable"]  # which is r
 QUICK = "spin", "upright"  # scenes of a few rods
 
 
-def is_asked(title):
-    """Whether a column is about a step of STEPS, called "integrator method"."""
-    integrator, method = title.split(" ", 1)
-    if integrator == "semi":
+def is_asked(solver):
+    """Whether there is a column about a Solver of STEPS."""
+    if solver.integrator == "semi_implicit":
         return True
-    if integrator == "XPBD":
-        return method == "x20"
-    return integrator != "euler" and method not in ("none", "soft")
+    if solver.integrator == "XPBD":
+        return solver.method == "x20"
+    explicit, iterating = choice.worth_trying(c.INTEGRATORS)
+    return solver.integrator in explicit + iterating and solver.method not in ("none", "soft")
 
 
-METHODS = list(filter(is_asked, STEPS))
+SOLVERS = list(filter(is_asked, STEPS))
 
 
 def axes(system):
@@ -109,8 +109,8 @@ def row(name):
     system = c.build_system(name)
     many = starts(system, STARTS)
     cells = []
-    for title in METHODS:
-        run = compiled_for(system, STEPS[title])
+    for solver in SOLVERS:
+        run = compiled_for(system, STEPS[solver])
         cells.append(cell(partial(is_held, system, run, seconds=SECONDS), many))
     return cells
 
@@ -118,9 +118,8 @@ def row(name):
 def show(name, cells):
     """Print a row of the table."""
     line = f"{name:15}"
-    for title, words in zip(METHODS, cells, strict=True):
-        _, method = title.split(" ", 1)
-        line += f"{words:>{max(7, len(method) + 1)}}"
+    for solver, words in zip(SOLVERS, cells, strict=True):
+        line += f"{words:>{max(7, len(solver.method) + 1)}}"
     print(line)
 
 
@@ -131,8 +130,8 @@ def main(argv=None):
     args = parser.parse_args(argv)
     held = f"all of {STARTS} starts hold for {SECONDS:g} s"
     print(f"{len(SCENES)} scenes: largest step in s at which {held}")
-    integrators, methods = zip(*(title.split(" ", 1) for title in METHODS), strict=True)
-    show("", integrators)
-    show("", methods)
-    for name in cli.progress(QUICK if args.quick else SCENES):
+    show("", [x.short for x in SOLVERS])
+    show("", [x.method for x in SOLVERS])
+    names = QUICK if args.quick else SCENES
+    for name in cli.progress(names):
         show(name, row(name))

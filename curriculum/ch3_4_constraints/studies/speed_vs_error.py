@@ -21,6 +21,7 @@ from curriculum.ch3_4_constraints.mechanics.reference import distance, horizon
 from curriculum.ch3_4_constraints.mechanics.systems import has_loop, is_flat
 from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
+from curriculum.ch3_4_constraints.results.table import in_digits
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common import cli
@@ -43,10 +44,25 @@ DIAGRAM = "speed_vs_error.svg"
 OUT = "outputs/ch3.4-constraints"
 
 
-class Setting(NamedTuple):
-    """What a pair, by its name, makes of a step size."""
+class Solver(NamedTuple):
+    """What takes steps: an integrator with a method, or another way to move particles on rods."""
 
-    name: str
+    integrator: str  # one of the chapter's, XPBD, or MuJoCo
+    method: str
+
+    @property
+    def short(self):
+        """What the integrator is called where there is little room."""
+        return self.integrator.removesuffix("_implicit")
+
+    def __str__(self):
+        return f"{self.short} {self.method}"
+
+
+class Timing(NamedTuple):
+    """What a solver makes of a step size, and how long all its steps took."""
+
+    solver: Solver
     dt: float  # s
     error: float  # m, of the worst particle at the end; inf where it is lost
     rods: float  # m, of the worst rod at the end
@@ -59,19 +75,13 @@ class Setting(NamedTuple):
 
 
 # --- steps: step(system, q, v, dt) -> q, v ---
-def by_name(name, step_fn, system, q, v, dt):
-    """A step of a method by name, under an integrator."""
-    method = c.make_methods(dt)[name]
-    force = method.make_force(system)
-    return c.stabilized(step_fn, system, method)(q, v, system["m"], force, dt)
+def chapter_step(integrator, method, system, q, v, dt):
+    """A step of an integrator and a method of the chapter."""
+    return choice.step_of(c, system, integrator, method, {})(q, v, dt)
 
 
-STEPS = {
-    f"{integrator.removesuffix('_implicit')} {name}": partial(by_name, name, step_fn)
-    for integrator, step_fn in c.INTEGRATORS.items()
-    for name, method in c.make_methods().items()
-    if method.integrator in (None, integrator)
-} | {f"XPBD x{count}": partial(xpbd_step, substeps=count) for count in (1, 4, 20)}
+STEPS = {Solver(*pair): partial(chapter_step, *pair) for pair in choice.pairs_of(c, c.INTEGRATORS)}
+STEPS |= {Solver("XPBD", f"x{count}"): partial(xpbd_step, substeps=count) for count in (1, 4, 20)}
 
 
 # --- engines: run(steps) -> seconds, q (N, 3) in m at the end ---
@@ -96,17 +106,17 @@ def ours(system, seconds, step, *more):
 
 
 PEERS = {  # rods as what, how hard, if not as MuJoCo has it, and its integrator
-    "MuJoCo hinges": (_mujoco.linkage, "", "RK4"),
-    "MuJoCo connect": (_mujoco.linkage, "", "Euler"),
-    "MuJoCo connect, hard": (_mujoco.linkage, _mujoco.HARD, "RK4"),
-    "MuJoCo tendons": (_mujoco.tendons, "", "Euler"),
-    "MuJoCo tendons, hard": (_mujoco.tendons, _mujoco.HARD, "RK4"),
+    Solver("MuJoCo", "hinges"): (_mujoco.linkage, "", "RK4"),
+    Solver("MuJoCo", "connect"): (_mujoco.linkage, "", "Euler"),
+    Solver("MuJoCo", "connect, hard"): (_mujoco.linkage, _mujoco.HARD, "RK4"),
+    Solver("MuJoCo", "tendons"): (_mujoco.tendons, "", "Euler"),
+    Solver("MuJoCo", "tendons, hard"): (_mujoco.tendons, _mujoco.HARD, "RK4"),
 }
 
 
-def model_of_peer(name, system, dt):
+def model_of_peer(solver, system, dt):
     """MuJoCo's model and data by a row of PEERS."""
-    parts_of, hard, integrator = PEERS[name]
+    parts_of, hard, integrator = PEERS[solver]
     return _mujoco.started(
         system, parts_of, hard.format(2.0 * dt), dt, f'integrator="{integrator}"'
     )
@@ -117,12 +127,12 @@ def places(data, system):
     return np.array([data.site(f"s{k}").xpos for k in range(len(system["m"]))])
 
 
-def peer(name, system, seconds, steps):
+def peer(solver, system, seconds, steps):
     """A run of MuJoCo, by a row of PEERS."""
     import mujoco
 
     mujoco.set_mju_user_warning(lambda text: None)  # else what diverges leaves a file of its own
-    model, data = model_of_peer(name, system, seconds / steps)
+    model, data = model_of_peer(solver, system, seconds / steps)
     clock = time.perf_counter()
     mujoco.mj_step(model, data, steps)
     took = time.perf_counter() - clock
@@ -130,16 +140,16 @@ def peer(name, system, seconds, steps):
     return took, places(data, system)
 
 
-def trouble(name, system):
+def trouble(solver, system):
     """Why a row of PEERS cannot hold a scene, in words, or ""."""
     if not find_spec("mujoco"):
         return "mujoco is not installed: pip install -e '.[fast,peers]'"
     import mujoco
 
-    if PEERS[name][0] is _mujoco.linkage and not is_flat(system):
+    if PEERS[solver][0] is _mujoco.linkage and not is_flat(system):
         return "its hinges are for scenes in the plane z = 0"
     try:
-        model, data = model_of_peer(name, system, USUAL)
+        model, data = model_of_peer(solver, system, USUAL)
         mujoco.mj_kinematics(model, data)
         off = distance(places(data, system), system["q0"])
     except (ArgumentTypeError, ValueError, KeyError, RecursionError) as why:
@@ -148,9 +158,26 @@ def trouble(name, system):
 
 
 def peers(system, seconds):
-    """{name: run} of MuJoCo, which has `connect` where a loop closes."""
+    """{Solver: run} of MuJoCo, which has `connect` where a loop closes, and else `hinges`."""
     other = "hinges" if has_loop(system) else "connect"
-    return {name: partial(peer, name, system, seconds) for name in PEERS if other not in name}
+    found = {}
+    for solver in PEERS:
+        if not solver.method.startswith(other):
+            found[solver] = partial(peer, solver, system, seconds)
+    return found
+
+
+def peers_there(system, seconds):
+    """{Solver: run} of the peers that can hold a scene, and {Solver: why not} of the others."""
+    runs = {}
+    missing = {}
+    for solver, run in peers(system, seconds).items():
+        why = trouble(solver, system)
+        if why:
+            missing[solver] = why
+        else:
+            runs[solver] = run
+    return runs, missing
 
 
 # --- measuring ---
@@ -166,17 +193,19 @@ def reference(system, seconds):
     return known.q, known.uncertainty
 
 
-def ladder(name, run, first, system, seconds, known, coarsest, limit):
-    """The Settings of a pair, from long steps to short ones: `first` is how many are the longest.
+def timed(solver, run, system, seconds, known, steps):
+    """The Timing of so many steps, which end where they should if that is at `known` (N, 3)."""
+    took, q = run(steps)
+    rods = float(c.constraint_violation(system, q))
+    return Timing(solver, seconds / steps, distance(q, known), rods, [took])
 
-    Still longer ones are taken as long as they are within the coarsest goal, in m.
+
+def ladder(take, first, seconds, coarsest, limit):
+    """The Timings of a solver, from long steps to short ones: take(steps) is the one of so many.
+
+    `first` is how many are tried first. Fewer and longer ones follow as long as they are within the
+    coarsest goal, in m; shorter ones, until all have taken `limit` s.
     """
-
-    def take(steps):
-        took, q = run(steps)
-        rods = float(c.constraint_violation(system, q))
-        return Setting(name, seconds / steps, distance(q, known), rods, [took])
-
     found = [take(first)]
     steps = first
     while steps > 1 and found[0].error <= coarsest:
@@ -197,7 +226,7 @@ def ladder(name, run, first, system, seconds, known, coarsest, limit):
 
 
 class Measured(NamedTuple):
-    """What is known of a scene: {name: [Setting, ...]}, and how it was measured."""
+    """What is known of a scene: {Solver: [Timing, ...]}, and how it was measured."""
 
     scene: str
     seconds: float  # that it was followed
@@ -205,7 +234,7 @@ class Measured(NamedTuple):
     goals: list  # m: those that the scene is large enough for, and the reference sure enough
     uncertainty: float  # m, of the reference
     built: float  # s, in which machine code was built
-    missing: dict  # {peer: why it is not there}
+    missing: dict  # {Solver: why it is not there}
     shown: float  # s: the step whose errors are printed
     turns: int
 
@@ -224,46 +253,49 @@ def measure(scene, system, seconds, limit, turns):
     goals = [goal for goal in GOALS if known.uncertainty < goal < largest]
     if not goals:
         raise ArgumentTypeError(f"it is too small: {spoken(largest)} is less than all goals")
-    runs = {}
     clock = time.perf_counter()
-    for name, step in STEPS.items():
-        runs[name] = ours(system, seconds, partial(step, system))
+    runs = {solver: ours(system, seconds, partial(step, system)) for solver, step in STEPS.items()}
     built = time.perf_counter() - clock
-    missing = {}
-    for name, run in peers(system, seconds).items():
-        why = trouble(name, system)
-        if why:
-            missing[name] = why
-        else:
-            runs[name] = run
+    there, missing = peers_there(system, seconds)
+    runs |= there
     found = {}
-    for name in cli.progress(runs):
-        found[name] = ladder(name, runs[name], first, system, seconds, known.q, goals[0], limit)
+    for solver in cli.progress(runs):
+        take = partial(timed, solver, runs[solver], system, seconds, known.q)
+        found[solver] = ladder(take, first, seconds, goals[0], limit)
     for _ in cli.progress(f"{scene}, turn {k}" for k in range(1, turns)):
-        for name, settings in found.items():
-            for x in settings:
+        for solver, timings in found.items():
+            for x in timings:
                 if x.times[0] < SHORT:
-                    x.times.append(runs[name](round(seconds / x.dt))[0])
-    shown = seconds / (SHOWN * first)
-    parts = scene, seconds, found, goals, known.uncertainty, built, missing, shown, turns
-    return Measured(*parts)
+                    x.times.append(runs[solver](round(seconds / x.dt))[0])
+    return Measured(
+        scene=scene,
+        seconds=seconds,
+        found=found,
+        goals=goals,
+        uncertainty=known.uncertainty,
+        built=built,
+        missing=missing,
+        shown=seconds / (SHOWN * first),
+        turns=turns,
+    )
 
 
 # --- what is printed ---
-def reached(settings, goal):
-    """The quickest of settings that are within a goal, as is the next finer one; or None.
+def reached(timings, goal):
+    """The quickest of a solver's that is within a goal, as is the next finer one; or None.
 
     Still finer ones need not be: rounding makes them worse.
     """
-    there = [x for x, finer in pairwise(settings) if max(x.error, finer.error) <= goal]
+    there = [x for x, finer in pairwise(timings) if max(x.error, finer.error) <= goal]
     return min(there, key=lambda x: x.seconds, default=None)
 
 
-def cell(setting):
+def cell(timing):
     """The ms that it takes, and those of its step."""
-    if setting is None:
+    if timing is None:
         return "-"
-    took, step = (float(f"{1e3 * x:.2g}") for x in (setting.seconds, setting.dt))
+    took = in_digits(1e3 * timing.seconds, 2)
+    step = in_digits(1e3 * timing.dt, 2)
     return f"{took:g}/{step:g}"
 
 
@@ -275,20 +307,20 @@ def lines(measured):
     shown = f"m off at {milliseconds(measured.shown)}"
     yield f"{'':21}{shown:>16}   ms of computing / ms a step, to be right to"
     yield f"{'':21}{'worst':>8}{'rods':>8}" + "".join(f"{spoken(goal):>12}" for goal in goals)
-    for name, settings in measured.found.items():
-        at = next(x for x in settings if x.dt <= 1.001 * measured.shown)
-        cells = "".join(f"{cell(reached(settings, goal)):>12}" for goal in goals)
-        yield f"{name:21}{at.error:8.0e}{at.rods:8.0e}{cells}"
+    for solver, timings in measured.found.items():
+        at = next(x for x in timings if x.dt <= 1.001 * measured.shown)
+        cells = "".join(f"{cell(reached(timings, goal)):>12}" for goal in goals)
+        yield f"{solver!s:21}{at.error:8.0e}{at.rods:8.0e}{cells}"
     for goal in goals:
         yield quickest(measured.found, goal)
-    for name, why in measured.missing.items():
-        yield f"{name} is not there: {why}"
+    for solver, why in measured.missing.items():
+        yield f"{solver} is not there: {why}"
     yield f"machine code took {measured.built:.0f} s to build, which is in no time above"
 
 
 def winners(found, goal):
-    """The quickest Settings to a goal, in order: who is as quick and much more right is before."""
-    there = [reached(settings, goal) for settings in found.values()]
+    """The quickest Timings to a goal, in order: who is as quick and much more right is before."""
+    there = [reached(timings, goal) for timings in found.values()]
     return choice.in_order([x for x in there if x], "error", "seconds")
 
 
@@ -298,7 +330,7 @@ def quickest(found, goal):
     if not there:
         return f"to {spoken(goal)}: nobody"
     least = min(x.seconds for x in there)
-    first = [f"{x.name} {cell(x)}" for x in there if x.seconds <= TIED * least]
+    first = [f"{x.solver} {cell(x)}" for x in there if x.seconds <= TIED * least]
     return f"to {spoken(goal)}: {', '.join(first)}"
 
 
@@ -331,7 +363,8 @@ def main(argv=None):
         print("coarse: one scene, and nothing that takes long")
     if args.system:
         return one_of_your_own(parser, args, limit, turns)
-    for scene in ["double"] if args.quick else SCENES:
+    scenes = ["double"] if args.quick else list(SCENES)
+    for scene in scenes:
         measured = measure(scene, c.build_system(scene), SCENES[scene], limit, turns)
         print()
         for line in lines(measured):

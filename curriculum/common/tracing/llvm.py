@@ -156,19 +156,13 @@ class Llvm(Writer):
         most = "%steps" if loop.most is None else loop.most
         more = self.new(f"icmp slt i64 {turned}, {most}")
         self.begin(f"test{k}", f"i1 {more}, label %test{k}, label %end{k}")
+        good = None
         if loop.going is not None:
-            (going,) = self.walk(loop.tape, [loop.going], inner)
-            good = self.new(f"fcmp oeq {of} {self.widened(going, lanes)}, zeroinitializer")
-            good = self.new(f"or {flags} {good}, {self.load(done, flags)}")
-            self.store(good, done, flags)
-            every = good
-            if lanes > 1:
-                every = self.new(f"call i1 @llvm.vector.reduce.and.v{lanes}i1({flags} {good})")
-            self.begin(f"body{k}", f"i1 {every}, label %end{k}, label %body{k}")
+            good = self.test(loop, inner, done, lanes, k)
         row = self.walk(loop.tape, loop.following, inner)
         for (name, place), x in zip(places.items(), row, strict=True):
             x = self.widened(x, lanes)
-            if loop.going is not None:
+            if good:
                 (before,) = inner[name]
                 x, _ = self.choice(good, before.text, x, lanes)
             self.store(x, place, of)
@@ -177,12 +171,26 @@ class Llvm(Writer):
         self.store(self.new(f"add i64 {turned}, 1"), turn, "i64")
         self.begin(f"end{k}", f"label %head{k}")
         ends = now()
-        if loop.going is not None:
-            good = self.load(done, flags)
-            nan = self.widened(self.constant(np.nan), lanes)
-            for name, (end,) in ends.items():
-                ends[name] = [self.choice(good, end.text, nan, lanes)]
-        env |= ends
+        env |= self.finished(ends, done, lanes) if good else ends
+
+    def test(self, loop, inner, done, lanes, k):
+        """Which rows are done, from now on or from before; the loop ends here if all are."""
+        flags = kind(lanes, "i1")
+        (going,) = self.walk(loop.tape, [loop.going], inner)
+        good = self.new(f"fcmp oeq {kind(lanes)} {self.widened(going, lanes)}, zeroinitializer")
+        good = self.new(f"or {flags} {good}, {self.load(done, flags)}")
+        self.store(good, done, flags)
+        every = good
+        if lanes > 1:
+            every = self.new(f"call i1 @llvm.vector.reduce.and.v{lanes}i1({flags} {good})")
+        self.begin(f"body{k}", f"i1 {every}, label %end{k}, label %body{k}")
+        return good
+
+    def finished(self, ends, done, lanes):
+        """The ends of a loop, {name: values}; NaN in rows that have not got to it."""
+        good = self.load(done, kind(lanes, "i1"))
+        nan = self.widened(self.constant(np.nan), lanes)
+        return {x: [self.choice(good, end.text, nan, lanes)] for x, (end,) in ends.items()}
 
     def record(self, loop, turn, turned, row, k):
         """Leave a row in %out if it is finite; else this was one turn too many, and the last."""

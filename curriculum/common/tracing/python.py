@@ -112,7 +112,8 @@ def source_of(program, language=Python):
 
 def function_of(source, space):
     """The function f of a source: of floats with NUMBERS, of columns with COLUMNS."""
-    exec(source, space := dict(space))
+    space = dict(space)
+    exec(source, space)
     return space.pop("f")  # which has this space: left in it, both would live on
 
 

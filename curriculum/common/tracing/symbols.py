@@ -269,8 +269,10 @@ def elementwise(sign, many):
 
 
 def where(condition, *choices):
-    condition, *choices = map(np.asarray, (condition, *choices))
-    return viewed((WHERE if condition.dtype == object else np.where)(condition, *choices))
+    condition = np.asarray(condition)
+    choices = list(map(np.asarray, choices))
+    choose = WHERE if condition.dtype == object else np.where
+    return viewed(choose(condition, *choices))
 
 
 def power(x, y):

@@ -1,0 +1,50 @@
+"""Rods by another formulation than the chapter's: least squares, and scipy's integrator."""
+
+import numpy as np
+import pytest
+
+GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2
+
+
+def incidence_and_rods(system):
+    """What makes differences of all points, (C, N + K), and these: the rods as vectors, (C, 3)."""
+    points = np.concatenate([system["q0"], system["anchors"][::-1]])  # where -1 is the first anchor
+    i, j = np.transpose(system["pairs"])
+    incidence = np.eye(len(points))[i] - np.eye(len(points))[j]
+    return incidence, incidence @ points
+
+
+def acceleration(system, f, use_jdotv=1.0, damping=0.0, stiffness=0.0, regularization=0.0):
+    """a (N, 3) that meets what is asked and is nearest, weighed with masses, to the free f / m.
+
+    By an SVD of J M^-1/2, its rows of length 1: A has the squares of its singular values.
+    """
+    n = len(system["q0"])
+    incidence, d = incidence_and_rods(system)
+    d_dot = incidence[:, :n] @ system["v0"]
+    root = np.sqrt(system["m"])
+    g = 0.5 * (np.sum(d**2, axis=1) - system["lengths"] ** 2)
+    gdot = np.sum(d * d_dot, axis=1)
+    asked = -use_jdotv * np.sum(d_dot**2, axis=1) - damping * gdot - stiffness * g
+    jac = np.einsum("kn,kx->knx", incidence[:, :n] / root.T, d).reshape(len(d), -1)
+    size = np.linalg.norm(jac, axis=1)
+    whole = np.hstack([jac / size[:, None], np.sqrt(regularization) * np.eye(len(d))])
+    left = (asked - jac @ (f / root).ravel()) / size
+    held = np.linalg.lstsq(whole, left, rcond=1e-11)[0][: 3 * n]
+    return f / system["m"] + held.reshape(n, 3) / root
+
+
+def motion(system, seconds):
+    """Where the particles are after so many seconds under gravity and their load, (N, 3)."""
+    integrate = pytest.importorskip("scipy.integrate", reason="scipy is not installed")
+    shape = (2, *system["q0"].shape)
+    pull = system["m"] * GRAVITY + system.get("load", 0.0)
+
+    def rate(t, y):
+        q, v = y.reshape(shape)
+        return np.ravel([v, acceleration(system | {"q0": q, "v0": v}, pull)])
+
+    start = np.ravel([system["q0"], system["v0"]])
+    settings = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
+    found = integrate.solve_ivp(rate, (0.0, seconds), start, **settings)
+    return found.y[:, -1].reshape(shape)[0]
