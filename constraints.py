@@ -117,8 +117,8 @@ def anchor(system, j):
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
 # That is critical damping: less damping would overshoot, more would be slower. An error let go dies
 # like (1 + wt) e^(-wt): with w = 20 rad/s 1 % is left after 1/3 s. But each step makes a new error.
-# Once g has settled, semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the two new terms
-# cancel at g = -2 gdot / w. So a rod is short by -g / L, 5 mm after a fall from level if dt is 5 ms.
+# Once g has settled, semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the terms with w
+# cancel at g = -2 gdot / w. So a rod is short by -g / L, 5 mm after a fall from level if dt = 5 ms.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
