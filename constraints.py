@@ -32,21 +32,23 @@ CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_system(name, rng=0, links=10):
-    """One of CHAINS, "chain", which has so many `links`, or a scene, by its name or its file's.
+    """A chain: one of CHAINS, or "chain" with so many `links`. By other names, a scene from a file.
 
-    A chain starts at rest along +x, tilted by a small random angle; `rng` may be its seed.
+    A chain starts at rest along +x, tilted by a small random angle. `rng`: a Generator or a seed.
     """
     rods = links if name == "chain" else CHAINS.get(name)
     if rods is None:
         return mechanics.load_scene(name, GRAVITY, CHAINS)
+    length = 1.0  # m, of each rod
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
-    along = np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])  # np's last digits are not the same
+    # The last digits of np.cos and np.sin depend on the processor, and a chain is chaotic.
+    along = length * np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
     system = {
-        "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m: rods of 1 m
+        "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m
         "v0": np.zeros((rods, 3)),  # (N, 3) m/s
         "m": np.ones((rods, 1)),  # (N, 1) kg: a column, so that force / m divides row by row
         "pairs": [(k, k - 1) for k in range(rods)],  # a rod (i, j) ties i to j; -1 is PIVOT
-        "lengths": np.ones(rods),  # (C,) m
+        "lengths": np.full(rods, length),  # (C,) m
     }
     return mechanics.check_system(system, PIVOT)  # a checked copy
 
@@ -89,7 +91,7 @@ def constraint_terms(system, q, v):
     jdotv = []
     for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
         row = np.zeros_like(q)  # (N, 3): row[i] has the three columns of particle i
-        if j < 0:  # it stands still
+        if j < 0:  # j is a fixed point
             d = q[i] - anchor(system, j)
             d_dot = v[i]
         else:
@@ -107,6 +109,13 @@ def constraint_terms(system, q, v):
 def anchor(system, j):
     """A fixed point, (3,) in m: PIVOT, for j = -1. A scene may have its own, for j = -1, -2, ..."""
     return system.get("anchors", [PIVOT])[-1 - j]
+
+
+def solve(system, A, b, v=None):
+    """lambda (C,), with A lambda = b. Rods in a loop can make A singular: v tells how they turn."""
+    if mechanics.has_loop(system):
+        return mechanics.solve_loops(system, A, b, v)
+    return np.linalg.solve(A, b)
 
 
 # gddot = 0 pulls nothing back: an error in g stays, and one in gdot makes g grow. And steps make
@@ -127,10 +136,7 @@ def constraint_force(system, q, v, w=0.0):
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    if mechanics.has_loop(system):  # rods that close a loop can make A singular
-        lam = mechanics.solve_loops(system, v, A, b)
-    else:
-        lam = np.linalg.solve(A, b)
+    lam = solve(system, A, b, v)
     return (jac.T @ lam).reshape(q.shape)
 
 
@@ -271,8 +277,7 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
         A = (jac / m) @ jac.T
         R = softness * np.diag(np.diag(A))
         b = -(jac @ (f / m)) - damping * gdot - stiffness * g
-        solve = mechanics.solver(system, v)  # the one or the other, as in constraint_force
-        lam = solve(A + R, b)
+        lam = solve(system, A + R, b, v)
         return (f + jac.T @ lam).reshape(q.shape)
 
     return force
@@ -289,10 +294,9 @@ def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
     SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). Their steps are free; ours leave less to correct.
+    v, too (H. Andersen, ibid. 52 (1983) 24).
     """
     m = np.repeat(system["m"], 3)
-    solve = mechanics.solver(system)
     jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
     tolerance = mechanics.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
 
@@ -302,14 +306,14 @@ def project(system, q_start, q, v, dt):
 
     def newton(q):
         jac, g, _, _ = constraint_terms(system, q, v)
-        dmu = solve((jac / m) @ jac_start.T, g)
+        dmu = solve(system, (jac / m) @ jac_start.T, g)
         return q - (jac_start.T @ dmu / m).reshape(q.shape)
 
     # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
     end = tracing.while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
     v = v + (end - q) / dt
     jac, _, gdot, _ = constraint_terms(system, end, v)
-    nu = solve((jac / m) @ jac.T, gdot)
+    nu = solve(system, (jac / m) @ jac.T, gdot)
     return end, v - (jac.T @ nu / m).reshape(q.shape)
 
 
@@ -364,9 +368,6 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# Figures are made in summary, from an Outcome: that is a Run up to where it failed, why it did, and
-# what its steps took. A reference is the true motion at a time, before chaos has spread. `table`
-# turns numbers into text, and marks rows that look better than they are.
 def main(argv=None):
     """Run the methods, print what became of the rods, and write it to files."""
     args, system = parse_args(argv)
@@ -374,18 +375,17 @@ def main(argv=None):
     methods = make_methods(args.dt, **args.knobs)
     runs = {}
     results = {}
-    with tracing.plain(args.plain):
+    with tracing.plain(args.plain):  # compiles nothing, if so asked
         for name in cli.progress(args.methods):
             run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
             runs[name] = run
-        # Rods can be right, the path wrong. The true one is that of gauss with project, in steps so
-        # short that shorter ones change nothing.
+        # Rods can be right, the path wrong. So compare places with the true motion: gauss with
+        # project, in steps so short that shorter ones change nothing, before chaos has spread.
         reference = mechanics.find_reference(system, make_force(system), project, runs.values())
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    this_file = globals()  # with your edits: play.html runs its functions, and --within, too
-    output.write(args, system, runs, results, reference, this_file)
+    output.write(args, system, runs, results, reference)  # metrics.json, play.html, a recording
     return 0
 
 
@@ -399,8 +399,8 @@ def run_method(system, name, integrator, dt, steps, **knobs):
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step_fn = mechanics.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
     step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
-    states = simulate(step_fn, system, method.make_force(system), dt, steps)
-    return mechanics.Outcome(states, system, dt, step_fn, GRAVITY)
+    run = simulate(step_fn, system, method.make_force(system), dt, steps)
+    return mechanics.Outcome(run, system, dt, step_fn, GRAVITY)  # up to where it failed, and why
 
 
 def summary(system, run, method, reference):
@@ -469,15 +469,12 @@ def parse_args(argv=None):
     add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where to write")
     args = parser.parse_args(argv)
     args.steps = SMOKE_STEPS if args.smoke else args.steps
+    args.this_file = globals()  # with your edits: play.html runs its functions
     args.knobs = {"baumgarte": args.baumgarte, "time_constant": args.time_constant}
-    fits = [name for name, x in every.items() if x.integrator in (None, args.integrator)]
-    if args.stabilization not in ("all", *fits):
-        parser.error(f"argument --stabilization: {args.stabilization} is not for {args.integrator}")
-    args.left_out = [name for name in every if name not in fits]
-    args.methods = fits if args.stabilization == "all" else [args.stabilization]
     with parser.errors("argument --system: "):
         system = build_system(args.system, args.seed, args.links)
     with parser.errors():
+        args.methods, args.left_out = output.methods_of(args, every)
         output.check(args, system)
     return args, system
 

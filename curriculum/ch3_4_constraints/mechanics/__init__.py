@@ -1,6 +1,6 @@
 """What a scene is, how it moves, and the exact motion to compare with."""
 
-from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve_loops, solver
+from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve_loops
 from curriculum.ch3_4_constraints.mechanics.outcome import Outcome
 from curriculum.ch3_4_constraints.mechanics.reference import find_reference
 from curriculum.ch3_4_constraints.mechanics.scenes import SHIPPED, load_scene
@@ -16,4 +16,4 @@ from curriculum.ch3_4_constraints.mechanics.systems import (
 
 __all__ = ["SHIPPED", "Outcome", "check_run", "check_system", "checked_step", "conserves"]
 __all__ += ["find_reference", "has_loop", "least_squares", "load_scene", "m_g_L", "solve_loops"]
-__all__ += ["solver", "tolerance"]
+__all__ += ["tolerance"]

@@ -38,6 +38,21 @@ STATE = 96  # bytes of a particle: its q and v, and once more where they are com
 OFF = ("0", "off", "false")  # what the variable RERUN is where rerun is to do nothing
 
 
+def methods_of(args, every):
+    """The methods that args ask for, of those by name in `every`, and those that are left out.
+
+    These are not made for the integrator. Raises an error, in a sentence, if one is asked for.
+    """
+    fits = [name for name, x in every.items() if x.integrator in (None, args.integrator)]
+    left_out = [name for name in every if name not in fits]
+    if args.stabilization == "all":
+        return fits, left_out
+    if args.stabilization in left_out:
+        why = f"{args.stabilization} is not for {args.integrator}"
+        raise ArgumentTypeError(f"argument --stabilization: {why}")
+    return [args.stabilization], left_out
+
+
 def check(args, system):
     """Raise an error in a sentence if a run has too many states, or if its files could not be
     written, or would overwrite files that no run has written."""
@@ -60,12 +75,12 @@ def is_ours(folder):
         return False
 
 
-def write(args, system, runs, results, reference, names):
+def write(args, system, runs, results, reference):
     """Answer --within, write the files that are asked for, and remove those of an earlier run.
 
-    `names`: those of CHAPTER and others, as globals() of the script has them.
+    Of args, this_file has the names of CHAPTER and others, as globals() of the script does.
     """
-    chapter = SimpleNamespace(**names)
+    chapter = SimpleNamespace(**args.this_file)
     choice = advice.give(chapter, args, system, runs, reference)
     text = metrics(args, system, results, reference, choice)
     files = {METRICS: text, PAGE: None, RECORDING: None}
