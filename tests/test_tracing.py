@@ -207,8 +207,8 @@ def test_what_the_loop_does_is_obeyed_and_known(edit, language):
     assert (fast.how, fast.is_compiled) == (language, True)
     assert (slow.how, slow.is_compiled, slow.timed) == ("plain numpy", False, 1200)
     assert fast.edited == slow.edited == (edit not in ("nothing", "as another holds it"))
-    if edit != "in place":  # hardly a step is computed that is not handed out
-        assert 1200 <= fast.timed < 1200 + 60
+    if edit != "in place":  # few steps are computed that are not handed out
+        assert 1200 <= fast.timed < 1200 + 1100 // 8
     assert fast.pace == 1e6 * fast.seconds / fast.timed > 0.0
 
 
@@ -398,7 +398,8 @@ def test_what_a_loop_leaves_can_be_pickled_and_its_pace_is_of_the_steps_that_wer
         state = step(*state, np.array([1.0, 2.0]), np.add, 0.01)
     report = pickle.loads(pickle.dumps(step.report))
     assert report == step.report and report.is_compiled and report.source.startswith("def f(")
-    assert 400 <= report.timed <= 540 and report.pace == 1e6 * report.seconds / report.timed
+    assert 400 <= report.timed <= 400 + 4000 // 8
+    assert report.pace == 1e6 * report.seconds / report.timed
     assert math.isnan(compiled(fall, 10).report.pace)
 
 

@@ -17,18 +17,11 @@ class Comparisons:
         self.last = steps - 1
         self.every = min(max(1, steps // PARTS), APART)
 
-    def is_due(self, number):
-        if number < self.every:  # as it begins, 0, 1, 2, 4, 8 and so on
-            return number & (number - 1) == 0
-        return number % self.every == 0 or number == self.last
-
-    def end(self, number):
-        """How far a stretch may go that begins with a step: to a comparison, or to the last one."""
-        power_of_two = 1 << number.bit_length()
-        part = self.every * (number // self.every + 1)
-        if number < self.every:
-            return min(power_of_two, part)
-        return min(x for x in (part, self.last, self.last + 1) if x > number)
+    def are_due(self, first, many):
+        """Whether each of so many steps is to be compared, a list."""
+        number = np.arange(first, first + many)
+        early = (number < self.every) & (number & (number - 1) == 0)  # 0, 1, 2, 4, 8 and so on
+        return (early | (number % self.every == 0) | (number == self.last)).tolist()
 
 
 def check(number, ahead, result, state, exact):
