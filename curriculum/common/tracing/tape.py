@@ -72,7 +72,7 @@ class Tape:
 
     def note(self, sign, *operands):
         """The name of an operation: reused if the operation is there already."""
-        if self.outer and not any(x in self.nodes for x in operands):
+        if self.outer and self.nodes.keys().isdisjoint(operands):
             return self.outer.note(sign, *operands)  # the same in every turn: done once
         name = self.known.get((sign, operands))
         if name is None and sign in "+*":
@@ -107,9 +107,10 @@ class Tape:
 
 def note(sign, *operands):
     """The name of an operation on the tape that is being written."""
-    if current.tape is None:  # a symbol outlived its tape
+    tape = current.tape
+    if tape is None:  # a symbol outlived its tape
         raise StepChanged(
             "a step keeps something from call to call, so it cannot be compiled: "
             "run it plainly (--plain, or `with plain():`)"
         )
-    return current.tape.note(sign, *operands)
+    return tape.note(sign, *operands)
