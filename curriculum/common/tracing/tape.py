@@ -61,6 +61,7 @@ class Tape:
         self.used = outer.used if outer else {*used}  # other names
         self.signs = outer.signs if outer else set()  # of all operations
         self.rows = outer.rows if outer else 1
+        self.lines = 0  # of Python, a few too many: an operation has one for each row
 
     def trace(self, function, *args):
         before = current.tape
@@ -82,6 +83,7 @@ class Tape:
             self.nodes[name] = Op(sign, operands)
             self.known[sign, operands] = name
             self.signs.add(sign)
+            self.lines += self.rows
         return name
 
     def fresh(self, name):
