@@ -4,7 +4,7 @@ import numpy as np
 
 from curriculum.common.tracing.tape import StepChanged
 
-PARTS = 30  # of a run: the first step of each is compared
+PARTS = 25  # of a run: the first step of each is compared
 EARLY = 0, 1, 4, 16, 64, 256, 1024  # and of the first part these
 APART = 2_000  # steps between two comparisons, at most
 SAME = 1e-9  # of what a step changes: so far sines of two libraries may be apart
