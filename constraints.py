@@ -6,66 +6,49 @@ linear system, hides it in force(q, v) for chapter 3.3's integrators, and measur
 drift, what stops the drift, and what that costs.
 
     python constraints.py                a double pendulum, 20 s, with each method
-    python constraints.py --within 1mm   the cheapest method and step right to 1 mm
+    python constraints.py --within 1mm   which method and step to take for errors under 1 mm
     python constraints.py --help         what to change, and why you would
 """
 
 # --- region: setup ---
-from collections.abc import Callable
 from functools import partial
-from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 
-# All the mechanics of rods is in this file. These imports only support it:
-from curriculum.ch3_4_constraints.mechanics import scene_files, systems  # load and check systems
-from curriculum.ch3_4_constraints.mechanics.loops import least_squares, solve  # linear systems
-from curriculum.ch3_4_constraints.mechanics.outcome import Outcome  # how a run went
-from curriculum.ch3_4_constraints.mechanics.reference import find_reference  # the true motion
-from curriculum.ch3_4_constraints.results import advice, output, table  # what is printed
-from curriculum.common import cli, progress  # flags; a progress bar
-from curriculum.common.gauss import make_gauss  # a very accurate integrator
-from curriculum.common.tracing import compiled, plain, vmap, while_loop  # same numbers, only faster
+from curriculum.ch3_4_constraints import mechanics  # rods in loops, scenes, checks, the true motion
+from curriculum.ch3_4_constraints.results import output, table  # what is written and printed
+from curriculum.common import cli, exact, gauss, tracing  # flags, cos and sin, an integrator, speed
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
+SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
 
 
 # --- endregion ---
 # --- region: systems ---
-# A system is a dict of N particles and C rods:
-#     q0, v0   (N, 3)  where the particles start, in m, and their velocities, in m/s
-#     m        (N, 1)  their masses, in kg
-#     pairs            a list of (i, j), one per rod: it ties particle i to particle j or, if j is
-#                      -1, to PIVOT, which stands still
-#     lengths  (C,)    of the rods, in m
-# A state is q and v, (N, 3) each: positions in m and velocities in m/s at one time.
+# A system is a dict: N particles, and C rods that tie them. A state is q and v, (N, 3) each: where
+# the particles are, in m, and their velocities, in m/s, at one time.
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
-def build_chain(rods, rng):
-    """Rods of 1 m, bobs of 1 kg, at rest along +x, tilted a little; `rng` may be a seed."""
-    tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad
-    cosine, sine = systems.cos_sin(-tilt)  # np.cos and np.sin, but the same everywhere
-    along = np.array([cosine, sine, 0.0])
-    system = {
-        "q0": PIVOT + np.arange(1.0, rods + 1.0)[:, None] * along,  # bob 0 at 1 m, bob 1 at 2 m
-        "v0": np.zeros((rods, 3)),
-        "m": np.ones((rods, 1)),
-        "pairs": [(k, k - 1) for k in range(rods)],  # rod 0 ties bob 0 to PIVOT
-        "lengths": np.ones(rods),
-    }
-    return systems.check_system(system, PIVOT)  # a checked copy
-
-
 def build_system(name, rng=0, links=10):
-    """The system `name`: one of CHAINS, "chain" with `links` rods, or a scene, which is a file."""
-    if name == "chain":
-        return build_chain(links, rng)
-    if name in CHAINS:
-        return build_chain(CHAINS[name], rng)
-    return scene_files.load_scene(name, GRAVITY, CHAINS)
+    """A chain of rods, one of CHAINS or "chain", which has `links`; or a scene, which is a file.
+
+    A chain starts at rest along +x, tilted a little by `rng`: a seed or a numpy Generator.
+    """
+    rods = links if name == "chain" else CHAINS.get(name)
+    if rods is None:
+        return mechanics.load_scene(name, GRAVITY, CHAINS)
+    tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
+    along = np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
+    system = {
+        "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m, at the start
+        "v0": np.zeros((rods, 3)),  # (N, 3) m/s
+        "m": np.ones((rods, 1)),  # (N, 1) kg
+        "pairs": [(k, k - 1) for k in range(rods)],  # rod (i, j) ties i to j; -1 is PIVOT
+        "lengths": np.ones(rods),  # (C,) m
+    }
+    return mechanics.check_system(system, PIVOT)  # a checked copy
 
 
 def external_force(system, q, v=None):
@@ -73,15 +56,9 @@ def external_force(system, q, v=None):
     return system["m"] * GRAVITY + system.get("load", 0.0)  # a scene may have a load, (N, 3) in N
 
 
-def rod_lengths(system, q):
-    """How long each rod is, (..., C) in m, at q (..., N, 3): in one state or in each of many."""
-    anchors = system.get("anchors", [PIVOT])  # a scene may have more, for j = -1, -2, ...
-    lengths = []
-    for i, j in system["pairs"]:
-        end = anchors[-1 - j] if j < 0 else q[..., j, :]
-        d = q[..., i, :] - end
-        lengths.append(np.sqrt(np.sum(d * d, axis=-1)))
-    return np.stack(lengths, axis=-1)
+def anchor(system, j):
+    """The fixed point j < 0, (3,) in m: -1 is PIVOT; a scene may have others, -1, -2, and so on."""
+    return system.get("anchors", [PIVOT])[-1 - j]  # -1 is the first
 
 
 # --- endregion ---
@@ -93,12 +70,16 @@ def rod_lengths(system, q):
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
 # Stack v and a of all particles into vectors of 3N numbers. Then all gdot are J v, where J = dg/dq,
 # the Jacobian, has a row per rod: d in the three columns of i, -d in those of j (PIVOT has none), 0
-# elsewhere. Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
+# elsewhere. With two rods, from PIVOT to particle 0 and on to 1, it is
+#     J = ( d_0     0  )
+#         (-d_1    d_1 )
+# Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
 #     gddot = J a + Jdot v
-# A rod pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j. That is lambda
-# times its row of J; all rods together give J^T lambda. So each rod has one unknown, its Lagrange
-# multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a diagonal: each mass
-# three times) and all other forces f, says
+#
+# A rod without mass pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j.
+# That is lambda times its row of J; all rods together give J^T lambda. So each rod has one unknown,
+# its Lagrange multiplier lambda, in N/m, below 0 if the rod pulls. Newton, with masses M (a
+# diagonal: each mass three times) and all other forces f, says
 #     M a = f + J^T lambda
 # If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So set gddot = 0, and put in
 # a = M^-1 (f + J^T lambda):
@@ -108,15 +89,14 @@ def rod_lengths(system, q):
 # Jdot v = 9: lambda = -37.62. J^T lambda is (0, 37.62, 0) N: the weight, 19.62, and m v^2 / L = 18.
 def constraint_terms(system, q, v):
     """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
-    anchors = system.get("anchors", [PIVOT])
     jac = []  # in each list an entry per rod; stacked at the end
     g = []
     gdot = []
     jdotv = []
     for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
         row = np.zeros_like(q)  # (N, 3): row[i] has the three columns of particle i
-        if j < 0:  # -1 is anchors[0], and so on: they stand still
-            d = q[i] - anchors[-1 - j]
+        if j < 0:  # it stands still
+            d = q[i] - anchor(system, j)
             d_dot = v[i]
         else:
             d = q[i] - q[j]
@@ -131,14 +111,15 @@ def constraint_terms(system, q, v):
 
 
 # gddot = 0 pulls nothing back: an error in g stays, and one in gdot makes g grow. And steps make
-# errors: semi_implicit goes straight, along the tangent of the rod's circle. From rest, each step
-# adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one.
+# errors: semi_implicit goes straight, along the tangent of the rod's circle. In a run that starts
+# at rest every step adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one; the chapter proves it.
 # So ask that g move like a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
 # Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
-# That is critical damping: less damping would overshoot, more would be slower. With w = 20 rad/s
-# 1 % of an error is left after 1/3 s. But steps make new ones: semi_implicit leaves a rod short by
-# dt |d_dot|^2 / (w L), 5 mm for one pendulum fallen from level.
+# That is critical damping: less damping would overshoot, more would be slower. An error let go dies
+# like (1 + wt) e^(-wt): with w = 20 rad/s 1 % is left after 1/3 s. But each step makes a new error.
+# In the end semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the terms on the right
+# cancel at g = -2 gdot / w: a rod stays short by -g / L, 5 mm for a pendulum fallen from level.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -147,15 +128,15 @@ def constraint_force(system, q, v, w=0.0):
     A = (jac / m) @ jac.T  # J M^-1 J^T, (C, C) in m^2/kg
     b = -(jac @ (f / m) + jdotv)  # for gddot = 0, (C,) in m^2/s^2
     b = b - 2.0 * w * gdot - w * w * g  # Baumgarte's two terms; nothing if w = 0
-    lam = solve(system, A, b, v)  # np.linalg.solve(A, b); in loops v helps, too
+    # This is np.linalg.solve, unless rods close a loop. There A may be singular; if it is so for a
+    # moment only, v tells how the rods go on.
+    solve = mechanics.solver(system, v)
+    lam = solve(A, b)
     return (jac.T @ lam).reshape(q.shape)
 
 
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in newtons: external_force plus the rods'. The solve hides in here.
-
-    Integrators need no change. Each call solves for lambda anew: in RK4 four times a step.
-    """
+    """force(q, v), (N, 3) in newtons. Integrators need no change; RK4 solves four times a step."""
 
     def force(q, v):
         return external_force(system, q, v) + constraint_force(system, q, v, w)
@@ -199,7 +180,7 @@ INTEGRATORS = {
     "euler": euler_step,
     "semi_implicit": semi_implicit_step,
     "rk4": rk4_step,
-    "gauss": make_gauss(8),  # order 16: dear by the step, cheap by the digit; not derived here
+    "gauss": gauss.make_gauss(8),  # order 16: to measure the others by; it is not derived here
 }
 
 
@@ -211,10 +192,19 @@ def energy(system, q, v):
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    load = system.get("load", 0.0)
-    force = system["m"] * GRAVITY + load  # not external_force: drag has no potential
+    force = system["m"] * GRAVITY + system.get("load", 0.0)  # without drag: it has no potential
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
+
+
+def rod_lengths(system, q):
+    """How long each rod is, (..., C) in m, at q (..., N, 3): in one state or in each of many."""
+    lengths = []
+    for i, j in system["pairs"]:
+        end = anchor(system, j) if j < 0 else q[..., j, :]
+        d = q[..., i, :] - end
+        lengths.append(np.sqrt(np.sum(d * d, axis=-1)))
+    return np.stack(lengths, axis=-1)
 
 
 def constraint_violation(system, q):
@@ -225,38 +215,43 @@ def constraint_violation(system, q):
 def tensions(system, q, v, force):
     """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
 
-    The rods' part of force(q, v) is J^T lambda. If many lambda fit, this takes the smallest.
+    Any method's force(q, v) hides its lambda: the rods' part of it is J^T lambda. If rods are
+    redundant many lambda fit, and this takes the smallest.
     """
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
-    lam = least_squares(jac.T, rods_force.ravel())
-    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # rods only: your rows come last
+    lam = mechanics.least_squares(jac.T, rods_force.ravel())
+    lam = lam[: len(system["pairs"])]  # J may have more rows: yours, after the rods'
+    return -lam * rod_lengths(system, q)
 
 
 class Run:
-    """All states, and what was measured. Unpacks as tip, violations, energies."""
+    """All states of a run, and what is measured in them: `tip, violations, energies = run`."""
 
-    def __init__(self, q, v, tip, violations, energies):
+    def __init__(self, system, q, v):
         self.q = q  # (steps + 1, N, 3), in m
         self.v = v  # (steps + 1, N, 3), in m/s
-        self.tip = tip  # (steps + 1, 3): the path of the last particle, in m
-        self.violations = violations  # (steps + 1,): the largest rod error, in m
-        self.energies = energies  # (steps + 1,), in J
+        self.tip = q[:, -1]  # (steps + 1, 3): the path of the last particle, in m
+        self.violations = constraint_violation(system, q)  # (steps + 1,), in m
+        self.energies = energy(system, q, v)  # (steps + 1,), in J
 
     def __iter__(self):
         return iter((self.tip, self.violations, self.energies))
 
 
 def simulate(step_fn, system, force, dt, steps):
-    """Take `steps` steps of dt s from q0, v0, and measure every state: the Run."""
-    q = np.full_like(system["q0"], np.nan, shape=(steps + 1, *system["q0"].shape))  # not yet known
-    v = np.full_like(q, np.nan)
-    q[0] = system["q0"]
-    v[0] = system["v0"]
+    """Take `steps` steps of dt s from q0, v0. Keep and measure every state: the Run."""
+    q = system["q0"].copy()
+    v = system["v0"].copy()
+    all_q = np.full((steps + 1, *q.shape), np.nan)  # NaN: not reached, should you break
+    all_v = np.full((steps + 1, *v.shape), np.nan)
+    all_q[0] = q
+    all_v[0] = v
     for i in range(steps):
-        q[i + 1], v[i + 1] = step_fn(q[i], v[i], system["m"], force, dt)  # row i: at i dt
-    violations = constraint_violation(system, q)  # of all states at once
-    return Run(q, v, q[:, -1], violations, energy(system, q, v))
+        q, v = step_fn(q, v, system["m"], force, dt)
+        all_q[i + 1] = q
+        all_v[i + 1] = v
+    return Run(system, all_q, all_v)
 
 
 # --- endregion ---
@@ -277,19 +272,56 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
         A = (jac / m) @ jac.T
         R = softness * np.diag(np.diag(A))
         b = -(jac @ (f / m)) - damping * gdot - stiffness * g
-        lam = solve(system, A + R, b, v)
+        solve = mechanics.solver(system, v)
+        lam = solve(A + R, b)
         return (f + jac.T @ lam).reshape(q.shape)
 
     return force
 
 
-class Method(NamedTuple):
+# project puts the end of a step back onto the rods. semi_implicit pulls along the rods as they were
+# at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
+# g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
+#     J M^-1 J_start^T dmu = g
+# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
+# would change a rod's length:
+#     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
+def project(system, q_start, q, v, dt):
+    """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
+
+    SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
+    v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
+    """
+    m = np.repeat(system["m"], 3)
+    solve = mechanics.solver(system)
+    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
+    tolerance = mechanics.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
+
+    def is_off(q):
+        _, g, _, _ = constraint_terms(system, q, v)
+        return np.max(np.abs(g / tolerance)) > 1.0
+
+    def newton(q):
+        jac, g, _, _ = constraint_terms(system, q, v)
+        dmu = solve((jac / m) @ jac_start.T, g)
+        return q - (jac_start.T @ dmu / m).reshape(q.shape)
+
+    # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
+    end = tracing.while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
+    v = v + (end - q) / dt
+    jac, _, gdot, _ = constraint_terms(system, end, v)
+    nu = solve((jac / m) @ jac.T, gdot)
+    return end, v - (jac.T @ nu / m).reshape(q.shape)
+
+
+class Method:
     """How to hold the rods. Add yours to make_methods: table and page will show it."""
 
-    make_force: Callable  # system -> force(q, v)
-    words: str  # what it does
-    post_step: Callable | None = None  # (system, q_start, q, v, dt) -> (q, v)
-    integrator: str | None = None  # the only one it works with
+    def __init__(self, make_force, words, post_step=None, integrator=None):
+        self.make_force = make_force  # system -> force(q, v)
+        self.words = words  # what it does
+        self.post_step = post_step  # (system, q_start, q, v, dt) -> (q, v), after each step
+        self.integrator = integrator  # the only one it works with, if there is one
 
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
@@ -299,8 +331,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     # As v_next = v + dt a and J v = gdot, that is J a = -gdot/dt - g/dt^2.
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's. For one rod A + R = A / p, so J a is p times what is asked plus 1 - p times
-    # what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
+    # soft is MuJoCo's, with a fixed impedance p. For one rod A + R = A / p, so J a is p times what
+    # is asked plus 1 - p times what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
     # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
     # After a fall from level, in semi_implicit, it is tau (tau - dt) |d_dot|^2 / L = 6 mm too long,
     # as Jdot v is left out.
@@ -321,40 +353,6 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     }
 
 
-# project puts the end of a step back onto the rods. semi_implicit pulls along the rods as they were
-# at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
-# g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
-#     J M^-1 J_start^T dmu = g
-# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
-# would change a rod's length:
-#     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
-def project(system, q_start, q, v, dt):
-    """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
-
-    SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24). They step without the rods' force.
-    """
-    m = np.repeat(system["m"], 3)
-    jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
-    tolerance = systems.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
-
-    def is_off(q):
-        _, g, _, _ = constraint_terms(system, q, v)
-        return np.max(np.abs(g / tolerance)) > 1.0
-
-    def newton(q):
-        jac, g, _, _ = constraint_terms(system, q, v)
-        dmu = solve(system, (jac / m) @ jac_start.T, g)
-        return q - (jac_start.T @ dmu / m).reshape(q.shape)
-
-    # while is_off(q): q = newton(q), at most 20 times, in a form that can be compiled
-    end = while_loop(is_off, newton, q, most=20, failure="no way back onto the rods")
-    v = v + (end - q) / dt
-    jac, _, gdot, _ = constraint_terms(system, end, v)
-    nu = solve(system, (jac / m) @ jac.T, gdot)
-    return end, v - (jac.T @ nu / m).reshape(q.shape)
-
-
 def stabilized(step_fn, system, method):
     """step_fn, followed by the method's post_step if it has one."""
 
@@ -367,19 +365,91 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# No new mechanics: you may skip parse_args. To run one method without flags:
+# Run each method, measure it, and print a row for it. One method, from Python:
 #     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
-SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
+def run_method(system, name, integrator, dt, steps, **knobs):
+    """The Outcome of a method, by name, on a copy of the system; `knobs` are make_methods'."""
+    system = mechanics.check_run(system, PIVOT, dt, steps, external_force)
+    method = make_methods(dt, **knobs)[name]
+    step_fn = stabilized(INTEGRATORS[integrator], system, method)
+    step_fn = mechanics.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
+    step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
+    states = simulate(step_fn, system, method.make_force(system), dt, steps)
+    return mechanics.Outcome(states, system, dt, step_fn, GRAVITY)
+
+
+def summary(system, run, method, reference):
+    """What metrics.json says about a run."""
+    pull = partial(tensions, system, force=method.make_force(system))
+    pulls = tracing.vmap(pull)(run.q, run.v)  # (steps + 1, C) in N: of all states
+    m_g_L = mechanics.m_g_L(system, GRAVITY)  # J: the scale, as energies begin near 0
+    return {
+        "max_violation": np.max(run.violations),  # m, over all states
+        "final_violation": run.violations[-1],  # m
+        "conserves": mechanics.conserves(system, external_force, energy),  # should energy stay?
+        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
+        **table.largest_force(pulls),  # N, over rods and states
+        "operations": run.operations,  # for a second of motion
+        "tip_final": run.tip[-1].tolist(),  # m
+        "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
+        "stopped": run.stopped,  # when and why, if it ended early
+    }
+
+
+def print_table(args, runs, results, reference):
+    """Print a row for each method, and notes on it."""
+    table.title(args, runs)  # what was run, and how
+    print("\n               rods off by      energy off    largest   places off    a step")
+    print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
+    for name, row in results.items():
+        run = runs[name]
+        if run.lost:  # it failed or diverged
+            table.say(f"{name:12}{run.lost}")
+            continue
+        star = "*" if table.doubts(row, run) else ""  # a note says why
+        print(
+            f"{name + star:12}"
+            f"{table.length(row['max_violation']):>8}"  # 0.384 m is "38 cm"
+            f"{table.length(row['final_violation']):>10}"
+            f"{table.energy(row):>12}"
+            f"{table.force(row):>11}"  # "over 450", if it may be larger between steps
+            f"{table.error(row['error'], reference):>13}"  # no finer than the reference
+            f"{run.pace:>10.3g}"
+        )
+    table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
+
+
+def main(argv=None):
+    """Run the methods, print what became of the rods, and write it to files."""
+    args, system = parse_args(argv)
+    print(f"ch3.4 constraints | device {args.device}")
+    methods = make_methods(args.dt, **args.knobs)
+    runs = {}
+    results = {}
+    with tracing.plain(args.plain):
+        for name in cli.progress(args.methods):
+            run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
+            runs[name] = run
+        # Rods can be right, the path wrong. So compare places with the true motion before chaos has
+        # spread: gauss with project, in steps so short that shorter ones change nothing.
+        reference = mechanics.find_reference(system, make_force(system), project, runs.values())
+        for name, run in runs.items():
+            results[name] = summary(system, run, methods[name], reference)
+    print_table(args, runs, results, reference)
+    # With --within first an answer. Then metrics.json, a recording, and play.html, which runs this
+    # file's functions as you have edited them: they are among globals().
+    output.write(args, system, runs, results, reference, globals())
+    return 0
 
 
 def parse_args(argv=None):
     """Parse the flags and build the system they ask for."""
     parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")
     add = parser.add_argument
+    known = [*CHAINS, "chain", *mechanics.SHIPPED]
     every = make_methods()
-    scenes = ", ".join([*CHAINS, "chain", *scene_files.SHIPPED])
     words = "; ".join(f"{name} {method.words}" for name, method in every.items())
-    add("--system", default="double", help=f"{scenes}, or the file of a scene")
+    add("--system", default="double", help=f"{', '.join(known)}, or the file of a scene")
     add("--links", type=cli.whole(1, 300), default=10, help="how many rods --system chain has")
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
@@ -388,7 +458,7 @@ def parse_args(argv=None):
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
     add("--dt", type=cli.positive, default=0.005, help="one step in s: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift adds up")
-    add("--within", type=advice.tolerance, help="find the cheapest settings right to 1mm, 1um, ...")
+    add("--within", type=cli.length, help="find the cheapest settings right to 1mm, 1um, ...")
     add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--device", choices=["cpu"], default="cpu", help="the only choice")
@@ -408,78 +478,6 @@ def parse_args(argv=None):
     with parser.errors():
         output.check(args, system)
     return args, system
-
-
-def run_method(system, name, integrator, dt, steps, **knobs):
-    """The Outcome of a method, by name, on a copy of the system; `knobs` are make_methods'."""
-    yours = external_force, constraint_violation, energy  # you may have edited them
-    system = systems.check_run(system, PIVOT, dt, steps, *yours)
-    method = make_methods(dt, **knobs)[name]
-    step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    step = compiled(systems.checked_step(step_fn, integrator, method), steps)  # only faster
-    run = simulate(step, system, method.make_force(system), dt, steps)
-    return Outcome(run, system, dt, step, GRAVITY)  # up to a failure, and its cause
-
-
-def summary(system, run, method, reference):
-    """What metrics.json says about a run."""
-    pull = partial(tensions, system, force=method.make_force(system))
-    m_g_L = systems.m_g_L(system, GRAVITY)  # J: the scale, as energies begin near 0
-    return {
-        "max_violation": np.max(run.violations),  # m, over all states
-        "final_violation": run.violations[-1],  # m
-        "conserves": systems.conserves(system, external_force, energy),  # or energy may vary
-        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
-        **table.largest_force(vmap(pull)(run.q, run.v)),  # N, over rods and states
-        "operations": run.operations,  # for a second of motion
-        "tip_final": run.tip[-1].tolist(),  # m
-        "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
-        "stopped": run.stopped,  # when and why, if it ended early
-    }
-
-
-def print_table(args, runs, results, reference):
-    """Print a row for each method, and warnings."""
-    table.title(args, runs)
-    print("\n               rods off by      energy off    largest   places off    a step")
-    print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
-    for name, row in results.items():
-        if runs[name].lost:  # it failed or diverged: say when and why
-            table.say(f"{name:12}{row['stopped']}")
-            continue
-        worst = table.length(row["max_violation"])
-        end = table.length(row["final_violation"])
-        drift = table.energy(row)
-        force = table.force(row)
-        error = table.error(row["error"], reference)
-        pace = f"{runs[name].pace:.3g}"
-        star = "*" if table.doubts(row, runs[name]) else ""  # the notes below say why
-        print(f"{name + star:12}{worst:>8}{end:>10}{drift:>12}{force:>11}{error:>13}{pace:>10}")
-    table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])
-    table.verdict(results, runs)
-
-
-def main(argv=None):
-    """Run the methods, print what became of the rods, and write it to files."""
-    args, system = parse_args(argv)
-    print(f"ch3.4 constraints | device {args.device}")
-    methods = make_methods(args.dt, **args.knobs)
-    runs = {}
-    results = {}
-    with plain(args.plain):
-        for name in progress.each(args.methods, always=args.plain):
-            run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
-            runs[name] = run
-        # Rods can be right, the path wrong. So compare places with gauss and project, in steps so
-        # short that shorter ones change nothing, at a time before chaos has spread.
-        reference = find_reference(system, make_force(system), project, runs.values())
-        for name, run in runs.items():
-            results[name] = summary(system, run, methods[name], reference)
-    print_table(args, runs, results, reference)
-    this_file = SimpleNamespace(**globals())  # as you edited it: play.html runs its functions
-    choice = advice.give(this_file, args, system, runs, reference)  # with --within: what to take
-    output.write(args, system, runs, results, reference, choice, this_file)
-    return 0
 
 
 command = partial(cli.run_script, main)  # for the entry point in pyproject.toml

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT, python
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import scene_files
+from curriculum.ch3_4_constraints.mechanics import scenes
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError
 from curriculum.ch3_4_constraints.results import output
 
@@ -40,7 +40,7 @@ def test_help_and_the_error_of_a_wrong_name_list_all_systems_that_have_one(capsy
         c.main(["--help"])
     helped = re.split(r"[\s,]+", capsys.readouterr().out)
     said = re.split(r"[\s,]+", refused("--system", "nosuch"))
-    names = {*c.CHAINS, "chain", *scene_files.SHIPPED}
+    names = {*c.CHAINS, "chain", *scenes.SHIPPED}
     assert names <= {*helped} and names <= {*said}
 
 
@@ -74,7 +74,7 @@ WAYS = "PYTHONIOENCODING=cp1252 {} {}", "{} -OO {}", "{} {} 2>&-", "{} {} >&-"
 @pytest.mark.parametrize("way", WAYS)
 def test_no_run_is_lost_to_a_letter_that_a_console_lacks_or_to_how_python_is_started(way, tmp_path):
     scene = tmp_path / "Д.json"
-    scene.write_bytes(scene_files.SHIPPED["spin"].read_bytes())
+    scene.write_bytes(scenes.SHIPPED["spin"].read_bytes())
     command = f"constraints.py --steps 9 --system {scene} --out {tmp_path / 'out'}"
     command = way.format(sys.executable, command)
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True)

@@ -1,11 +1,15 @@
 """What every chapter shares: commands in consoles of all kinds, and files, whatever ends a run."""
 
+import math
 import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from conftest import ROOT, python
+
+from curriculum.common.exact import cos, sin
 
 CONSOLE = """
 import runpy, signal, sys, threading, warnings, numpy
@@ -64,3 +68,10 @@ def test_sigterm_while_files_are_written_leaves_nothing_behind(tmp_path):
         process.wait(60)
         assert process.stderr.read() == b""
     assert process.returncode == 128 + signal.SIGTERM and not [*tmp_path.iterdir()]
+
+
+def test_cos_and_sin_are_right_to_the_last_digit():
+    for angle in np.random.default_rng(0).uniform(-10.0, 10.0, 300):
+        assert abs(cos(angle) - math.cos(angle)) <= math.ulp(math.cos(angle))
+        assert abs(sin(angle) - math.sin(angle)) <= math.ulp(math.sin(angle))
+    assert (cos(0.0), sin(0.0)) == (1.0, 0.0)

@@ -94,7 +94,7 @@ def test_a_length_has_two_digits_and_its_unit_and_a_share_is_per_cent():
 def test_a_readers_own_row_is_in_all_files_and_fails_alone(run, tmp_path, monkeypatch):
     def torn(system, q_start, q, v, dt):
         low = {"most": 5, "failure": "it is torn"}
-        return c.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
+        return c.tracing.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
 
     usual, own = c.make_methods, {"torn": c.Method(c.make_force, "tears", torn)}
     monkeypatch.setattr(c, "make_methods", lambda *a, **k: usual(*a, **k) | own)
@@ -326,16 +326,20 @@ def edited_loop(edit):
     """
 
     def simulate(step_fn, system, force, dt, steps):
-        q = np.full_like(system["q0"], np.nan, shape=(steps + 1, *system["q0"].shape))
-        v = np.full_like(q, np.nan)
-        q[0] = system["q0"]
-        v[0] = system["v0"]
+        q = system["q0"].copy()
+        v = system["v0"].copy()
+        all_q = np.full((steps + 1, *q.shape), np.nan)
+        all_v = np.full((steps + 1, *v.shape), np.nan)
+        all_q[0] = q
+        all_v[0] = v
         for i in range(steps):
-            q[i + 1], v[i + 1] = step_fn(q[i], v[i], system["m"], force, dt)
-            dt = edit(i, system, v[i + 1], dt)
+            q, v = step_fn(q, v, system["m"], force, dt)
+            dt = edit(i, system, v, dt)
+            all_q[i + 1] = q
+            all_v[i + 1] = v
             if dt is None:
                 break
-        return c.Run(q, v, q[:, -1], c.constraint_violation(system, q), c.energy(system, q, v))
+        return c.Run(system, all_q, all_v)
 
     return simulate
 

@@ -128,7 +128,7 @@ def test_a_page_lives_whatever_the_names_in_the_readers_loops_are():
 
     def settle(system, q_start, q, v, dt):
         start = [q[0, 0] * k for k in range(1, 10)]
-        end = c.while_loop(is_large, smaller, *start, most=99, failure="none")
+        end = c.tracing.while_loop(is_large, smaller, *start, most=99, failure="none")
         return q, v * (1.0 + 1e-3 * end[0] + 1e-3 * end[8])
 
     own = {"mine": c.Method(c.make_force, "settles", settle)}
@@ -203,7 +203,7 @@ def played(*flags, chapter=c, choice=None, edited=False):
     for name in args.methods:
         knobs = args.knobs
         runs[name] = c.run_method(system, name, args.integrator, args.dt, args.steps, **knobs)
-    reference = c.find_reference(system, c.make_force(system), c.project, runs.values())
+    reference = c.mechanics.find_reference(system, c.make_force(system), c.project, runs.values())
     methods = c.make_methods(args.dt, **args.knobs)
     for name, run in runs.items():
         results[name] = c.summary(system, run, methods[name], reference)

@@ -275,7 +275,7 @@ def test_gauss_divides_a_step_that_does_not_converge_and_can_be_pickled():
 
 def reference_of(system, dt=0.005, steps=4000, others=None, **how):
     """The reference for a run of so many steps; others(q, v) -> (N, 3) in N acts besides."""
-    system = c.systems.check_system(system, c.PIVOT)
+    system = c.mechanics.check_system(system, c.PIVOT)
     rods = c.make_force(system)
 
     def force(q, v):
@@ -287,7 +287,7 @@ def reference_of(system, dt=0.005, steps=4000, others=None, **how):
 
 
 def test_the_reference_is_of_the_longest_run_and_of_two_seconds_at_most():
-    double = c.systems.check_system(c.build_system("double"), c.PIVOT)
+    double = c.mechanics.check_system(c.build_system("double"), c.PIVOT)
     runs = []
     for steps in (10, 90, 40):  # two were lost
         q = np.zeros((steps + 1, 2, 3))
@@ -301,14 +301,20 @@ def test_the_reference_is_of_the_longest_run_and_of_two_seconds_at_most():
     assert reference_of(double, 0.01, 1000).step == 200
 
 
+def measured(q, v, violations, energies):
+    """A Run whose measures are given."""
+    measures = {"violations": np.array(violations), "energies": np.array(energies)}
+    return SimpleNamespace(q=q, v=v, tip=q[:, -1], **measures)
+
+
 def test_an_outcome_knows_what_its_rods_may_have_to_bear_and_how_quick_it_is():
     """A bob of 2 kg on 0.5 m, under a load of 5 N, from 1 to 3 m/s in 0.1 s; g is 2 m/s^2."""
     q = np.array([[[0.0, 0.0, 0.0]], [[0.1, 0.0, 0.0]], [[-0.05, 0.0, 0.0]]])
     v = np.array([[[1.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]], [[3.0, 0.0, 0.0]]])
-    run = c.Run(q, v, q[:, -1], np.zeros(3), np.zeros(3))
+    run = measured(q, v, np.zeros(3), np.zeros(3))
     step = SimpleNamespace(report=Report(timed=2, seconds=6e-6))
     system = {"m": np.array([[2.0]]), "lengths": np.array([0.5]), "load": [[3.0, -4.0, 0.0]]}
-    done = c.Outcome(run, system, 0.1, step, np.array([0.0, -1.2, 1.6]))
+    done = c.mechanics.Outcome(run, system, 0.1, step, np.array([0.0, -1.2, 1.6]))
     assert done.loads == pytest.approx(2.0 * 2.0 + 5.0 + 2.0 * 9.0 / 0.5 + 2.0 * 20.0)
     assert done.time_scale == pytest.approx(0.05 / 3.0)
     assert done.pace == pytest.approx(3.0) and done.stopped is None
@@ -327,8 +333,8 @@ def test_an_outcome_ends_where_rods_are_a_hundred_times_as_long_as_all_together(
     step = SimpleNamespace(report=Report())
     system = {"m": np.ones((1, 1)), "lengths": np.array([0.5, 1.5])}
     for worst, told in ((199.0, None), (201.0, "lost at 0.1 s: diverged")):
-        run = c.Run(q, q, q[:, -1], np.array([0.0, 0.1, worst, 0.1]), np.zeros(4))
-        assert c.Outcome(run, system, 0.1, step, c.GRAVITY).lost == told
+        run = measured(q, q, [0.0, 0.1, worst, 0.1], np.zeros(4))
+        assert c.mechanics.Outcome(run, system, 0.1, step, c.GRAVITY).lost == told
 
 
 @pytest.mark.parametrize(("energies", "ends", "failure", "told"), ENDS)
@@ -337,8 +343,10 @@ def test_an_outcome_says_when_and_why_its_run_ended(energies, ends, failure, tol
     if ends:
         q[2:] = np.nan
     step = SimpleNamespace(report=Report(failure=failure))
-    run = c.Run(q, q, q[:, -1], np.zeros(4), np.array(energies))
-    done = c.Outcome(run, {"m": np.ones((1, 1)), "lengths": np.ones(1)}, 0.1, step, c.GRAVITY)
+    run = measured(q, q, np.zeros(4), energies)
+    done = c.mechanics.Outcome(
+        run, {"m": np.ones((1, 1)), "lengths": np.ones(1)}, 0.1, step, c.GRAVITY
+    )
     assert done.stopped == told
     assert done.lost == (told if told and told.startswith("lost") else None)
     assert len(done.q) == len(done.energies) == (4 if told is None else 1 + (energies[1] == 1.0))
@@ -462,7 +470,7 @@ REDUNDANT = {
 @pytest.mark.parametrize("dt", [0.005, 2e-5])
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_the_pulls_of_redundant_rods_are_the_smallest_that_give_the_force(name, dt):
-    system = c.systems.check_system(REDUNDANT[name], c.PIVOT)
+    system = c.mechanics.check_system(REDUNDANT[name], c.PIVOT)
     for method, asked in ASKED.items():
         if method in ("impulse", "soft"):
             asked = SHORT[method](dt)
@@ -545,23 +553,23 @@ if __name__ == "__main__":
 
 def test_m_g_l_is_of_what_moves_and_without_gravity_of_how_fast_it_is():
     system = make_system([[3, 0, 0], [3, 4, 0]], row(2), v=[[0, 2, 0], [0, 2, 0]], m=[2, 0.5])
-    assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(2.5 * 9.81 * 7.0)
-    assert c.systems.m_g_L(system, 1e-3 * c.GRAVITY) == pytest.approx(2.5e-3 * 9.81 * 7.0)
-    assert c.systems.m_g_L(system, 0.0 * c.GRAVITY) == pytest.approx(0.5 * 2.5 * 4.0)
-    assert c.systems.m_g_L(system | {"v0": 0.0 * system["v0"]}, 0.0 * c.GRAVITY) == 1.0
+    assert c.mechanics.m_g_L(system, c.GRAVITY) == pytest.approx(2.5 * 9.81 * 7.0)
+    assert c.mechanics.m_g_L(system, 1e-3 * c.GRAVITY) == pytest.approx(2.5e-3 * 9.81 * 7.0)
+    assert c.mechanics.m_g_L(system, 0.0 * c.GRAVITY) == pytest.approx(0.5 * 2.5 * 4.0)
+    assert c.mechanics.m_g_L(system | {"v0": 0.0 * system["v0"]}, 0.0 * c.GRAVITY) == 1.0
     corner = [[0, 0, 0], [5, 0, 0], [0, 5, 0], [0, 0, 5]]
     held = [(0, -1), (1, -2), (1, -3), (1, -4), (1, 2)]  # particle 1 is pinned by three rods
     system = make_system([[3, 0, 0], [4, 4, 4], [4, 4, 6]], held, corner, m=[2.0, 1e9, 1.0])
-    assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
+    assert c.mechanics.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
     held += [(3, -2), (3, -3), (1, 3)]  # which helps to pin particle 3
     places = [*system["q0"], [9, 9, 1]]
     system = make_system(places, held, corner, m=[2.0, 1e9, 1.0, 1e8])
-    assert c.systems.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
+    assert c.mechanics.m_g_L(system, c.GRAVITY) == pytest.approx(3.0 * 9.81 * 5.0)
     flat = make_system([[1, -1, 0]], [(0, -1), (0, -2), (0, -3)], [[0, 0, 0], [2, 0, 0], [3, 0, 0]])
     rods = 2.0 * math.sqrt(2.0) + math.sqrt(5.0)  # out of their plane it swings
-    assert c.systems.m_g_L(flat, c.GRAVITY) == pytest.approx(9.81 * rods)
+    assert c.mechanics.m_g_L(flat, c.GRAVITY) == pytest.approx(9.81 * rods)
     pinned = make_system([[4, 4, 4]], [(0, -1), (0, -2), (0, -3)], corner[1:], m=3.0)
-    assert c.systems.m_g_L(pinned, c.GRAVITY) > 3.0 * 9.81  # of all, if nothing moves
+    assert c.mechanics.m_g_L(pinned, c.GRAVITY) > 3.0 * 9.81  # of all, if nothing moves
 
 
 def test_energy_is_conserved_if_it_counts_all_work():
@@ -574,7 +582,7 @@ def test_energy_is_conserved_if_it_counts_all_work():
         def energy(system, q, v):
             return c.energy(system, q, v) + 0.5 * spring * np.sum(q * q, axis=(-2, -1))
 
-        return c.systems.conserves(system, force, energy)
+        return c.mechanics.conserves(system, force, energy)
 
     assert answer(lambda q, v: 0.0)
     assert answer(lambda q, v: np.cross(v, [0.0, 3.0, 0.0]))  # does no work

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import scene_files
-from curriculum.ch3_4_constraints.mechanics.scene_files import LARGEST, MOST_ENTRIES, parse_scene
+from curriculum.ch3_4_constraints.mechanics import scenes
+from curriculum.ch3_4_constraints.mechanics.scenes import LARGEST, MOST_ENTRIES, parse_scene
 from curriculum.ch3_4_constraints.mechanics.statics import refusal
 from curriculum.ch3_4_constraints.mechanics.systems import SceneError, check_system
 from curriculum.ch3_4_constraints.pages import page
@@ -124,7 +124,7 @@ def test_a_file_that_is_no_scene_is_told_what_it_is(tmp_path, monkeypatch, refus
 
 
 def test_an_error_of_the_program_is_not_told_as_one_of_the_scene(monkeypatch):
-    monkeypatch.setattr(scene_files, "refusal", lambda *_: math.sqrt(-1.0))
+    monkeypatch.setattr(scenes, "refusal", lambda *_: math.sqrt(-1.0))
     with pytest.raises(ValueError, match="math domain error"):
         c.build_system("braced")
 

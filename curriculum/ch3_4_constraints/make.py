@@ -13,7 +13,7 @@ from functools import cache, partial
 from curriculum.ch3_4_constraints.pages import texts
 from curriculum.ch3_4_constraints.pages.page import NoPage
 from curriculum.ch3_4_constraints.pictures import make_pictures
-from curriculum.common import cli, progress
+from curriculum.common import cli
 from curriculum.common.files import write_together
 
 STUDIES = texts.HERE / "studies" / "README.md"
@@ -106,7 +106,7 @@ def main(argv=None):
             parser.error(f"there is no {name!r}: choose from {', '.join(MADE | SLOW)}")
     left = []  # what is stale in the end
     try:
-        for name in progress.each(args.names or [*MADE, *SLOW]):
+        for name in cli.progress(args.names or [*MADE, *SLOW]):
             if args.check or name not in [*MADE, *args.names]:
                 left += stale(name)
                 continue

@@ -5,15 +5,21 @@ import contextlib
 import math
 import signal
 import sys
+import time
 import traceback
 import warnings
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from curriculum.common.tracing.tape import StepChanged
+from curriculum.common.tracing.tape import StepChanged, current
 
 Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
+SOON = 0.5  # s: what is done sooner needs no word
 DEEP = 100  # folders: Python makes a thousand at once, and no more
 COMMON = Path(__file__).parent
+UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10, in m
+SHORTEST = 1e-12  # m
+LONGEST = 1e6
 
 
 class Parser(argparse.ArgumentParser):
@@ -81,12 +87,49 @@ def whole(low, high=10**12):
     return number(low, high + 1, int)
 
 
+def length(text):
+    """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
+    number = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
+    power = 0
+    for unit in sorted(UNITS, key=len, reverse=True):
+        if number.endswith(unit):
+            number = number.removesuffix(unit)
+            power = UNITS[unit]
+            break
+    try:
+        x = float(Decimal(number.strip()).scaleb(power))
+    except InvalidOperation:
+        x = 0.0
+    if not SHORTEST <= x <= LONGEST:
+        allowed = "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on"
+        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
+    return x
+
+
 def folder(text):
     path = Path(text)
     if not text or not text.isprintable() or len(path.parts) > DEEP:
         allowed = f"a name in characters that can be printed, at most {DEEP} folders deep"
         raise argparse.ArgumentTypeError(f"{text[:80]!r} must be {allowed}")
     return path
+
+
+def progress(names):
+    """Each of the names; on a terminal in a line that the next replaces.
+
+    Where nothing is compiled, each stands in a line of its own: what is printed there follows it.
+    """
+    begun = time.monotonic()
+    terminal = sys.__stderr__  # None, where 2>&- has closed it; not what an editor shows
+    seen = terminal and terminal is sys.stderr and terminal.isatty() and not current.plain
+    for name in names:
+        if current.plain:
+            print(name, flush=True)
+        elif seen and time.monotonic() > begun + SOON:
+            print(f"{name}\033[K", end="\r", file=sys.stderr, flush=True)
+        yield name
+    if seen:
+        print("\033[K", end="\r", file=sys.stderr, flush=True)
 
 
 def run_script(main):

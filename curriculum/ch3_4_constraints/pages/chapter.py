@@ -21,6 +21,7 @@ from pygments.lexers import get_lexer_by_name
 from pygments.token import Comment, Keyword, Name, Number, String
 
 import constraints
+from curriculum.ch3_4_constraints.mechanics import loops
 from curriculum.ch3_4_constraints.pages.page import as_script, page_file, palette_css, scene_of
 from curriculum.ch3_4_constraints.pictures.make_pictures import still
 
@@ -39,7 +40,7 @@ def equation(system, q, v):
     jac, _, _, jdotv = constraints.constraint_terms(system, q, v)
     A = (jac / m) @ jac.T
     b = -(jac @ (f / m) + jdotv)
-    return {"J": jac, "A": A, "b": b, "lambda": constraints.solve(system, A, b, v)}
+    return {"J": jac, "A": A, "b": b, "lambda": loops.solver(system, v)(A, b)}
 
 
 def of_equation(name):

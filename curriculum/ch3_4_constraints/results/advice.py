@@ -1,41 +1,18 @@
 """What a run with --within says: which method to take, at which step."""
 
 import textwrap
-from argparse import ArgumentTypeError
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
 from curriculum.ch3_4_constraints.results.table import length, per_cent, say
-from curriculum.common import progress
+from curriculum.common import cli
 from curriculum.common.tracing import Untraceable
 
-UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10
 SHOWN = {"m": 0, "cm": -2, "mm": -3, "µm": -6, "nm": -9}  # to say a tolerance
-LEAST = 1e-12  # m
-MOST = 1e6
 LINES = 10  # at most
 ROWS = (3, 2), (2, 2), (2, 1), (1, 1)  # settings for places and for rods: the first that fit
 WIDTH = 80  # columns
-
-
-def tolerance(text):
-    """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
-    number = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
-    power = 0
-    for unit in sorted(UNITS, key=len, reverse=True):
-        if number.endswith(unit):
-            number = number.removesuffix(unit)
-            power = UNITS[unit]
-            break
-    try:
-        x = float(Decimal(number.strip()).scaleb(power))
-    except InvalidOperation:
-        x = 0.0
-    if not LEAST <= x <= MOST:
-        allowed = "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on"
-        raise ArgumentTypeError(f"{text!r} must be {allowed}")
-    return x
 
 
 def spoken(x):
@@ -202,7 +179,7 @@ def give(chapter, args, system, runs, reference):
                 args.steps,
                 args.knobs,
                 reference,
-                progress.each,
+                cli.progress,
             )
         except Untraceable as cause:
             why = f"steps cannot be compiled: {cause}"

@@ -7,13 +7,14 @@ import shlex
 import sys
 from argparse import ArgumentTypeError
 from pathlib import Path
+from types import SimpleNamespace
 
 from curriculum.ch3_4_constraints.results import advice
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
 
-# What page, recording and --within take of a chapter: main hands them a namespace of its names, as
-# its reader has edited them. A knob is an argument of make_methods that args.knobs has.
+# What page, recording and --within take of a chapter: main hands over all its names, as its reader
+# has edited them. A knob is an argument of make_methods that args.knobs has.
 CHAPTER = {
     "GRAVITY": "(3,) in m/s^2",
     "INTEGRATORS": "{name: step(q, v, m, force, dt) -> (q, v)}",
@@ -58,8 +59,13 @@ def is_ours(folder):
         return False
 
 
-def write(args, system, runs, results, reference, choice, chapter):
-    """Write the files that are asked for, remove those of an earlier run, and say so."""
+def write(args, system, runs, results, reference, names):
+    """Answer --within, write the files that are asked for, and remove those of an earlier run.
+
+    `names`: those of CHAPTER and others, as globals() of the script has them.
+    """
+    chapter = SimpleNamespace(**names)
+    choice = advice.give(chapter, args, system, runs, reference)
     text = metrics(args, system, results, reference, choice)
     files = {METRICS: text, PAGE: None, RECORDING: None}
     edited = any(run.step.edited for run in runs.values())

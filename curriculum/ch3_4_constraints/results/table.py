@@ -111,7 +111,10 @@ def energy(row):
 
 
 def notes(args, runs, results, reference, step_fn):
-    """Print a sentence for each mark, and for what is missing; `step_fn` took the steps."""
+    """Print a sentence for each mark, for what is missing, and on baumgarte beside none.
+
+    `step_fn` took the steps.
+    """
     stiffness = args.dt * args.baumgarte
     is_past = "baumgarte" in results and grows(step_fn, stiffness)
     for name, row in results.items():
@@ -145,6 +148,7 @@ def notes(args, runs, results, reference, step_fn):
         if stiffness > limit * (1.0 + 1e-6):  # at the limit itself an error stays as it is
             found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
             say(f"baumgarte: {found}")
+    verdict(results, runs)
 
 
 def holds(row, run):

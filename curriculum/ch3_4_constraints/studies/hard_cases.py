@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import scene_files, systems
+from curriculum.ch3_4_constraints.mechanics import scenes, systems
 from curriculum.ch3_4_constraints.studies.speed_vs_error import STEPS
-from curriculum.common import cli, progress
+from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
 
 STARTS = 20  # of each scene
@@ -25,7 +25,7 @@ ROUNDING = 1e-14  # how large the two changes of a start are, relatively
 OTHER = 0.3
 PUSH = 0.5  # m/s: of a changed start, as a standard deviation
 MANY = 10**6  # steps in all: enough to be worth machine code
-SCENES = [name for name in scene_files.SHIPPED if name != "taut_cable"]  # which is refused
+SCENES = [name for name in scenes.SHIPPED if name != "taut_cable"]  # which is refused
 QUICK = "spin", "upright"  # scenes of a few rods
 
 
@@ -134,5 +134,5 @@ def main(argv=None):
     integrators, methods = zip(*(title.split(" ", 1) for title in METHODS), strict=True)
     show("", integrators)
     show("", methods)
-    for name in progress.each(QUICK if args.quick else SCENES):
+    for name in cli.progress(QUICK if args.quick else SCENES):
         show(name, row(name))

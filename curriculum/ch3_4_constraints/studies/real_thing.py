@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 import constraints as c
+from curriculum.ch3_4_constraints.mechanics import loops
 from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
 from curriculum.ch3_4_constraints.studies._mujoco import started, tendons
 from curriculum.common import cli
@@ -110,7 +111,7 @@ def same_names():
 def moved(system, jac, change):
     """M^-1 J^T mu (N, 3), the impulse along the rods that makes J times it what `change` says."""
     m = np.repeat(system["m"], 3)
-    mu = c.solve(system, (jac / m) @ jac.T, change)
+    mu = loops.solver(system)((jac / m) @ jac.T, change)
     return (jac.T @ mu / m).reshape(system["q0"].shape)
 
 

@@ -23,7 +23,7 @@ from curriculum.ch3_4_constraints.pictures import work_precision
 from curriculum.ch3_4_constraints.results.advice import milliseconds, spoken
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
-from curriculum.common import cli, progress
+from curriculum.common import cli
 from curriculum.common.files import check_writable, write_together
 from curriculum.common.tracing import CompiledSteps
 
@@ -237,9 +237,9 @@ def measure(scene, system, seconds, limit, turns):
         else:
             runs[name] = run
     found = {}
-    for name in progress.each(runs):
+    for name in cli.progress(runs):
         found[name] = ladder(name, runs[name], first, system, seconds, known.q, goals[0], limit)
-    for _ in progress.each(f"{scene}, turn {k}" for k in range(1, turns)):
+    for _ in cli.progress(f"{scene}, turn {k}" for k in range(1, turns)):
         for name, settings in found.items():
             for x in settings:
                 if x.times[0] < SHORT:

@@ -15,7 +15,7 @@ def xpbd_step(system, q, v, dt, substeps=1):
     """
     m = system["m"]
     h = dt / substeps
-    anchors = system.get("anchors", [c.PIVOT])
+    fixed = system.get("anchors", [c.PIVOT])[::-1]
 
     def substep(q, v):
         start = q
@@ -24,7 +24,7 @@ def xpbd_step(system, q, v, dt, substeps=1):
         for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
             w_i = 1.0 / m[i]  # 1/kg
             if j < 0:
-                d = q[i] - anchors[-1 - j]
+                d = q[i] - fixed[j]
                 w_j = 0.0  # an anchor does not move
             else:
                 d = q[i] - q[j]

@@ -22,7 +22,7 @@ from curriculum.ch3_4_constraints.mechanics.statics import refusal
 LARGEST = 1e7  # bytes of a file
 MOST_ENTRIES = 1000  # particles, rods or anchors in it
 FIT = 1e-6  # the share by which a length in it may differ from the distance of its rod's ends
-SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("scenes/*.json"))}
+SHIPPED = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.json"))}
 
 
 def load_scene(name, gravity, chains):
