@@ -27,7 +27,7 @@ class Step:
     def __init__(self, step, steps):
         self.step = step
         self.steps = steps
-        self.longest = min(max(1, steps // SHARE), LONGEST)
+        self.longest = min(max(1, steps // SHARE), LONGEST)  # steps of a stretch
         self.report = Report()
         self.builder = Builder(step, steps, self.report)
         self.comparisons = Comparisons(steps)
