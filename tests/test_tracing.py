@@ -15,7 +15,9 @@ import pytest
 from conftest import python
 
 from curriculum.common.tracing import StepChanged, compiled, llvm, ordered, plain, vmap
+from curriculum.common.tracing.compare import Comparisons
 from curriculum.common.tracing.javascript import javascript_of
+from curriculum.common.tracing.python import source_of
 from curriculum.common.tracing.trace import fori_loop, trace_loop, while_loop
 
 HERE = Path(__file__).name
@@ -183,6 +185,13 @@ def test_ordered_arrays_add_from_first_to_last(name):
         np.linalg.solve(ordered(x), x[0, :2])
 
 
+def test_sums_of_a_single_row_are_no_view_of_it():
+    x = ordered(np.ones((1, 500)))
+    sums = np.sum(x, axis=0)
+    sums += 1.0
+    assert np.all(x == 1.0) and np.all(sums == 2.0)
+
+
 EDITS = {
     "nothing": lambda i, q, v: (q, v),
     "in place": lambda i, q, v: (q, np.multiply(v, 0.999, out=v)),
@@ -297,6 +306,32 @@ def test_what_a_step_reads_may_not_change_for_a_25th_part_of_the_run(share, step
     with pytest.raises(StepChanged, match=r"^step \d+ gives something else.*--plain") as error:
         states(compiled(step, steps), [np.array([1.0])], steps, change)
     assert first < int(str(error.value).split()[1]) <= first + long
+
+
+@pytest.mark.parametrize("steps", [1, 7, 300, 4000, 100_000])
+def test_the_same_steps_are_compared_wherever_a_stretch_begins(steps):
+    whole = np.array(Comparisons(steps).are_due(0, steps))
+    for cut in {steps // 3, steps // 2 + 1, steps - 1}:
+        parts = [Comparisons(steps).are_due(*part) for part in ((0, cut), (cut, steps - cut))]
+        np.testing.assert_array_equal(whole, sum(parts, []))
+    found = np.flatnonzero(whole)
+    assert found[0] == 0 and found[-1] == steps - 1
+    assert np.max(np.diff(found), initial=0) <= min(max(1, steps // 25), 2000)
+
+
+SIZES = {
+    "one": (lorenz, STARTS[lorenz]),
+    "several": (spring, STARTS[spring]),
+    "rows": (vmap(lorenz), [np.ones((8, 3))]),
+}
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_a_tape_knows_about_how_many_lines_of_python_it_becomes(name):
+    function, start = SIZES[name]
+    program, _ = trace_loop(function, [np.full(x.shape, True) for x in start])
+    lines = source_of(program).count("\n")
+    assert 0.8 * lines < program.tape.lines < 1.5 * lines + 10
 
 
 def test_a_change_in_the_last_step_is_found():
