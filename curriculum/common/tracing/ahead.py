@@ -11,18 +11,23 @@ from curriculum.common.tracing.tape import Untraceable, current
 from curriculum.common.tracing.trace import several
 
 BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
-FASTER = 8  # a stretch is so many times as long as the one before
+FASTER = 8  # a stretch is so many times as long as the one before,
+LONGEST = 2_000  # but so many steps at most,
+SHARE = 8  # and one of so many parts of the run: if the loop edits a state, the rest is in vain
 
 
 class Step:
     """The function step(*state, *others) -> state, which hands out what is ready.
 
     Each step that is ready has its number, the bytes that come in if the loop goes on from its
-    result, and this result. `report`, a Report, says how the steps were taken.
+    result, whether it is to be compared, and this result. `report`, a Report, says how the steps
+    were taken.
     """
 
     def __init__(self, step, steps):
         self.step = step
+        self.steps = steps
+        self.longest = min(max(1, steps // SHARE), LONGEST)  # steps of a stretch
         self.report = Report()
         self.builder = Builder(step, steps, self.report)
         self.comparisons = Comparisons(steps)
@@ -45,8 +50,8 @@ class Step:
         if goes_on and others.rest == others.look(rest):
             step = next(self.ready, None)
             if step:
-                self.number, self.expected, result = step
-                return result
+                self.number, self.expected, is_due, result = step
+                return self.compare(result, OwnStep(self.step, arguments)) if is_due else result
         return self.begin(arguments)
 
     def begin(self, arguments):
@@ -68,19 +73,24 @@ class Step:
         is_new = run is not known
         step = next(self.ready, None) if goes_on and not is_new else None
         if step is None:
-            longest = FASTER * self.stretch if goes_on and not is_new else 1
-            self.stretch = min(longest, self.comparisons.end(number) - number)
+            grown = FASTER * self.stretch if goes_on and not is_new else 1
+            left = self.steps - number if number < self.steps else LONGEST
+            self.stretch = min(grown, self.longest, left)
             self.ready = self.computed(run, state, number)
             step = next(self.ready, None)
         if step is None:  # it fails, and only its own lines can tell why
             return self.take(number, own)
-        self.number, self.expected, ahead = step
-        if is_new or self.comparisons.is_due(number):
-            result = own.result
-            if own.failure:
-                return self.take(number, own)
-            check(number, several(ahead), result, state, run.exact)
-            self.report.compared += 1
+        self.number, self.expected, is_due, result = step
+        return self.compare(result, own) if is_new or is_due else result
+
+    def compare(self, ahead, own):
+        """Hand out the step that was computed ahead, if its own lines say the same."""
+        result = own.result
+        if own.failure:
+            return self.take(self.number, own)
+        state = own.arguments[: self.width]
+        check(self.number, several(ahead), result, state, self.builder.run.exact)
+        self.report.compared += 1
         return ahead
 
     def look(self, number, state, others):
@@ -97,10 +107,12 @@ class Step:
     def computed(self, run, state, number):
         """A stretch of steps from a state, as they are to be ready; none if the first one fails."""
         columns = [x[1:] for x in run(state, self.stretch)]
-        self.report.time(len(columns[0]), run.seconds)
+        many = len(columns[0])
+        self.report.time(many, run.seconds)
         bytes_in = bytes_of_rows(run.rows[1:], self.others.tail)
+        are_due = self.comparisons.are_due(number, many)
         results = columns[0] if self.single else zip(*columns, strict=True)
-        return zip(count(number), bytes_in, results)
+        return zip(count(number), bytes_in, are_due, results)
 
     def take(self, number, own):
         """Hand out the step of its own lines."""
@@ -192,7 +204,7 @@ def compiled(step, steps):
 
     As many of the first arguments as `step` returns are the state. The others may be new at each
     call, and where one changes, the step is compiled for it. What it reads besides must stay as it
-    is: some of the first steps, the last, and one in each thirtieth of the run, or in 2,000 steps,
+    is: some of the first steps, the last, and one in each 25th part of the run, or in 2,000 steps,
     are compared with the step's own lines. Raises StepChanged where one of these differs.
     """
     return Step(step, steps)

@@ -5,10 +5,13 @@ whatever order suits the processor. So the last digit differs from machine to ma
 What comes in are plain arrays, of floats or of symbols, and so is what goes out.
 """
 
+from functools import reduce
+
 import numpy as np
 
 TERMS = 1 << 20  # of a product that is computed at once
 SHORT = 8  # numbers: such a sum is done sooner by Python
+LONG = 100  # sums: so many are added sooner row by row
 PLAIN = float, int  # numbers that are no symbols
 
 
@@ -31,7 +34,10 @@ def total(x, axis=None, keepdims=False):
     axes = np.atleast_1d(axis)
     x = np.moveaxis(x, axes, range(len(axes)))
     x = x.reshape(-1, *x.shape[len(axes) :])
-    sums = np.add.accumulate(x, axis=0)[-1]
+    if x.size > LONG * len(x):
+        sums = reduce(np.add, x[1:], x[0].copy())
+    else:
+        sums = np.add.accumulate(x, axis=0)[-1]
     return np.expand_dims(sums, tuple(axes)) if keepdims else sums
 
 

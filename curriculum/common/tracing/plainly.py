@@ -103,7 +103,7 @@ def numbers(state):
 
 
 def in_range(row):
-    return np.max(np.abs(row), initial=0.0) < LARGE  # which NaN is not
+    return np.abs(row).max(initial=0.0) < LARGE  # which NaN is not
 
 
 def nan_like(arrays):

@@ -24,16 +24,15 @@ class CompiledSteps:
         program, loop = trace_loop(step, live, knobs, others)
         self.program = program
         self.exact = program.tape.signs.isdisjoint(LIBRARY)
-        source = python.source_of(program)
         operations = work(program.tape, steps)
         if machine_code is None:
-            machine_code = llvm.repays(operations, source.count("\n"))
+            machine_code = llvm.repays(operations, program.tape.lines)
         self.machine_code = machine_code
         self.how = "machine code"
         self.write = llvm.written(program, operations) if machine_code else None
         if self.write is None:
             self.how = "compiled to Python"
-            self.write = python.written(source, loop.places)
+            self.write = python.written(python.source_of(program), loop.places)
             if machine_code:
                 self.how += f", as llvmlite fails: {llvm.FAILED[0]}"
 

@@ -61,6 +61,7 @@ class Tape:
         self.used = outer.used if outer else {*used}  # other names
         self.signs = outer.signs if outer else set()  # of all operations
         self.rows = outer.rows if outer else 1
+        self.lines = 0  # of Python, a few too many: an operation has one for each row
 
     def trace(self, function, *args):
         before = current.tape
@@ -72,7 +73,7 @@ class Tape:
 
     def note(self, sign, *operands):
         """The name of an operation: reused if the operation is there already."""
-        if self.outer and not any(x in self.nodes for x in operands):
+        if self.outer and self.nodes.keys().isdisjoint(operands):
             return self.outer.note(sign, *operands)  # the same in every turn: done once
         name = self.known.get((sign, operands))
         if name is None and sign in "+*":
@@ -82,6 +83,7 @@ class Tape:
             self.nodes[name] = Op(sign, operands)
             self.known[sign, operands] = name
             self.signs.add(sign)
+            self.lines += self.rows
         return name
 
     def fresh(self, name):
@@ -107,9 +109,10 @@ class Tape:
 
 def note(sign, *operands):
     """The name of an operation on the tape that is being written."""
-    if current.tape is None:  # a symbol outlived its tape
+    tape = current.tape
+    if tape is None:  # a symbol outlived its tape
         raise StepChanged(
             "a step keeps something from call to call, so it cannot be compiled: "
             "run it plainly (--plain, or `with plain():`)"
         )
-    return current.tape.note(sign, *operands)
+    return tape.note(sign, *operands)

@@ -208,6 +208,7 @@ class Loop:
         self.operands = [begins[k] for k in self.places] + self.names_from_around()
         name = f"loop{next(outer.numbers)}"
         outer.nodes[name] = self
+        outer.lines += self.tape.lines
         outer.nodes |= dict.fromkeys(self.carry, Op("carried", (name,)))
 
     def names_from_around(self):

@@ -13,7 +13,6 @@ A pair [i, j] ties particle i to particle j, or to an anchor: -1 is the first, -
 
 import json
 import os
-from difflib import get_close_matches
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.mechanics import systems
@@ -41,6 +40,8 @@ def load_scene(name, gravity, chains):
     except systems.SceneError as error:
         why = str(error)
     except (FileNotFoundError, NotADirectoryError):
+        from difflib import get_close_matches  # here: a run without a slip is quicker
+
         known = [*chains, "chain", *SHIPPED]
         near = get_close_matches(name, known, 1)
         end = f"did you mean {near[0]!r}?" if near else f"scenes are {', '.join(known)}"
