@@ -361,9 +361,11 @@ def stabilized(step_fn, system, method):
 
     def step(q, v, m, force, dt):
         q_end, v_end = step_fn(q.copy(), v.copy(), m, force, dt)  # copies: step_fn may edit them
-        return method.post_step(system, q, q_end, v_end, dt)
+        if method.post_step:
+            q_end, v_end = method.post_step(system, q, q_end, v_end, dt)
+        return q_end, v_end
 
-    return step if method.post_step else step_fn
+    return step
 
 
 # --- endregion ---
@@ -385,22 +387,24 @@ def main(argv=None):
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    output.write(args, system, runs, results, reference)  # metrics.json, play.html, a recording
+    # --within: which methods and steps would do. Then metrics.json, play.html and a recording.
+    output.write(args, system, runs, results, reference)
     return 0
 
 
-# From Python, for example:
 #     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
-#     print(run.q[-1], run.violations.max())
 def run_method(system, name, integrator, dt, steps, **knobs):
     """Run a method, by its name, on a copy of the system. `knobs` are make_methods'."""
     system = mechanics.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
     method = make_methods(dt, **knobs)[name]
+    if method.integrator not in (None, integrator):
+        raise ValueError(f"{name} is not made for {integrator}")
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    step_fn = mechanics.checked_step(step_fn, integrator, method)  # an error if it returns nonsense
     step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
     run = simulate(step_fn, system, method.make_force(system), dt, steps)
-    return mechanics.Outcome(run, system, dt, step_fn, GRAVITY)  # up to where it failed, and why
+    # It is cut where it failed, and says why, `lost`; its `pace`, us a step, is measured, and its
+    # `operations`, for a second of motion, are counted.
+    return mechanics.Outcome(run, system, dt, step_fn, GRAVITY)
 
 
 def summary(system, run, method, reference):
@@ -414,7 +418,7 @@ def summary(system, run, method, reference):
         "conserves": mechanics.conserves(system, external_force, energy),  # not with drag
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
         **table.largest_force(pulls),  # tension_max in N, and by how much it may be larger
-        "operations": run.operations,  # for a second of motion
+        "operations": run.operations,
         "tip_final": run.tip[-1].tolist(),  # m
         "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
         "stopped": run.stopped,  # when and why, if it ended early

@@ -84,7 +84,12 @@ def test_no_run_is_lost_to_a_letter_that_a_console_lacks_or_to_how_python_is_sta
     assert metrics["system"] == scene.name  # and no folder of this machine
 
 
-ENDS = "OSError(28, 'no space left')", "StepChanged('step 7')", "argparse.ArgumentTypeError('m')"
+ENDS = [
+    "OSError(28, 'no space left')",
+    "StepChanged('step 7')",
+    "NotAState('(3,)')",
+    "argparse.ArgumentTypeError('m')",
+]
 
 
 @pytest.mark.parametrize("error", ENDS)

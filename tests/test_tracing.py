@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import python
 
-from curriculum.common.tracing import StepChanged, compiled, llvm, ordered, plain, vmap
+from curriculum.common.tracing import NotAState, StepChanged, compiled, llvm, ordered, plain, vmap
 from curriculum.common.tracing.compare import Comparisons
 from curriculum.common.tracing.javascript import javascript_of
 from curriculum.common.tracing.python import source_of
@@ -554,7 +554,6 @@ REFUSED = {
     "np.floor": lambda x: x - 0.1 * np.floor(x),
     "equal": lambda x: np.where(x == 1.0, 2.0, 0.5 * x),
     "unsupported operand": lambda x: 0.5 * x + (x > 0.5) * 0.1,
-    "other shapes": lambda x: x[:, None],
 }
 
 
@@ -564,9 +563,15 @@ def test_what_cannot_be_traced_runs_as_it_stands_and_names_its_line(word):
     start = np.array([1.0, 0.5, 0.3])
     np.testing.assert_array_equal(step(start), REFUSED[word](start))
     assert step.report.how.startswith("plain numpy, after a trial: ") and word in step.report.how
-    if word != "other shapes":
-        line = re.search(rf"\({HERE}, line (\d+)\)$", step.report.how)[1]
-        assert int(line) == REFUSED[word].__code__.co_firstlineno
+    line = re.search(rf"\({HERE}, line (\d+)\)$", step.report.how)[1]
+    assert int(line) == REFUSED[word].__code__.co_firstlineno
+
+
+def test_a_step_that_returns_other_shapes_than_a_state_is_refused_compiled_or_not():
+    for returned in (lambda x, y: x[:, None], lambda x, y: (x, y[:1]), lambda x, y: None):
+        for really in (False, True):
+            with plain(really), pytest.raises(NotAState, match="^a step must return arrays of"):
+                compiled(returned, 10)(np.ones(3), np.ones(2))
 
 
 def test_it_needs_nothing_but_numpy_and_nothing_of_ours():

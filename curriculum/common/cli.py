@@ -11,9 +11,10 @@ import warnings
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from curriculum.common.tracing.tape import StepChanged, current
+from curriculum.common.tracing.tape import NotAState, StepChanged, current
 
 Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
+ERRORS = OSError, NotAState, StepChanged, argparse.ArgumentTypeError  # such as a full disk
 SOON = 0.5  # s: what is done sooner needs no word
 DEEP = 100  # folders: Python makes a thousand at once, and no more
 COMMON = Path(__file__).parent
@@ -143,7 +144,7 @@ def run_script(main):
         with signals(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the table says what diverged
             status = main()
-    except (OSError, StepChanged, argparse.ArgumentTypeError) as why:  # such as a full disk
+    except ERRORS as why:
         print(f"error: {why}", file=sys.stderr)
         status = 2
     if status:  # else an editor goes on, and so may whoever calls

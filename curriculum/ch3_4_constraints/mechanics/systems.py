@@ -272,23 +272,3 @@ def check_measure(name, found, states):
     how = "a number for each state: q[..., i, :] for q[i], and sums over axis=(-2, -1)"
     shape = np.shape(found)
     need(shape == (states,), f"the shape of {name}", shape, f"{[states]}, {how}")
-
-
-def checked_step(step_fn, integrator, method):
-    """step_fn, which raises SceneError where it returns anything but q and v of their shape.
-
-    Raises SceneError if the method is made for another integrator.
-    """
-    fits = method.integrator in (None, integrator)
-    need(fits, "the integrator", integrator, f"{method.integrator}, which the method is made for")
-    who = f"{integrator} and post_step" if method.post_step else integrator
-
-    def step(q, v, m, force, dt):
-        end = step_fn(q, v, m, force, dt)
-        many = isinstance(end, tuple | list)
-        found = list(map(np.shape, end)) if many else np.shape(end)
-        wanted = f"q and v, {q.shape} each"
-        need(found == [q.shape, q.shape], f"the shape of a step's end ({who})", found, wanted)
-        return end
-
-    return step

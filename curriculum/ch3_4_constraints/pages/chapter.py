@@ -74,7 +74,7 @@ KEYS = {  # functions that are folded, and the lines of each that stay in sight,
     "Run": (),
     "Method": (),
     "project": ("dmu = ", "v = ", "nu = "),
-    "stabilized": ("return method.post_step",),
+    "stabilized": ("q_end, v_end = method.post_step",),
 }
 CODE = {Comment: "comment", String: "string", Keyword: "keyword", Name.Function: "name"}
 CODE |= {Name.Class: "name", Number: "number"}

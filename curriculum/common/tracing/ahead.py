@@ -205,6 +205,7 @@ def compiled(step, steps):
     As many of the first arguments as `step` returns are the state. The others may be new at each
     call, and where one changes, the step is compiled for it. What it reads besides must stay as it
     is: some of the first steps, the last, and one in each 25th part of the run, or in 2,000 steps,
-    are compared with the step's own lines. Raises StepChanged where one of these differs.
+    are compared with the step's own lines. Raises StepChanged where one of these differs, and
+    NotAState where it returns other shapes than those of the state.
     """
     return Step(step, steps)

@@ -9,7 +9,7 @@ import numpy as np
 
 from curriculum.common.tracing.python import source_of
 from curriculum.common.tracing.symbols import viewed
-from curriculum.common.tracing.tape import current
+from curriculum.common.tracing.tape import NotAState, current
 from curriculum.common.tracing.trace import Program, reason, several
 
 LARGE = 1e100  # a number beyond has diverged
@@ -76,11 +76,19 @@ class OwnStep:
             result = self.step(*map(copied, self.arguments))
         self.seconds = time.perf_counter() - clock
         self.single = not isinstance(result, tuple | list)
+        self.check_shapes(several(result))
         result = tuple(np.asarray(x, float)[()] for x in several(result))
         if in_range(numbers(result)):
             return result
         self.failure = current.failure or self.why(result)
         return nan_like(result)
+
+    def check_shapes(self, result):
+        """Raise NotAState unless its arrays have the shapes of the first arguments, as many."""
+        found = list(map(np.shape, result))
+        wanted = list(map(np.shape, self.arguments[: len(found)]))
+        if found != wanted:
+            raise NotAState(f"a step must return arrays of the shapes {wanted}, and not {found}")
 
     def why(self, result):
         """Why its result is not a state, and where numpy first met what is not a number."""

@@ -11,6 +11,10 @@ class Untraceable(Exception):
     """The function asks of a symbol what cannot be written down; the message says what."""
 
 
+class NotAState(TypeError):
+    """A step returns other arrays than a state has; the message says which."""
+
+
 class StepChanged(RuntimeError):
     """A step does not depend on its arguments alone; the message says what to do."""
 
