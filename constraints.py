@@ -141,7 +141,7 @@ def constraint_force(system, q, v, w=0.0):
 
 
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in newtons. Integrators need no change; RK4 solves four times a step."""
+    """force(q, v), (N, 3) in newtons. Integrators see one force, and no solve; RK4, four a step."""
 
     def force(q, v):
         return external_force(system, q, v) + constraint_force(system, q, v, w)
@@ -262,8 +262,8 @@ def simulate(step_fn, system, force, dt, steps):
 # --- endregion ---
 # --- region: methods ---
 # A method makes force(q, v), and it may do something after each step.
-# Game engines, and MuJoCo, treat J as constant during a step: they leave Jdot v out. They may also
-# let a rod yield, in proportion to lambda. They ask for
+# Game engines, and MuJoCo for a tendon, treat J as constant during a step: they leave Jdot v out.
+# They may also let a rod yield, in proportion to lambda. They ask for
 #     J a = -damping gdot - stiffness g - R lambda
 # where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
@@ -392,7 +392,7 @@ def main(argv=None):
     return 0
 
 
-#     run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000)
+# Try run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000).
 def run_method(system, name, integrator, dt, steps, **knobs):
     """Run a method, by its name, on a copy of the system. `knobs` are make_methods'."""
     system = mechanics.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy

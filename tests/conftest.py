@@ -15,6 +15,7 @@ from curriculum.ch3_4_constraints.results import output
 ROOT = Path(__file__).resolve().parents[1]
 BARE = "--no-rerun", "--no-page"
 FILES = {output.METRICS, output.PAGE, output.RECORDING}
+UNIX = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals and files")
 SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 844}, "dark")]
 
 

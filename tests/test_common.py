@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import ROOT, python
+from conftest import ROOT, UNIX, python
 
 from curriculum.common.exact import cos, sin
 
@@ -33,6 +33,7 @@ print(before == state(), lines.text)
 """
 
 
+@UNIX
 @pytest.mark.parametrize("thread", ["main", "another"])
 def test_a_script_runs_in_a_console_whose_streams_only_write_and_goes_on(thread, tmp_path):
     code = CONSOLE.replace("THREAD", repr(thread))
@@ -58,6 +59,7 @@ cli.run_script(lambda: files.write_together(Path(sys.argv[1]), {"first": b"1", "
 """
 
 
+@UNIX
 def test_sigterm_while_files_are_written_leaves_nothing_behind(tmp_path):
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     command = [sys.executable, "-c", SLOW, str(tmp_path)]

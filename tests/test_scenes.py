@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import UNIX
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import scenes
@@ -111,6 +112,7 @@ NO_SCENES = {  # what is said of files and names that are no scenes, or none tha
 }
 
 
+@UNIX
 def test_a_file_that_is_no_scene_is_told_what_it_is(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     Path("open").write_text("{")

@@ -14,7 +14,16 @@ import numpy as np
 import pytest
 from conftest import python
 
-from curriculum.common.tracing import NotAState, StepChanged, compiled, llvm, ordered, plain, vmap
+from curriculum.common.tracing import (
+    NotAState,
+    Report,
+    StepChanged,
+    compiled,
+    llvm,
+    ordered,
+    plain,
+    vmap,
+)
 from curriculum.common.tracing.compare import Comparisons
 from curriculum.common.tracing.javascript import javascript_of
 from curriculum.common.tracing.python import source_of
@@ -222,7 +231,9 @@ def test_what_the_loop_does_is_obeyed_and_known(edit, language):
     assert fast.edited == slow.edited == (edit not in ("nothing", "as another holds it"))
     if edit != "in place":  # few steps are computed that are not handed out
         assert 1200 <= fast.timed < 1200 + 1100 // 8
-    assert fast.pace == 1e6 * fast.seconds / fast.timed > 0.0
+    paces = [1e6 * seconds / many for many, seconds in fast.stretches]
+    paces = paces or [1e6 * fast.seconds / fast.timed]  # of steps taken one by one
+    assert 0.0 < min(paces) <= fast.pace <= max(paces)
 
 
 def fall(q, v, m, force, dt):
@@ -443,6 +454,18 @@ def test_what_a_reader_edits_gives_the_figures_of_plain_numpy_or_is_said(name):
         np.testing.assert_array_equal(drive(compiled, edit), expected)
 
 
+def test_a_pace_is_that_of_most_long_stretches_and_of_all_steps_if_there_are_none():
+    report = Report()
+    report.time(1, 3e-6)
+    report.time(1, 5e-6)
+    assert report.pace == pytest.approx(4.0)
+    for many, seconds in ((8, 1.0), (500, 1e-3), (500, 2e-3), (500, 9.0)):  # others ran, too
+        report.time(many, seconds)
+    assert report.pace == pytest.approx(4.0)  # 2 ms for 500 steps
+    report.go_plain("changed")
+    assert math.isnan(report.pace)
+
+
 def test_what_a_loop_leaves_can_be_pickled_and_its_pace_is_of_the_steps_that_were_computed():
     step = compiled(fall, 4000)
     state = np.ones(2), np.zeros(2)
@@ -451,7 +474,7 @@ def test_what_a_loop_leaves_can_be_pickled_and_its_pace_is_of_the_steps_that_wer
     report = pickle.loads(pickle.dumps(step.report))
     assert report == step.report and report.is_compiled and report.source.startswith("def f(")
     assert 400 <= report.timed <= 400 + 4000 // 8
-    assert report.pace == 1e6 * report.seconds / report.timed
+    assert sum(many for many, _ in report.stretches) <= report.timed and report.pace > 0.0
     assert math.isnan(compiled(fall, 10).report.pace)
 
 

@@ -4,6 +4,7 @@ import textwrap
 from decimal import Decimal
 
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
+from curriculum.ch3_4_constraints.mechanics.choice import ENERGY
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
 from curriculum.ch3_4_constraints.results.table import in_digits, length, per_cent, say
 from curriculum.common import cli
@@ -95,7 +96,9 @@ def rods_head(choice):
     if choice.span < choice.whole:
         span = f"for the first {choice.span:.3g} s (all would take long)"
     if choice.rods_hold:
-        return f"Rods right to {spoken(choice.within)} {span}:"
+        keeps = choice.rods_hold[0].energy is not None and choice.rods_hold[0].energy <= ENERGY
+        energy = f", energy to {per_cent(ENERGY)}" if keeps else ""
+        return f"Rods right to {spoken(choice.within)} {span}{energy}:"
     return f"No step {rungs(choice)} holds the rods to {spoken(choice.within)} {span}"
 
 
@@ -169,6 +172,8 @@ def give(chapter, args, system, runs, reference):
     if args.within is None:
         return None
     why = why_unknown(runs.values())
+    if not why and not any(run.moves for run in runs.values()):
+        why = "nothing moves"
     if not why and len(system["pairs"]) > MAX_RODS:
         why = f"it would take long for more than {MAX_RODS} rods"
     if not why:

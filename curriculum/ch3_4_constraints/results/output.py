@@ -48,7 +48,8 @@ def methods_of(args, every):
     if args.stabilization == "all":
         return fits, left_out
     if args.stabilization in left_out:
-        why = f"{args.stabilization} is not for {args.integrator}"
+        made_for = every[args.stabilization].integrator
+        why = f"{args.stabilization} is made for {made_for}, not for {args.integrator}"
         raise ArgumentTypeError(f"argument --stabilization: {why}")
     return [args.stabilization], left_out
 

@@ -1,6 +1,7 @@
 """A step by its own lines, in plain numpy; and what is known of how steps were taken."""
 
 import math
+import statistics
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +21,8 @@ class Report:
     """How the steps of a loop were taken. It can be pickled, and needs nothing else.
 
     `timed` of them took so many `seconds`, all of one kind: of a compiled step those that were
-    computed ahead. In `compared` steps it was held against its own lines.
+    computed ahead, in `stretches` of (steps, seconds). In `compared` steps it was held against its
+    own lines.
     """
 
     how: str = "plain numpy"  # in words
@@ -31,10 +33,13 @@ class Report:
     compared: int = 0
     timed: int = 0
     seconds: float = 0.0
+    stretches: list = field(default_factory=list)
 
     def time(self, steps, seconds):
         self.timed += steps
         self.seconds += seconds
+        if steps > 1:
+            self.stretches.append((steps, seconds))
 
     def go_plain(self, why):
         self.how = f"plain numpy, after a trial: {why}"
@@ -42,6 +47,7 @@ class Report:
         self.program = None
         self.timed = 0
         self.seconds = 0.0
+        self.stretches = []
 
     def fail(self, why):
         self.failure = self.failure or why
@@ -53,7 +59,14 @@ class Report:
 
     @property
     def pace(self):
-        """Microseconds a step; NaN if there was none."""
+        """Microseconds a step, on average; NaN if there was none.
+
+        Of long stretches it is the median: if something else ran meanwhile, some took longer.
+        """
+        longest = max((steps for steps, _ in self.stretches), default=0)
+        long = [seconds / steps for steps, seconds in self.stretches if 2 * steps > longest]
+        if long:
+            return 1e6 * statistics.median(long)
         return 1e6 * self.seconds / self.timed if self.timed else math.nan
 
 
