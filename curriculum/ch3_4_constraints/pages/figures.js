@@ -154,8 +154,10 @@ figures.double = figure => {
   });
   while (!STILL && runs.time < 10) runs.step(); // so that the first frame shows what is to see
   if (STILL) runner.end();
+  const lead = row("lead", ...elements(stages)); // the first is as large as four of the others
+  lead.style.setProperty("--columns", 2 + Math.ceil((stages.length - 1) / 2));
   fill(figure, "Red: too long. Below each: its worst rod so far. Again lets them go once more.",
-    row("lead", ...elements(stages)), controls(...runner.buttons, time));
+    lead, controls(...runner.buttons, time));
 };
 
 figures.question = figure => {
