@@ -524,7 +524,8 @@ figures.one_step = figure => {
       bare.step();
       const move = plus(at, bare.point(0), -1);
       stage.arrow(bare.point(0), move, "lambda", 3);
-      ends[k].words += `, moved by ${metric(size(move))}: ${symbol("λ", "−M⁻¹ J₀ᵀ μ")}`;
+      ends[k].words += `, moved by ${metric(size(move))}`;
+      if (methods[k] === "project") ends[k].words += `: ${symbol("λ", "−M⁻¹ J₀ᵀ μ")}`;
     }
     let low = 0; // pixels: the last name, since they stand one below the other, in sight
     for (const [place, {at, k}] of seen.toSorted((a, b) => b.at[1] - a.at[1]).entries()) {
