@@ -172,6 +172,8 @@ def test_a_page_begins_with_what_its_scene_is():
         assert told == "2 bobs, 2 kg, on 2 m of rods"
     assert page.about(c.build_system("double")) == "2 bobs, 2 kg, on 2 m of rods"
     assert page.about(c.build_system("pendulum")) == "1 bob, 1 kg, on 1 m of rods"
+    loaded = c.build_system("double") | {"load": np.array([[0.0, 3.0, 4.0], [0.0, -20.0, 0.0]])}
+    assert page.about(loaded) == "2 bobs, 2 kg, on 2 m of rods, under loads of 25 N"
 
 
 def test_energy_should_stay_where_gravity_and_loads_alone_act():

@@ -100,6 +100,20 @@ def test_one_step_says_the_rods_error_after_it_with_its_sign():
         assert f"{name} {said}" in seen
 
 
+def test_an_arrow_is_drawn_of_each_method_that_moves_the_bob_after_its_step(monkeypatch):
+    usual = c.make_methods
+    own = {
+        "moves": c.Method(c.make_force, "", lambda system, q_start, q, v, dt: (0.9 * q, v)),
+        "slows": c.Method(c.make_force, "", lambda system, q_start, q, v, dt: (q, 0.9 * v)),
+    }
+    monkeypatch.setattr(c, "make_methods", lambda *args: usual(*args) | own)
+    monkeypatch.setattr(make_pictures, "METHODS", dict.fromkeys(c.make_methods(), "m0"))
+    text = make_pictures.one_step((0.0, -1.12), (2.0, -1.0))
+    moving = [name for name, method in usual().items() if method.post_step]
+    arrows = drawn(ElementTree.fromstring(text), "lambda")
+    assert len(arrows) == len(moving) + 1 and "nan" not in text
+
+
 def test_curves_end_where_the_runs_end_and_names_keep_apart():
     x = np.linspace(0.0, 20.0, 5)
     curves = [(f"curve {k}", "m0", x, 0.1 * k * x) for k in range(5)]

@@ -106,7 +106,7 @@ NO_SCENES = {  # what is said of files and names that are no scenes, or none tha
     "huge": f"must be a plain file of at most {LARGEST / 1e6:g} MB",
     "pipe": "must be a plain file",
     "tripel": "no scene and no file; did you mean 'triple'?",
-    "nosuch": "scenes are pendulum, double, triple, chain, braced, ",
+    "nosuch": "scenes are pendulum, double, triple, chain, ",
     "nul\0": "must be a name in characters that can be printed",
     "taut_cable": "are taut: in this pose no finite tension can hold them; give the loop some",
 }

@@ -154,8 +154,10 @@ figures.double = figure => {
   });
   while (!STILL && runs.time < 10) runs.step(); // so that the first frame shows what is to see
   if (STILL) runner.end();
+  const lead = row("lead", ...elements(stages)); // the first is as large as four of the others
+  lead.style.setProperty("--columns", 2 + Math.ceil((stages.length - 1) / 2));
   fill(figure, "Red: too long. Below each: its worst rod so far. Again lets them go once more.",
-    row("lead", ...elements(stages)), controls(...runner.buttons, time));
+    lead, controls(...runner.buttons, time));
 };
 
 figures.question = figure => {
@@ -522,7 +524,8 @@ figures.one_step = figure => {
       bare.step();
       const move = plus(at, bare.point(0), -1);
       stage.arrow(bare.point(0), move, "lambda", 3);
-      ends[k].words += `, moved by ${metric(size(move))}: ${symbol("λ", "−M⁻¹ J₀ᵀ μ")}`;
+      ends[k].words += `, moved by ${metric(size(move))}`;
+      if (methods[k] === "project") ends[k].words += `: ${symbol("λ", "−M⁻¹ J₀ᵀ μ")}`;
     }
     let low = 0; // pixels: the last name, since they stand one below the other, in sight
     for (const [place, {at, k}] of seen.toSorted((a, b) => b.at[1] - a.at[1]).entries()) {

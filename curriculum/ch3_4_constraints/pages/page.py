@@ -63,7 +63,9 @@ def about(system):
     if first.strip("."):
         return first.rstrip(".")
     bobs = "1 bob" if len(system["m"]) == 1 else f"{len(system['m'])} bobs"
-    return f"{bobs}, {np.sum(system['m']):g} kg, on {np.sum(system['lengths']):g} m of rods"
+    made_of = f"{bobs}, {np.sum(system['m']):g} kg, on {np.sum(system['lengths']):g} m of rods"
+    loads = np.sum(np.linalg.norm(system.get("load", [[0.0, 0.0, 0.0]]), axis=1))  # N
+    return f"{made_of}, under loads of {loads:g} N" if loads > 0.0 else made_of
 
 
 def page_file(name):

@@ -329,8 +329,8 @@ const QUESTIONS = [
   },
   {
     ask: "Which keeps its energy?", control: "energy", view: "energy",
-    say: "Nothing drives the scene and nothing brakes it, so its energy should stay: 0 % off. Watch"
-      + " the plot for ten seconds. A method can hold the rods and still change the energy.",
+    say: "The energy counts all that acts on the scene, so it should stay: 0 % off. Watch the plot"
+      + " for ten seconds. A method can hold the rods and still change the energy.",
     shows: () => scene.conserves && found.energy > CHANGES,
   },
   {

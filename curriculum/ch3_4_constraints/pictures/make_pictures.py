@@ -70,7 +70,10 @@ class Sheet:
 
     def arrow(self, start, end, colour):
         along = np.subtract(end, start)[:2]
-        back = -22 / np.linalg.norm(along * self.scale) * along
+        size = np.linalg.norm(along * self.scale)
+        if size < 1.0:  # it cannot be seen, and has no direction
+            return
+        back = -min(22.0, size) / size * along
         aside = 0.5 * np.array([-back[1], back[0]])
         left = end[:2] + back + aside
         right = end[:2] + back - aside
