@@ -151,7 +151,7 @@ def make_force(system, w=0.0):
 
 # --- endregion ---
 # --- region: integrators ---
-# The code of the first three is chapter 3.3's: (q, v, m, force, dt) -> (q, v), in m and m/s.
+# The code of euler, semi_implicit and rk4 is chapter 3.3's: (q, v, m, force, dt) -> (q, v).
 def euler_step(q, v, m, force, dt):
     """Explicit Euler, order 1: everything at the old state. It adds energy to a pendulum."""
     a = force(q, v) / m
