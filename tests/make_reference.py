@@ -1,6 +1,6 @@
 """Where are the particles, really? Writes reference.json, which the tests compare runs with.
 
-    python -m tests.make_reference            all of it, in an hour
+    python -m tests.make_reference            all of it, in some 15 minutes
     python -m tests.make_reference pendulum   one system: print how far the file is from it
 
 No rod is a constraint here, and nothing has a multiplier. The unknowns are angles, so that no
