@@ -8,6 +8,7 @@ import pytest
 from conftest import ROOT, SCREENS, click, contrast
 
 import constraints as c
+from curriculum.ch3_4_constraints import make
 from curriculum.ch3_4_constraints.mechanics.stability import stability_limit
 from curriculum.ch3_4_constraints.results import palette, table
 
@@ -21,7 +22,7 @@ SOURCE = ROOT / "constraints.py"
 
 
 def test_the_pages_links_work_from_anywhere_and_what_moves_a_reader_can_stop():
-    text = chapter.PAGE.read_text(encoding="utf-8")
+    text = make.PAGE.read_text(encoding="utf-8")
     assert "animate" not in text
     for link in re.findall(r'href="(?!https:)([^"]+)"', text):
         assert link.startswith("#"), link
@@ -59,7 +60,7 @@ def test_the_equation_that_figures_show_is_the_one_that_gives_the_force(name):
 
 @pytest.fixture(scope="module")
 def shown(visit):
-    return visit(chapter.PAGE)
+    return visit(make.PAGE)
 
 
 def figure(shown, name):
@@ -90,7 +91,7 @@ def numbers(found, pattern):
 
 @pytest.mark.parametrize(("size", "theme"), SCREENS)
 def test_figures_fit_the_screen_are_legible_and_pictures_on_paper(visit, size, theme):
-    shown = visit(chapter.PAGE, viewport=size, color_scheme=theme)
+    shown = visit(make.PAGE, viewport=size, color_scheme=theme)
     names = "[...document.querySelectorAll('[data-figure]')].map(x => x.dataset.figure)"
     assert shown.evaluate(names) == FIGURES
     assert shown.evaluate("document.documentElement.scrollWidth") == size["width"]
@@ -98,7 +99,7 @@ def test_figures_fit_the_screen_are_legible_and_pictures_on_paper(visit, size, t
     for color in shown.evaluate("x => x.map(ink)", inks):
         assert contrast(color.strip(), palette.PAPER[theme == "dark"]) >= 4.5
     shown.emulate_media(media="print")
-    for still in shown, visit(chapter.PAGE, java_script_enabled=False):
+    for still in shown, visit(make.PAGE, java_script_enabled=False):
         for found in still.locator("[data-figure]").all():
             assert found.locator("img").bounding_box()["height"] > 100
             assert not found.locator("canvas, button").filter(visible=True).count()
@@ -106,7 +107,7 @@ def test_figures_fit_the_screen_are_legible_and_pictures_on_paper(visit, size, t
 
 @pytest.mark.parametrize("width", [1440, 390])
 def test_formulas_are_whole_and_those_in_a_line_stay_in_it(visit, width):
-    shown = visit(chapter.PAGE, viewport={"width": width, "height": 844})
+    shown = visit(make.PAGE, viewport={"width": width, "height": 844})
     clipped = """[...document.querySelectorAll(".block")].filter(x =>
         x.scrollHeight > x.clientHeight + 1).map(x => x.textContent)"""
     assert shown.evaluate(clipped) == []
@@ -148,7 +149,7 @@ def test_the_pendulums_at_the_top_come_apart_as_the_table_says(shown):
 
 
 def test_the_pendulums_at_the_top_move_at_once_or_for_less_motion_show_their_end(visit):
-    moving = visit(chapter.PAGE, reduced_motion="no-preference")
+    moving = visit(make.PAGE, reduced_motion="no-preference")
     found = figure(moving, "double")
     found.get_by_role("button", name="Pause").wait_for(timeout=30_000)
     late = re.compile(r"^1\d\.\d s$")  # when they have come apart
@@ -158,7 +159,7 @@ def test_the_pendulums_at_the_top_move_at_once_or_for_less_motion_show_their_end
     moving.wait_for_timeout(300)  # ms
     assert found.inner_text() == said
     moving.close()
-    found = figure(visit(chapter.PAGE), "double")
+    found = figure(visit(make.PAGE), "double")
     assert "20.0 s" in found.inner_text()
     assert found.get_by_role("button", name="Play").is_visible()
 
@@ -195,7 +196,7 @@ def test_g_and_its_rate_are_the_chapters_and_what_is_dragged_away_stays_in_sight
 def test_the_solve_is_the_chapters_hanging_held_or_thrown(visit, gesture):
     system = c.build_system("double")
     spin = 12.0 * (gesture == "thrown")  # rad/s, the fastest
-    found = figure(visit(chapter.PAGE), "solve")
+    found = figure(visit(make.PAGE), "solve")
     found.evaluate("() => { performance.now = requestAnimationFrame = () => 0; }")  # time stops
     if gesture != "hangs":
         let_go = drag(found.get_by_role("button", name="Bob 1"), 90, -70)
@@ -219,7 +220,7 @@ def test_all_numbers_of_the_solve_change_in_the_same_frame(visit):
     const drawn = [];
     CanvasRenderingContext2D.prototype.fillText = function(text) { drawn.push(text); };
     """
-    page = visit(chapter.PAGE, reduced_motion="no-preference")
+    page = visit(make.PAGE, reduced_motion="no-preference")
     page.evaluate(spy.replace("const drawn", "window.drawn"))
     found = figure(page, "solve")
     click(found, "Let go level")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import python
 
 import constraints as c
 from curriculum.ch3_4_constraints.exercises import checks
@@ -38,6 +39,12 @@ def test_an_exercise_says_where_its_first_blank_is(name, capsys):
     path = Path(exercise.__file__)
     line = path.read_text(encoding="utf-8").splitlines()[int(place.split()[-1]) - 1]
     assert place.startswith(path.name) and f'blank("{what}")' in line
+
+
+def test_a_flag_that_an_exercise_does_not_have_is_refused_in_a_line():
+    done = python("-m", f"{PACKAGE}.ex1_drift", "--sloved")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "ex1_drift.py: error: " in done.stderr and "--sloved" in done.stderr
 
 
 @pytest.fixture

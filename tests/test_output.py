@@ -320,7 +320,7 @@ def test_the_largest_force_is_the_hardest_push_or_pull_and_knows_its_neighbours(
 
 
 def edited_loop(edit):
-    """The page's loop as a reader may edit it: after step i, edit(i, system, v, dt) gives dt.
+    """The chapter's loop as a reader may edit it: after step i, edit(i, system, v, dt) gives dt.
 
     v is that of the state that was reached, and may be changed. Without a dt the loop ends.
     """

@@ -606,7 +606,8 @@ def test_a_method_that_is_lost_says_when_and_why_and_what_helps(still):
     lost = still.locator(".lost")
     assert [x != "" for x in lost.all_inner_texts()] == [x == "baumgarte" for x in METHODS]
     words = f"lost at {when:.2f} s: its rods flew apart. Try a shorter step."
-    assert lost.nth(1).inner_text() == words and "baumgarte lost" in told(still)
+    baumgarte = METHODS.index("baumgarte")
+    assert lost.nth(baumgarte).inner_text() == words and "baumgarte lost" in told(still)
     changed = still.evaluate("""() => {
       const seen = new MutationObserver(() => {});
       for (const live of document.querySelectorAll("[aria-live=polite]")) {
@@ -616,10 +617,12 @@ def test_a_method_that_is_lost_says_when_and_why_and_what_helps(still):
       return seen.takeRecords().length;
     }""")
     assert changed == 0, "it is announced once"
-    assert still.locator(".tile").nth(1).locator("[inert] .hand").count() == 2, "no longer pulled"
-    still.evaluate("run.copies[4].state.set([1e4, 0, 0, 1e4, 0, 0], 6)")  # m/s
+    hands = still.locator(".tile").nth(baumgarte).locator("[inert] .hand")
+    assert hands.count() == 2, "no longer pulled"
+    project = METHODS.index("project")
+    still.evaluate(f"run.copies[{project}].state.set([1e4, 0, 0, 1e4, 0, 0], 6)")  # m/s
     steps(still, 1)
-    assert "s: no way back onto the rods. Try a shorter step." in lost.nth(4).inner_text()
+    assert "s: no way back onto the rods. Try a shorter step." in lost.nth(project).inner_text()
     click(still, "Again")
     assert not any(lost.all_inner_texts())
 
@@ -640,7 +643,7 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(still):
         still.mouse.up()
         assert not still.evaluate("hand.copy || clock.going"), "it stands still again"
         assert not any(still.locator(".lost").all_inner_texts())
-        assert still.locator(".off").nth(4).inner_text() == "rods are right"
+        assert still.locator(".off").nth(METHODS.index("project")).inner_text() == "rods are right"
         assert "%" not in told(still)
     steps(still, 4)  # from where it was let go, no method's energy changes by much
     assert still.evaluate("largest(run.copies.map(({worst}) => worst.energy))") < 0.05

@@ -68,9 +68,10 @@ def test_a_lost_method_leaves_the_picture_says_so_and_bends_no_axis(lost):
     reader = RrdReader(str(lost))
     seen = chunks(reader)
     blueprint = chunks(reader, store=reader.blueprints()[0])
+    system = c.build_system("double")
     runs = {
-        name: c.run_method(c.build_system("double"), name, "semi_implicit", 0.05, 60, baumgarte=40)
-        for name in ("baumgarte", "soft")
+        name: c.run_method(system, name, "semi_implicit", 0.05, 60, baumgarte=40)
+        for name in c.make_methods()
     }
     end = 0.05 * len(runs["baumgarte"].tip)
     assert np.allclose(seen["/methods/baumgarte"]["seconds"], end)
@@ -81,7 +82,8 @@ def test_a_lost_method_leaves_the_picture_says_so_and_bends_no_axis(lost):
     worst = table.length(np.max(runs["soft"].violations))
     assert names["methods/soft"] == f"soft: rods off by {worst}"
     ((low, high),) = blueprint[f"{views['energy']}/ScalarAxis"]["range"][0]
-    alive = [seen[f"/energy/{x}"]["scalars"] for x in ("none", "impulse", "soft", "project")]
+    alive = [seen[f"/energy/{x}"]["scalars"] for x, run in runs.items() if not run.lost]
+    assert len(alive) > 1
     assert high - low < 1.2 * np.ptp(alive) < np.max(seen["/energy/baumgarte"]["scalars"])
 
 

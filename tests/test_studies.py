@@ -212,13 +212,13 @@ def test_words_of_a_diagram_are_read_on_a_phone():
 def test_a_name_that_no_table_has_is_drawn_like_the_others():
     other = work_precision.look(speed.Solver("MuJoCo", "hinges"))
     assert work_precision.look(speed.Solver("rk5", "none")) == other
-    looks = [work_precision.look(x) for x in speed.STEPS if x.integrator != "XPBD"]
+    looks = [work_precision.look(x) for x in speed.SOLVERS if x.integrator != "XPBD"]
     assert len({*looks}) == len(looks)
 
 
 def only_rk4(monkeypatch, methods=("none",)):
     solvers = [speed.Solver("rk4", method) for method in methods]
-    monkeypatch.setattr(speed, "STEPS", {x: speed.STEPS[x] for x in solvers})
+    monkeypatch.setattr(speed, "SOLVERS", {x: speed.SOLVERS[x] for x in solvers})
 
 
 def quick_study(tmp_path, *flags):
@@ -247,7 +247,7 @@ def test_a_scene_of_ones_own_is_printed_and_written_with_its_diagram(tmp_path, c
     if speed.find_spec("mujoco") is None:
         why = "mujoco is not installed"
     assert f"MuJoCo hinges is not there: {why}" in text
-    for solver in speed.STEPS:
+    for solver in speed.SOLVERS:
         assert re.search(rf"^{solver} +\d", text, re.M)
     assert re.search(r"^to 1 mm: rk4 (none|project) ", text, re.M)
     picture = (tmp_path / "out" / speed.DIAGRAM).read_text("utf-8")
@@ -315,7 +315,7 @@ def test_who_races_ends_within_the_error_and_the_ratios_are_printed(capsys):
         )
         assert row.startswith(f"{goal:.0e} m") and ratio == pytest.approx(mine / theirs, abs=0.01)
     known, _ = speed.reference(race.SYSTEM, race.SECONDS)
-    for run in partial(race.gauss(8, 9), 90), race.heyoka(1e-14):
+    for run in partial(race.gauss(8, 9), 90), race.taylor(1e-14):
         assert speed.distance(run()[1], known) < 1e-11
 
 
@@ -428,7 +428,7 @@ def table_of_hard_cases():
 
 def test_what_is_said_of_the_hard_cases_follows_from_their_table():
     table = table_of_hard_cases()
-    assert [*table] == [(x.short, x.method) for x in hard.SOLVERS]
+    assert [*table] == [(x.short, x.method) for x in hard.COLUMNS]
     assert [*table["semi", "none"]] == hard.SCENES
     assert {*table["gauss", "baumgarte"].values()} == {max(hard.LADDER)}
     impulse = table["semi", "impulse"]
@@ -446,7 +446,7 @@ def test_in_space_a_start_is_pushed_along_all_axes():
 def test_a_step_that_is_compiled_once_runs_with_each_starts_masses_and_step():
     system = c.build_system("heavy_tip")
     v, m = hard.starts(system, 3)[2]
-    run = hard.compiled_for(system, speed.STEPS["semi_implicit", "impulse"])
+    run = hard.compiled_for(system, speed.SOLVERS["semi_implicit", "impulse"])
     for dt in 0.002, 0.001:
         q, _ = run(system["q0"], v, m, dt, 50)
         own = system | {"m": m, "v0": v}

@@ -24,7 +24,7 @@ LONGEST = 1e6
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, except that an error is one line; its help begins with that of `text`."""
+    """argparse, except that an error is one line. Its help begins with `text`'s first paragraph."""
 
     def __init__(self, text, epilog=None):
         started = Path(sys.argv[0])
@@ -90,15 +90,15 @@ def whole(low, high=10**12):
 
 def length(text):
     """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
-    number = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
+    digits = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
     power = 0
     for unit in sorted(UNITS, key=len, reverse=True):
-        if number.endswith(unit):
-            number = number.removesuffix(unit)
+        if digits.endswith(unit):
+            digits = digits.removesuffix(unit)
             power = UNITS[unit]
             break
     try:
-        x = float(Decimal(number.strip()).scaleb(power))
+        x = float(Decimal(digits.strip()).scaleb(power))
     except InvalidOperation:
         x = 0.0
     if not SHORTEST <= x <= LONGEST:
@@ -159,15 +159,15 @@ def signals():
         own[signal.SIGPIPE] = signal.SIG_DFL
     before = {}
     with contextlib.suppress(ValueError):  # an editor's thread may not set any
-        for number, handler in own.items():
-            before[number] = signal.signal(number, handler)
+        for signum, handler in own.items():
+            before[signum] = signal.signal(signum, handler)
     try:
         yield
     finally:
         if sys.stdout is sys.__stdout__:
             print(end="", flush=True)
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for signum, handler in before.items():
+            signal.signal(signum, handler)
 
 
 def show(kind, error, trace):

@@ -90,7 +90,10 @@ def attempt(stages, tol, q, v, m, force, dt):
     wide = sum_of_squares(q - total(q) / len(q))
     size = wide + dt * dt * sum_of_squares(v) + move
     enough = tol * tol * size + 1e-300
-    rounding = 1e-18 * (size + dt4) + 1e-30 * sum_of_squares(q)  # of 1 m/s^2 if nothing moves
+    # A move that no longer falls is taken for rounding if it is small. All of these are squares. A
+    # force may magnify rounding, so 1e-9 of the size will do. A bob at rest may have no size: dt4
+    # is what 1 m/s^2 moves in dt. Far from the origin q is rounded to 1e-16 of its distance.
+    rounding = 1e-18 * (size + dt4) + 1e-30 * sum_of_squares(q)
     rounding = np.maximum(enough, rounding)
     first = a, move, np.inf, 1.0
     a, move, before, _ = while_loop(is_going, next_round, *first, most=ROUNDS, failure="")

@@ -12,7 +12,7 @@ import constraints as c
 from curriculum.ch3_4_constraints.exercises.solutions import ex4_cliff
 from curriculum.ch3_4_constraints.studies.real_thing import random_chain
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
-from curriculum.common.cli import run_script
+from curriculum.common.cli import Parser, run_script
 
 
 def blank(what):
@@ -117,7 +117,9 @@ def verdict(check, exercise):
 def judge(check):
     """Run and check the exercise that is the script. --solved: with the answers."""
     exercise = sys.modules["__main__"]
-    if "--solved" in sys.argv:
+    parser = Parser(exercise.__doc__)
+    parser.add_argument("--solved", action="store_true", help="put the answers in the blanks")
+    if parser.parse_args().solved:
         answers = import_module(f"{__package__}.solutions.{Path(exercise.__file__).stem}")
         vars(exercise).update({key: x for key, x in vars(answers).items() if key[0] != "_"})
     run_script(partial(verdict, check, exercise))

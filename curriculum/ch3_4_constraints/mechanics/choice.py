@@ -78,12 +78,17 @@ def step_of(chapter, system, integrator, method, knobs):
     return step
 
 
+def suits(method, integrator):
+    """Whether a Method works with the integrator of that name."""
+    return method.integrator in (None, integrator)
+
+
 def pairs_of(chapter, integrators):
     """[(integrator, method)] of the chapter that go together."""
     found = []
     for integrator in integrators:
         for name, method in chapter.make_methods().items():
-            if method.integrator in (None, integrator):
+            if suits(method, integrator):
                 found.append((integrator, name))
     return found
 
@@ -105,9 +110,9 @@ def worth_trying(integrators):
 
 
 def is_beaten(step_fn, integrators):
-    """Whether a spring swings ever wider under these steps, and under another's, as dear, does not.
+    """Whether a spring swings ever wider under these steps, but not under others that cost as much.
 
-    As dear is what asks for the force as often. The spring's step is the longest that is tried.
+    Steps cost as much if they ask for the force as often. They are the longest that are tried.
     """
     if not grows(step_fn, SWING, damping=0.0):
         return False

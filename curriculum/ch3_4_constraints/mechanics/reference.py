@@ -12,7 +12,7 @@ from curriculum.common.tracing import CompiledSteps, Untraceable
 HORIZON = 2.0  # s; of short rods, which swing faster, at most 20 sqrt(L/g): chaos is as fast
 FIRST = 0.15  # of sqrt(L/g): the longest first step
 TURN = 0.5  # rad: nor does anything turn by more in it
-COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # beside half the first
+COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # times half the first
 NEAR = 1e-8  # of the shortest rod: a move by which a frequency is measured
 MOST_STEPS = 20_000  # of one rod at once: more take too long
 STEPS = 800  # for each rod, in all: many repay machine code

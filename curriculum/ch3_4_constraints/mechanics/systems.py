@@ -175,7 +175,8 @@ def check_system(rows, pivot, fit=ROUGH, name="{}[{}]".format, bare=()):
             system[key] = checked_column(key, system[key], name)
     check_counts(system, name)
     check_pairs(system["pairs"], len(system["q0"]), len(system["anchors"]), name)
-    check_lengths(system, fit, name, bare)
+    measure_bare(system, bare)
+    check_lengths(system, fit, name)
     system["pairs"] = [(int(i), int(j)) for i, j in system["pairs"]]
     return system
 
@@ -241,14 +242,24 @@ def check_pairs(pairs, n, anchors, name):
     need(entries <= FILLED, what, entries, f"{FILLED} at most")
 
 
-def check_lengths(system, fit, name, bare):
-    """Measure the rods `bare`, and raise SceneError where others are off by more than `fit`."""
+def distances(system):
+    """How far apart the ends of each rod are at the start, (C,) in m."""
+    ends = differences(system["q0"], system["anchors"], system["pairs"])
+    return np.linalg.norm(ends, axis=-1)
+
+
+def measure_bare(system, bare):
+    """Give the rods `bare`, a list of their places, the lengths that they have at the start."""
+    system["lengths"][[*bare]] = distances(system)[[*bare]]
+
+
+def check_lengths(system, fit, name):
+    """Raise SceneError where a rod has no length, or one that is off by more than a share `fit`."""
     pairs = system["pairs"]
     lengths = system["lengths"]
-    found = np.linalg.norm(differences(system["q0"], system["anchors"], pairs), axis=-1)
+    found = distances(system)
     apart = "two points apart, or it is no rod"
     refuse(found <= 1 / HUGE, "pairs", pairs, name, lambda _: apart)
-    lengths[[*bare]] = found[[*bare]]
     off = abs(lengths - found) > fit * found
     right = "{:.9g} m, to {:g} %; that is how far apart its ends are"
     refuse(off, "lengths", lengths, name, lambda k: right.format(found[k], 100 * fit))

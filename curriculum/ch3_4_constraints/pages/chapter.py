@@ -27,7 +27,6 @@ from curriculum.ch3_4_constraints.pictures.make_pictures import still
 
 HERE = Path(__file__).parents[1]
 SOURCE = HERE / "README.md"
-PAGE = HERE / "chapter.html"
 
 
 def equation(system, q, v):

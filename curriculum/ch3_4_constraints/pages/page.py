@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from curriculum.ch3_4_constraints.mechanics.choice import suits
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS
 from curriculum.ch3_4_constraints.mechanics.stability import is_explicit, stability_limit
 from curriculum.ch3_4_constraints.mechanics.systems import conserves, is_flat, m_g_L
@@ -104,7 +105,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
     """
     refuse(chapter, system, integrator)
     every = chapter.make_methods(**knobs)
-    rows = {name: row for name, row in every.items() if row.integrator in (None, integrator)}
+    rows = {name: row for name, row in every.items() if suits(row, integrator)}
     tracer = Tracer(chapter, system, integrator, list(knobs))
     measures = {"energy": tracer.energy, "errors": tracer.errors, **measures}
     try:
@@ -129,7 +130,7 @@ def scene_of(chapter, system, integrator, knobs, measures):
         "anchors": system["anchors"][:, :2].tolist(),
         "pairs": [[int(i), int(j)] for i, j in system["pairs"]],
         "lengths": system["lengths"].tolist(),
-        "conserves": bool(conserves(system, chapter.external_force, chapter.energy)),
+        "conserves": conserves(system, chapter.external_force, chapter.energy),
         "same_step": same_step,
         "steps": {name: steps[name] for name in dict.fromkeys(same_step.values())},
         "posts": posts,

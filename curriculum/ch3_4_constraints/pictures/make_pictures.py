@@ -1,4 +1,4 @@
-"""Draws the pictures, but those drawn by hand and those of a study."""
+"""Draws all pictures except those drawn by hand or by a study."""
 
 import re
 from functools import partial

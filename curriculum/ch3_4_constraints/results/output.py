@@ -9,6 +9,7 @@ from argparse import ArgumentTypeError
 from pathlib import Path
 from types import SimpleNamespace
 
+from curriculum.ch3_4_constraints.mechanics.choice import suits
 from curriculum.ch3_4_constraints.results import advice
 from curriculum.ch3_4_constraints.results.table import say
 from curriculum.common.files import check_writable, write_together
@@ -43,7 +44,7 @@ def methods_of(args, every):
 
     These are not made for the integrator. Raises an error, in a sentence, if one is asked for.
     """
-    fits = [name for name, x in every.items() if x.integrator in (None, args.integrator)]
+    fits = [name for name, x in every.items() if suits(x, args.integrator)]
     left_out = [name for name in every if name not in fits]
     if args.stabilization == "all":
         return fits, left_out

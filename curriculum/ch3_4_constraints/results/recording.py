@@ -50,7 +50,7 @@ def rgb(colors):
 
 
 def record(args, system, runs, results, metrics, chapter):
-    """The bytes of a recording of runs {method: Run}.
+    """The bytes of a recording of runs {method: Outcome}.
 
     No wall clock is written, and its id is made of the metrics. The recordings of equal runs hold
     the same, as `rerun rrd compare` finds; a header of their files, and so their bytes, differ.

@@ -96,7 +96,7 @@ def linkage(system, constraint):
     bodies = ""
     for k, (_, j) in enumerate(pairs):
         if j < 0:
-            bodies += body(k, point(*system["anchors"][-1 - j]), 0.0, np.zeros(2))
+            bodies += body(k, point(*c.anchor(system, j)), 0.0, np.zeros(2))
     parts = f"<worldbody>{bodies}</worldbody><equality>{''.join(equalities)}</equality>"
     return parts, *np.transpose(state)
 

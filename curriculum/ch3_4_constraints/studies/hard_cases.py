@@ -12,7 +12,7 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.mechanics import choice, scenes, systems
-from curriculum.ch3_4_constraints.studies.speed_vs_error import STEPS
+from curriculum.ch3_4_constraints.studies.speed_vs_error import SOLVERS
 from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
 
@@ -29,8 +29,8 @@ SCENES = [name for name in scenes.SHIPPED if name != "taut_cable"]  # which is r
 QUICK = "spin", "upright"  # scenes of a few rods
 
 
-def is_asked(solver):
-    """Whether there is a column about a Solver of STEPS."""
+def has_column(solver):
+    """Whether there is a column about a Solver of SOLVERS."""
     if solver.integrator == "semi_implicit":
         return True
     if solver.integrator == "XPBD":
@@ -39,7 +39,7 @@ def is_asked(solver):
     return solver.integrator in explicit + iterating and solver.method not in ("none", "soft")
 
 
-SOLVERS = list(filter(is_asked, STEPS))
+COLUMNS = list(filter(has_column, SOLVERS))
 
 
 def axes(system):
@@ -109,8 +109,8 @@ def row(name):
     system = c.build_system(name)
     many = starts(system, STARTS)
     cells = []
-    for solver in SOLVERS:
-        run = compiled_for(system, STEPS[solver])
+    for solver in COLUMNS:
+        run = compiled_for(system, SOLVERS[solver])
         cells.append(cell(partial(is_held, system, run, seconds=SECONDS), many))
     return cells
 
@@ -118,7 +118,7 @@ def row(name):
 def show(name, cells):
     """Print a row of the table."""
     line = f"{name:15}"
-    for solver, words in zip(SOLVERS, cells, strict=True):
+    for solver, words in zip(COLUMNS, cells, strict=True):
         line += f"{words:>{max(7, len(solver.method) + 1)}}"
     print(line)
 
@@ -130,8 +130,8 @@ def main(argv=None):
     args = parser.parse_args(argv)
     held = f"all of {STARTS} starts hold for {SECONDS:g} s"
     print(f"{len(SCENES)} scenes: largest step in s at which {held}")
-    show("", [x.short for x in SOLVERS])
-    show("", [x.method for x in SOLVERS])
+    show("", [x.short for x in COLUMNS])
+    show("", [x.method for x in COLUMNS])
     names = QUICK if args.quick else SCENES
     for name in cli.progress(names):
         show(name, row(name))

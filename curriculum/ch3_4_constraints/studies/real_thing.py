@@ -34,7 +34,7 @@ class Row(NamedTuple):
 
     @property
     def method(self):
-        """The row as a Method of the page."""
+        """The row as a Method of the chapter."""
         numbers = {key: getattr(self, key) for key in ("damping", "stiffness", "softness")}
         return c.Method(partial(c.make_engine_force, **numbers), "an engine", self.post_step)
 
@@ -130,7 +130,7 @@ def position_sweeps(system, q_start, q, v, dt):
 
 
 def own_row(name, h):
-    """The Row of a method of the page that asks as engines do, for steps of h s."""
+    """The Row of a method of the chapter that asks as engines do, for steps of h s."""
     return Row(**c.make_methods(h)[name].make_force.keywords)
 
 

@@ -15,7 +15,6 @@ def xpbd_step(system, q, v, dt, substeps=1):
     """
     m = system["m"]
     h = dt / substeps
-    fixed = system.get("anchors", [c.PIVOT])[::-1]
 
     def substep(q, v):
         start = q
@@ -24,7 +23,7 @@ def xpbd_step(system, q, v, dt, substeps=1):
         for (i, j), length in zip(system["pairs"], system["lengths"], strict=True):
             w_i = 1.0 / m[i]  # 1/kg
             if j < 0:
-                d = q[i] - fixed[j]
+                d = q[i] - c.anchor(system, j)
                 w_j = 0.0  # an anchor does not move
             else:
                 d = q[i] - q[j]

@@ -115,8 +115,10 @@ def solve(a, b):
 def eliminated(a, order=None):
     """The function b (n,) or (n, columns) -> x with A x = b of A (n, n): Gaussian elimination.
 
-    It does not pivot: its accuracy is promised for positive definite matrices only, and a pivot of
-    zero leaves nothing finite. What is zero costs nothing, and the `order` says how much stays so.
+    It does not pivot: its accuracy is promised for positive definite matrices only, such as
+    J M^-1 J^T. (A round of Newton's method may have one that is near to that but not symmetric; its
+    next round takes back what this one gets wrong.) A pivot of zero leaves nothing finite. What is
+    zero costs nothing, and the `order` says how much stays so.
     """
     kind = np.result_type(a, 1.0)
     rows = np.array(a, kind).tolist()  # numbers, which Python handles sooner than numpy

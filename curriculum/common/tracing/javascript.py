@@ -31,6 +31,7 @@ class JavaScript(Python):
         return NAMES.get(repr(x), repr(x))
 
     def keep(self, places, values):
+        """Write that these values are left at these places of the state."""
         for place, x in zip(places, values, strict=True):
             self.write("keep", place=place, x=x)
 

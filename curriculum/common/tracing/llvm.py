@@ -32,10 +32,12 @@ def repays(operations, lines):
 
 
 def padded(rows):
+    """How many lanes hold so many rows: a power of 2, and 4 or more if not 1."""
     return 1 if rows == 1 else max(4, 1 << (rows - 1).bit_length())
 
 
 def kind(lanes, of="double"):
+    """LLVM's type of a number in so many lanes."""
     return of if lanes == 1 else f"<{lanes} x {of}>"
 
 
@@ -56,32 +58,39 @@ class Llvm(Writer):
         self.done = None  # where the number of turns is that have been recorded
 
     def new(self, text):
+        """Write an instruction, and give the name of its result."""
         name = f"%u{next(self.count)}"
         self.lines.append(f"  {name} = {text}")
         return name
 
     def begin(self, block, branch=None):
+        """Begin a block; the one before ends in a branch, by default to it."""
         self.lines += [f"  br {branch or f'label %{block}'}", f"{block}:"]
 
     def variable(self, value, of):
+        """Reserve memory for a value that changes, store it there, and give its place."""
         place = f"%memory{next(self.count)}"
         self.top.append(f"  {place} = alloca {of}, align 64")
         self.store(value, place, of)
         return place
 
     def load(self, place, of):
+        """What is at a place in memory."""
         return self.new(f"load {of}, ptr {place}, align 8")
 
     def store(self, value, place, of):
+        """Leave a value at a place in memory."""
         self.lines.append(f"  store {of} {value}, ptr {place}, align 8")
 
     def entry(self, place, k):
+        """The place of the k-th number of an array."""
         return self.new(f"getelementptr double, ptr {place}, i64 {k}")
 
     def constant(self, x):
         return Value(f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}")
 
     def packed(self, texts):
+        """The name of a vector of these numbers, a lane each; of a single one, its own."""
         if len(texts) == 1:
             return texts[0]
         of = kind(len(texts))
@@ -91,6 +100,7 @@ class Llvm(Writer):
         return vector
 
     def widened(self, value, lanes):
+        """The name of a Value in so many lanes, of which it may have only one."""
         return value.text if value.lanes == lanes else self.packed([value.text] * lanes)
 
     def lane(self, values, k):

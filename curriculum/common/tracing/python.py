@@ -41,6 +41,7 @@ class Python(Writer):
         return repr(x)
 
     def write(self, form, **words):
+        """Write one of the `forms`, indented, with these words in its blanks."""
         for line in self.forms[form].format(**words).splitlines():
             self.lines.append(self.margin + line)
 
@@ -54,9 +55,11 @@ class Python(Writer):
         return name
 
     def following(self, going, names, values):
+        """What the names of a loop become after a turn, as text; `going` may be None."""
         return ", ".join(values)
 
     def record(self, loop, values):
+        """Write that the values of this turn are to be recorded."""
         self.write("record", row=tuple_of(values))
 
     def loop(self, loop, env, k):
@@ -98,6 +101,7 @@ class Columns(Python):
 
 
 def tuple_of(texts):
+    """The text of a tuple, which may be of one."""
     return f"({', '.join(texts)}{',' * (len(texts) == 1)})"
 
 

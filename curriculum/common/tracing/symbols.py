@@ -55,12 +55,14 @@ def operation(sign, *numbers):
 
 
 def signed(size, minus):
+    """The number of a size, a float >= 0 or the name of a Symbol, or minus that."""
     if type(size) is str:
         return Symbol(size, minus)
     return -size if minus else size
 
 
 def add(a, b):
+    """a + b, where zeros, and what cancels, vanish."""
     x, minus = size_and_sign(a)
     y, other = size_and_sign(b)
     if x == 0.0:
@@ -75,6 +77,7 @@ def add(a, b):
 
 
 def multiply(a, b):
+    """a * b, where zeros and ones vanish."""
     x, minus = size_and_sign(a)
     y, other = size_and_sign(b)
     if x == 0.0 or y == 0.0:
@@ -89,6 +92,7 @@ def multiply(a, b):
 
 
 def divide(a, b):
+    """a / b, where a zero above and a one below vanish."""
     x, minus = size_and_sign(a)
     y, other = size_and_sign(b)
     size = x if x == 0.0 or y == 1.0 else note("/", x, y)
@@ -96,6 +100,7 @@ def divide(a, b):
 
 
 def cannot(function):
+    """The Untraceable for a function of numpy's that has no operation."""
     module = getattr(function, "__module__", None) or "numpy"
     return Untraceable(f"{module.replace('numpy', 'np')}.{function.__name__} cannot be compiled")
 
@@ -122,6 +127,8 @@ class Traced:
 
 
 def operators(rule):
+    """A rule(a, b) for numbers as the two methods of an operator, such as __sub__ and __rsub__."""
+
     def operator(a, b):  # arrays are left to numpy
         return NotImplemented if isinstance(b, np.ndarray) and b.ndim else rule(a, b)
 
@@ -129,6 +136,8 @@ def operators(rule):
 
 
 def refusal(why):
+    """A function that takes anything and raises Untraceable."""
+
     def refuse(*_, **__):
         raise Untraceable(why)
 
@@ -265,10 +274,12 @@ def add_up(a, *args, **how):
 
 
 def elementwise(sign, many):
+    """An operation on so many numbers, as a ufunc of arrays."""
     return np.frompyfunc(lambda *numbers: operation(sign, *numbers), many, 1, identity=None)
 
 
 def where(condition, *choices):
+    """np.where."""
     condition = np.asarray(condition)
     choices = list(map(np.asarray, choices))
     choose = WHERE if condition.dtype == object else np.where
