@@ -226,8 +226,7 @@ def tensions(system, q, v, force):
     jac, _, _, _ = constraint_terms(system, q, v)
     rods_force = force(q, v) - external_force(system, q, v)
     lam = mechanics.least_squares(jac.T, rods_force.ravel())
-    lam = lam[: len(system["pairs"])]  # if you have added rows to J: rods come first
-    return -lam * rod_lengths(system, q)
+    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # J may end with rows of yours
 
 
 class Run:
@@ -336,9 +335,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
     # soft is MuJoCo's, with a fixed impedance p. For one rod A + R = A / p, so J a is p times what
     # is asked plus 1 - p times what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
-    # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long.
-    # After a fall from level, in semi_implicit, it is tau (tau - dt) |d_dot|^2 / L = 6 mm too long,
-    # as Jdot v is left out.
+    # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long. Fallen from level, in
+    # semi_implicit, it is 6 mm too long, as Jdot v is left out.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -370,8 +368,12 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
+# All that it takes to run a system stands above. By hand, for one method:
+#     system = build_system("double")
+#     run = simulate(semi_implicit_step, system, make_force(system, w=20.0), dt=0.005, steps=4000)
+#     print(f"rods off by {run.violations.max():.4f} m")
 def main(argv=None):
-    """Run the methods, print what became of the rods, and write it to files."""
+    """Run each method, in compiled steps, print what became of the rods, and write it to files."""
     args, system = parse_args(argv)
     print(f"ch3.4 constraints | device {args.device}")
     methods = make_methods(args.dt, **args.knobs)
@@ -392,9 +394,8 @@ def main(argv=None):
     return 0
 
 
-# Try run = run_method(build_system("double"), "none", "semi_implicit", dt=0.005, steps=4000).
 def run_method(system, name, integrator, dt, steps, **knobs):
-    """Run a method, by its name, on a copy of the system. `knobs` are make_methods'."""
+    """Run a method, by name: run_method(build_system("double"), "soft", "rk4", 0.005, 4000)."""
     system = mechanics.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
     method = make_methods(dt, **knobs)[name]
     if method.integrator not in (None, integrator):
@@ -402,8 +403,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
     run = simulate(step_fn, system, method.make_force(system), dt, steps)
-    # It is cut where it failed, and says why, `lost`; its `pace`, us a step, is measured, and its
-    # `operations`, for a second of motion, are counted.
+    # An Outcome is cut where the run failed, or was `lost`. It knows `pace`, us, and `operations`.
     return mechanics.Outcome(run, system, dt, step_fn, GRAVITY)
 
 
