@@ -141,7 +141,7 @@ def constraint_force(system, q, v, w=0.0):
 
 
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in newtons. Integrators see one force, and no solve; RK4, four a step."""
+    """force(q, v), (N, 3) in newtons: all that an integrator sees. RK4 calls it four times."""
 
     def force(q, v):
         return external_force(system, q, v) + constraint_force(system, q, v, w)
@@ -368,7 +368,7 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# All that it takes to run a system stands above. By hand, for one method:
+# A run by hand, with one method:
 #     system = build_system("double")
 #     run = simulate(semi_implicit_step, system, make_force(system, w=20.0), dt=0.005, steps=4000)
 #     print(f"rods off by {run.violations.max():.4f} m")

@@ -1,7 +1,6 @@
 """A step by its own lines, in plain numpy; and what is known of how steps were taken."""
 
 import math
-import statistics
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -66,7 +65,7 @@ class Report:
         longest = max((steps for steps, _ in self.stretches), default=0)
         long = [seconds / steps for steps, seconds in self.stretches if 2 * steps > longest]
         if long:
-            return 1e6 * statistics.median(long)
+            return 1e6 * float(np.median(long))
         return 1e6 * self.seconds / self.timed if self.timed else math.nan
 
 
