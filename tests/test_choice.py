@@ -456,6 +456,13 @@ def test_where_nobody_knows_the_motion_rods_have_an_answer_and_places_a_reason(m
 
 
 # --- what is said ---
+def test_that_energy_is_kept_is_said_of_right_rods_only_where_the_first_setting_keeps_it(double):
+    best = double.rods_hold[0]
+    for energy, said in ((0.049, True), (0.051, False), (None, False)):
+        found = double._replace(rods_hold=[best._replace(energy=energy)])
+        assert ("energy to 5 %" in advice.rods_head(found)) == said
+
+
 LENGTHS = [
     ("1mm", 1e-3),
     ("0.5mm", 5e-4),
@@ -607,6 +614,7 @@ NO_ANSWERS = [
     ({"simulate": edited_loop}, [], "the loop edits"),
     ({"external_force": branching}, [], "steps are not compiled"),
     ({"INTEGRATORS": c.INTEGRATORS | {"mine": lambda *_: 1 / 0}}, [], "steps cannot be compiled"),
+    ({}, ["--system", "upright"], "nothing moves"),
 ]
 
 
