@@ -5,6 +5,7 @@ from decimal import Decimal
 
 from curriculum.ch3_4_constraints.mechanics import choice as choosing
 from curriculum.ch3_4_constraints.mechanics.choice import ENERGY
+from curriculum.ch3_4_constraints.mechanics.outcome import moves
 from curriculum.ch3_4_constraints.mechanics.reference import MAX_RODS, why_unknown
 from curriculum.ch3_4_constraints.results.table import in_digits, length, per_cent, say
 from curriculum.common import cli
@@ -172,7 +173,7 @@ def give(chapter, args, system, runs, reference):
     if args.within is None:
         return None
     why = why_unknown(runs.values())
-    if not why and not any(run.moves for run in runs.values()):
+    if not why and reference.q is not None and not moves(reference.q, system):
         why = "nothing moves"
     if not why and len(system["pairs"]) > MAX_RODS:
         why = f"it would take long for more than {MAX_RODS} rods"
