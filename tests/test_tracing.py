@@ -196,6 +196,18 @@ def test_ordered_arrays_add_from_first_to_last(name):
         np.linalg.solve(ordered(x), x[0, :2])
 
 
+@pytest.mark.parametrize("shape", [(300, 900), (900, 300), (40, 60)])
+def test_a_product_adds_from_first_to_last_however_many_of_its_terms_are_zero(shape):
+    rows, inner = shape
+    draw = np.random.default_rng(0)
+    a = np.where(draw.random(shape) < 0.02, draw.normal(size=shape), 0.0)
+    for b in (draw.normal(size=inner), draw.normal(size=(inner, 9))):
+        sums = np.zeros((rows, *b.shape[1:]))
+        for k in range(inner):
+            sums += np.multiply.outer(a[:, k], b[k])
+        np.testing.assert_array_equal(ordered(a) @ b, sums)
+
+
 def test_sums_of_a_single_row_are_no_view_of_it():
     x = ordered(np.ones((1, 500)))
     sums = np.sum(x, axis=0)

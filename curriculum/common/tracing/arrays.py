@@ -10,6 +10,7 @@ from functools import reduce
 import numpy as np
 
 TERMS = 1 << 20  # of a product that is computed at once
+LARGE = 1 << 17  # numbers of a matrix: of so many, most are zero
 SHORT = 8  # numbers: such a sum is done sooner by Python
 LONG = 100  # sums: so many are added sooner row by row
 PLAIN = float, int  # numbers that are no symbols
@@ -23,7 +24,8 @@ def nonzero(x):
     x = np.asarray(x)
     if x.dtype != object:
         return x != 0.0
-    return np.array([not zero(entry) for entry in x.flat], bool).reshape(x.shape)
+    found = [not isinstance(y, PLAIN) or y != 0.0 for y in x.ravel().tolist()]
+    return np.array(found, bool).reshape(x.shape)
 
 
 def total(x, axis=None, keepdims=False):
@@ -58,10 +60,10 @@ def product(a, b):
         return a @ b  # or numpy's error
     if a.dtype.char == "O" or b.dtype.char == "O":
         return by_matrices(product_of_symbols, a, b)
+    if a.size > LARGE or a.size * b.size > TERMS * len(b):
+        return by_matrices(product_of_few, a, b)
     if b.ndim == 1:
         return np.add.accumulate(a * b, axis=-1)[..., -1]
-    if a.size * b.shape[1] > TERMS:
-        return by_matrices(product_of_few, a, b)
     terms = a[..., None] * np.ascontiguousarray(b)
     return np.add.accumulate(terms, axis=-2)[..., -1, :]
 

@@ -273,6 +273,11 @@ def add_up(a, *args, **how):
     return ordered(a).sum(*args, **how)
 
 
+def zeros_like(a, *args, **how):
+    """np.zeros_like, sooner than by numpy's own way."""
+    return np.zeros_like(np.asarray(a), *args, **how)
+
+
 def elementwise(sign, many):
     """An operation on so many numbers, as a ufunc of arrays."""
     return np.frompyfunc(lambda *numbers: operation(sign, *numbers), many, 1, identity=None)
@@ -309,7 +314,7 @@ ENTRIES[np.greater_equal] = lambda a, b: ENTRIES[np.less_equal](b, a)
 ARRAYS = {"d": Ordered, "O": Symbols}  # by the character that numpy has for what is in them
 NO_NUMBERS = np.zeros(0)
 ADDING = {np.linalg.norm: norm, np.linalg.solve: solve, np.dot: lambda a, b: ordered(a).dot(b)}
-ADDING |= {np.sum: add_up}
+ADDING |= {np.sum: add_up, np.zeros_like: zeros_like}
 OWN = ADDING | {np.where: where}
 OWN |= {np.zeros: lambda shape, dtype=object: np.zeros(shape, dtype)}  # np.zeros(shape, like=q)
 OWN |= {np.nan_to_num: refusal("np.nan_to_num cannot be compiled")}  # numpy's overlooks symbols
