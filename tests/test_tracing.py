@@ -1,5 +1,6 @@
 """The engine, on functions of all kinds: compiled to Python, machine code and JavaScript."""
 
+import gc
 import math
 import pickle
 import re
@@ -206,6 +207,19 @@ def test_a_product_adds_from_first_to_last_however_many_of_its_terms_are_zero(sh
         for k in range(inner):
             sums += np.multiply.outer(a[:, k], b[k])
         np.testing.assert_array_equal(ordered(a) @ b, sums)
+
+
+def test_pythons_collector_is_off_only_while_a_step_is_compiled():
+    seen = []
+
+    def step(x):
+        seen.append(gc.isenabled())
+        return 0.5 * x
+
+    compiled(step, 10)(np.ones(3))
+    compiled(lambda x: np.sort(x), 10)(np.ones(3))  # which cannot be
+    vmap(step)(np.ones((100, 3)))
+    assert gc.isenabled() and set(seen) == {True, False}  # its own lines, and the traces
 
 
 def test_sums_of_a_single_row_are_no_view_of_it():

@@ -7,7 +7,7 @@ import numpy as np
 from curriculum.common.tracing.compare import Comparisons, check
 from curriculum.common.tracing.plainly import OwnStep, Report, copied, in_range, nan_like, numbers
 from curriculum.common.tracing.steps import CompiledSteps
-from curriculum.common.tracing.tape import Untraceable, current
+from curriculum.common.tracing.tape import Untraceable, collector_off, current
 from curriculum.common.tracing.trace import several
 
 BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
@@ -190,7 +190,8 @@ class Builder:
             raise Untraceable("its arguments keep changing")
         alike = current.alike  # of a block: whether its steps are machine code, once that is known
         chosen = alike[0] if alike else None
-        run = CompiledSteps(self.step, state, self.steps, others=others, machine_code=chosen)
+        with collector_off():
+            run = CompiledSteps(self.step, state, self.steps, others=others, machine_code=chosen)
         if alike == []:
             alike.append(run.machine_code)
         self.report.how = run.how

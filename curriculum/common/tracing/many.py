@@ -4,7 +4,7 @@ import numpy as np
 
 from curriculum.common.tracing.python import COLUMNS, Columns, function_of, source_of
 from curriculum.common.tracing.symbols import ordered
-from curriculum.common.tracing.tape import Untraceable, current
+from curriculum.common.tracing.tape import Untraceable, collector_off, current
 from curriculum.common.tracing.trace import Program, one_or_several, side_by_side, split
 
 BLOCK = 1024  # states that are mapped at once: their columns stay in the cache
@@ -37,8 +37,9 @@ def one_by_one(function, arrays):
 
 def compiled_map(function, live):
     """run(arrays) -> the arrays of vmap, block by block."""
-    program = Program(function, *live)
-    of_columns = function_of(source_of(program, Columns), COLUMNS)
+    with collector_off():
+        program = Program(function, *live)
+        of_columns = function_of(source_of(program, Columns), COLUMNS)
 
     def run(arrays):
         count = len(arrays[0])

@@ -1,5 +1,6 @@
 """A tape: operations in the order in which a function did them, each with a name of its own."""
 
+import gc
 from contextlib import contextmanager
 from threading import local
 from typing import NamedTuple
@@ -45,6 +46,18 @@ def plain(really=True):
         yield
     finally:
         current.plain, current.alike = before
+
+
+@contextmanager
+def collector_off():
+    """A block that makes many objects which stay: Python does not look them through for garbage."""
+    before = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if before:
+            gc.enable()
 
 
 class Op(NamedTuple):
