@@ -247,12 +247,13 @@ def simulate(step_fn, system, force, dt, steps):
     """Take `steps` steps of dt s from q0, v0. Keep and measure every state: the Run."""
     q = system["q0"].copy()
     v = system["v0"].copy()
+    m = system["m"]
     all_q = np.full((steps + 1, *q.shape), np.nan)  # rows stay NaN if you `break` the loop
     all_v = np.full((steps + 1, *v.shape), np.nan)
     all_q[0] = q
     all_v[0] = v
     for i in range(steps):
-        q, v = step_fn(q, v, system["m"], force, dt)
+        q, v = step_fn(q, v, m, force, dt)
         all_q[i + 1] = q
         all_v[i + 1] = v
     return Run(system, all_q, all_v)
@@ -389,8 +390,7 @@ def main(argv=None):
         for name, run in runs.items():
             results[name] = summary(system, run, methods[name], reference)
     print_table(args, runs, results, reference)
-    # --within: which methods and steps would do. Then metrics.json, play.html and a recording.
-    output.write(args, system, runs, results, reference)
+    output.write(args, system, runs, results, reference)  # the answer to --within, and all files
     return 0
 
 
