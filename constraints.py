@@ -15,9 +15,8 @@ from functools import partial
 
 import numpy as np
 
-from curriculum.ch3_4_constraints import mechanics  # rods in loops, scenes, checks, the true motion
-from curriculum.ch3_4_constraints.results import output, table  # what is written and printed
-from curriculum.common import cli, exact, gauss, tracing  # flags, cos and sin, an integrator, speed
+from curriculum.ch3_4_constraints import report, rods  # table and files; scenes, the true motion
+from curriculum.common import cli, exact, tracing  # flags; cos and sin; compiled steps
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
@@ -36,25 +35,25 @@ def build_system(name, rng=0, links=10):
 
     A chain starts at rest along +x, tilted by a small random angle. `rng`: a Generator or a seed.
     """
-    rods = links if name == "chain" else CHAINS.get(name)
-    if rods is None:
-        return mechanics.load_scene(name, GRAVITY, CHAINS)
+    count = links if name == "chain" else CHAINS.get(name)
+    if count is None:
+        return rods.load_scene(name, GRAVITY, CHAINS)
     length = 1.0  # m, of each rod
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
     # The last digits of np.cos and np.sin depend on the processor, and a chain is chaotic.
     along = length * np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
     system = {
-        "q0": np.array([PIVOT + (k + 1) * along for k in range(rods)]),  # (N, 3) m
-        "v0": np.zeros((rods, 3)),  # (N, 3) m/s
-        "m": np.ones((rods, 1)),  # (N, 1) kg: a column, so that force / m divides row by row
-        "pairs": [(k, k - 1) for k in range(rods)],  # a rod (i, j) ties i to j; -1 is PIVOT
-        "lengths": np.full(rods, length),  # (C,) m
+        "q0": np.array([PIVOT + (k + 1) * along for k in range(count)]),  # (N, 3) m
+        "v0": np.zeros((count, 3)),  # (N, 3) m/s
+        "m": np.ones((count, 1)),  # (N, 1) kg: a column, so that force / m divides row by row
+        "pairs": [(k, k - 1) for k in range(count)],  # a rod (i, j) ties i to j; -1 is PIVOT
+        "lengths": np.full(count, length),  # (C,) m
     }
-    return mechanics.check_system(system, PIVOT)  # a checked copy
+    return rods.check_system(system, PIVOT)  # a checked copy
 
 
 def external_force(system, q, v=None):
-    """All forces but the rods', (N, 3) in newtons. Add drag here if you like: energy() omits it."""
+    """All forces but the rods', (N, 3) in newtons. Add drag here if you like: - 0.2 * v."""
     return system["m"] * GRAVITY + system.get("load", 0.0)  # a scene may have a load, (N, 3) in N
 
 
@@ -65,12 +64,13 @@ def external_force(system, q, v=None):
 # is its constraint, . being the dot product. Differentiate twice in time, with d_dot = v_i - v_j:
 #     gdot  = d . d_dot
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
-# Stack v and a of all particles into vectors of 3N numbers. Then all gdot are J v, where J = dg/dq,
-# the Jacobian, has a row per rod: d in the three columns of i, -d in those of j (PIVOT has none), 0
-# elsewhere. With two rods, from PIVOT to particle 0 and on to 1, it is
+# Write the v of all particles below each other, 3N numbers, and so their a. Then gdot = J v. The
+# Jacobian J = dg/dq has a row per rod: d in the three columns of i, -d in those of j (PIVOT has
+# none), 0 elsewhere. With two rods, from PIVOT to particle 0 and on to 1, it is
 #     J = ( d_0     0  )
 #         (-d_1    d_1 )
-# Jdot is J with d_dot in place of d. So, for all rods, the line for gddot reads
+# Jdot is J with d_dot in place of d, so a rod's row of it, times v, is d_dot . (v_i - v_j), that is
+# d_dot . d_dot. For all rods the line for gddot reads
 #     gddot = J a + Jdot v
 # A rod without mass pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j.
 # That is lambda times its row of J; all rods together give J^T lambda. So each rod has one unknown,
@@ -80,9 +80,12 @@ def external_force(system, q, v=None):
 # If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So set gddot = 0, and put in
 # a = M^-1 (f + J^T lambda):
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
-# As many equations as rods, and only lambda is unknown. That is the chapter.
-# Try it: 2 kg pass 1 m below PIVOT at 3 m/s. J = (0, -1, 0), J M^-1 J^T = 1/2, J M^-1 f = 9.81 and
-# Jdot v = 9: lambda = -37.62. J^T lambda is (0, 37.62, 0) N: the weight, 19.62, and m v^2 / L = 18.
+# As many equations as rods, and only lambda is unknown. That is the chapter. Call the matrix
+# A = J M^-1 J^T. For the two rods above, its entry off the diagonal is -d_0 . d_1 / m_0: one rod's
+# pull moves particle 0, an end of the other. So all rods are solved at once.
+# Try it: a particle of 2 kg passes 1 m below PIVOT at 3 m/s. J = (0, -1, 0), J M^-1 J^T = 1/2,
+# J M^-1 f = 9.81 and Jdot v = 9, so lambda = -37.62 N/m, and J^T lambda = (0, 37.62, 0) N: its
+# weight, 19.62 N, and m v^2 / L = 18 N to bend its path.
 def constraint_terms(system, q, v):
     """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
     jac = []  # in each list an entry per rod; stacked at the end
@@ -112,22 +115,36 @@ def anchor(system, j):
 
 
 def solve(system, A, b, v=None):
-    """lambda (C,), with A lambda = b. Rods in a loop can make A singular: v tells how they turn."""
-    if mechanics.has_loop(system):
-        return mechanics.solve_loops(system, A, b, v)
+    """lambda (C,), with A lambda = b."""
+    if rods.has_loop(system):  # A may be singular: see there
+        return rods.solve_loops(system, A, b, v)
     return np.linalg.solve(A, b)
 
 
-# gddot = 0 pulls nothing back: an error in g stays, and one in gdot makes g grow. And steps make
-# errors: semi_implicit goes straight, along the tangent of the rod's circle. In a run that starts
-# at rest every step adds dt^2 |d_dot|^2 / 2 to g, d_dot being the new one; the chapter proves it.
-# So ask that g move like a damped spring (J. Baumgarte, 1972):
+# Why rods drift, under semi_implicit; the others err differently. gddot = 0 never looks at g, and a
+# step is straight: d moves by dt u, u being the new d_dot. Let s = d . u. Then at the end of a step
+#     g has grown by dt s + dt^2 |u|^2 / 2
+#     gdot = (d + dt u) . u = s + dt |u|^2
+# The next solve sees gddot = 0 and Jdot v = |u|^2, and so asks for d . (a_i - a_j) = -|u|^2. In dt
+# that takes dt |u|^2 away from gdot: s is again what it was. If a rod starts at rest, s is 0 and
+# stays 0: each step goes along the tangent and ends outside the circle, and nothing takes that
+# error back. A rod is off by about g / L: after a fall of 1 m, with |u|^2 = 2 * 9.81 * 1 = 19.62
+# m^2/s^2, each step of 5 ms adds 0.245 mm to a rod of 1 m.
+#
+# What pulls it back. Instead of gddot = 0, ask for a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
-# Try g = e^(rt): r^2 + 2 w r + w^2 = (r + w)^2 = 0, so r = -w, twice: e^(-wt) and t e^(-wt) fit.
-# That is critical damping: less damping would overshoot, more would be slower. An error let go dies
-# like (1 + wt) e^(-wt): with w = 20 rad/s 1 % is left after 1/3 s. But each step makes a new error.
-# Once g has settled, semi_implicit has gdot = dt |d_dot|^2 / 2 after a step, and the terms with w
-# cancel at g = -2 gdot / w. So a rod is short by -g / L, 5 mm after a fall from level if dt = 5 ms.
+# Its two terms join the right side of the linear system. Try g = exp(rt): (r + w)^2 = 0, so r = -w.
+# As this root is double, t exp(-wt) is a solution, too. From gdot = 0 on, g is what it was, times
+# (1 + wt) exp(-wt): with w = 20 rad/s, 1 % is left after 1/3 s. Less damping would overshoot, more
+# would take longer.
+#
+# What is left, again under semi_implicit. At constant speed g stays if dt s + dt^2 |u|^2 / 2 = 0:
+# so s = -dt |u|^2 / 2, a little inward, to make up for the straight step. But a force sees gdot as
+# it is at the end of a step, s + dt |u|^2 = +dt |u|^2 / 2. The damper takes it for growth, and
+# pulls, until the rod is so short that the spring pushes out as hard:
+#     w^2 g = -2 w gdot, so g = -dt |u|^2 / w
+# Here that is 5 mm too short. Half the dt or twice the w halves it. But beyond w dt = 0.83 each
+# step overshoots more than the last, and it explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -140,8 +157,10 @@ def constraint_force(system, q, v, w=0.0):
     return (jac.T @ lam).reshape(q.shape)
 
 
+# This is the seam: an integrator wants force(q, v), and need not know that rods are in it. For rk4,
+# which asks for four forces a step, the rods are solved for four times.
 def make_force(system, w=0.0):
-    """force(q, v), (N, 3) in newtons: all that an integrator sees. RK4 calls it four times."""
+    """force(q, v), (N, 3) in newtons: all other forces and the rods'. `w` in rad/s."""
 
     def force(q, v):
         return external_force(system, q, v) + constraint_force(system, q, v, w)
@@ -185,7 +204,6 @@ INTEGRATORS = {
     "euler": euler_step,
     "semi_implicit": semi_implicit_step,
     "rk4": rk4_step,
-    "gauss": gauss.make_gauss(8),  # order 16: to measure the others by; it is not derived here
 }
 
 
@@ -197,7 +215,8 @@ def energy(system, q, v):
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    force = system["m"] * GRAVITY + system.get("load", 0.0)  # without drag: it has no potential
+    # Without drag, which has no potential. If you add a spring, add its energy.
+    force = system["m"] * GRAVITY + system.get("load", 0.0)
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
 
@@ -220,31 +239,25 @@ def constraint_violation(system, q):
 def tensions(system, q, v, force):
     """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
 
-    Any method's force(q, v) hides its lambda: the rods' part of it is J^T lambda. If rods are
-    redundant many lambda fit, and this takes the smallest. What a post_step does is not counted.
+    `force` is any method's. What it adds to external_force is J^T lambda: find that lambda.
     """
     jac, _, _, _ = constraint_terms(system, q, v)
-    rods_force = force(q, v) - external_force(system, q, v)
-    lam = mechanics.least_squares(jac.T, rods_force.ravel())
-    return -lam[: len(system["pairs"])] * rod_lengths(system, q)  # J may end with rows of yours
-
-
-class Run:
-    """All states of a run, and what is measured in them: `tip, violations, energies = run`."""
-
-    def __init__(self, system, q, v):
-        self.q = q  # (steps + 1, N, 3), in m
-        self.v = v  # (steps + 1, N, 3), in m/s
-        self.tip = q[:, -1]  # (steps + 1, 3): the path of the last particle, in m
-        self.violations = constraint_violation(system, q)  # (steps + 1,), in m
-        self.energies = energy(system, q, v)  # (steps + 1,), in joules
-
-    def __iter__(self):
-        return iter((self.tip, self.violations, self.energies))
+    everything = force(q, v).ravel()
+    others = external_force(system, q, v).ravel()
+    lam = rods.least_squares(jac.T, everything, others)  # J^T lambda = everything - others
+    lengths = rod_lengths(system, q)
+    return -lam[: len(lengths)] * lengths  # the rods' alone, if you add rows to J
 
 
 def simulate(step_fn, system, force, dt, steps):
-    """Take `steps` steps of dt s from q0, v0. Keep and measure every state: the Run."""
+    """Run, and measure every state: where the last particle is, (steps + 1, 3) in m, the worst rod
+    error, (steps + 1,) in m, and the energy, (steps + 1,) in joules."""
+    q, v = trajectory(step_fn, system, force, dt, steps)
+    return q[:, -1], constraint_violation(system, q), energy(system, q, v)
+
+
+def trajectory(step_fn, system, force, dt, steps):
+    """All states of `steps` steps of dt s from q0, v0: (steps + 1, N, 3) in m and in m/s."""
     q = system["q0"].copy()
     v = system["v0"].copy()
     m = system["m"]
@@ -256,14 +269,16 @@ def simulate(step_fn, system, force, dt, steps):
         q, v = step_fn(q, v, m, force, dt)
         all_q[i + 1] = q
         all_v[i + 1] = v
-    return Run(system, all_q, all_v)
+    return all_q, all_v
 
 
 # --- endregion ---
 # --- region: methods ---
-# A method makes force(q, v), and it may do something after each step.
-# Game engines, and MuJoCo for a tendon, treat J as constant during a step: they leave Jdot v out.
-# They may also let a rod yield, in proportion to lambda. They ask for
+# A second sitting: how engines hold rods. You have two ways, w = 0 and w > 0, and `none` and
+# `baumgarte` are their names. Here are three more. All five are one table, make_methods.
+# Game engines, and MuJoCo for the lengths of its tendons, take J as constant during a step: they
+# leave Jdot v out. So a rod bends a path only once it is off: g or gdot has to supply |d_dot|^2.
+# They may also make a rod soft, so that it gives way in proportion to lambda:
 #     J a = -damping gdot - stiffness g - R lambda
 # where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
@@ -283,22 +298,23 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
     return force
 
 
-# project puts the end of a step back onto the rods. semi_implicit pulls along the rods as they were
-# at the start: J_start. The correction does, too: q moves by -M^-1 J_start^T mu, with mu such that
-# g = 0. As dg/dmu = -J M^-1 J_start^T, a round of Newton's method is
+# project puts the end of a step back onto the rods. semi_implicit has pulled along the rods as they
+# were at the start, J_start. The correction moves q along the same lines, by -M^-1 J_start^T mu,
+# with mu such that g = 0. A round of Newton's method moves mu by dmu, and so g by about
+# -J M^-1 J_start^T dmu, which is to be -g:
 #     J M^-1 J_start^T dmu = g
 # A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
-# would change a rod's length:
+# would change a rod's length. For v, nu does what lambda does for a:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
     """Move q, v (N, 3), the end of a step from q_start, back to where g = 0 and J v = 0.
 
-    SHAKE moves q like this (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977) 327). RATTLE corrects
-    v, too (H. Andersen, ibid. 52 (1983) 24).
+    SHAKE moves q like this, a rod at a time (J.-P. Ryckaert et al., J. Comput. Phys. 23 (1977)
+    327). RATTLE corrects v, too (H. Andersen, ibid. 52 (1983) 24).
     """
     m = np.repeat(system["m"], 3)
     jac_start, _, _, _ = constraint_terms(system, q_start, v)  # J does not depend on v
-    tolerance = mechanics.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
+    tolerance = rods.tolerance(system, q_start, len(jac_start))  # of g: about 1e-12 L^2
 
     def is_off(q):
         _, g, _, _ = constraint_terms(system, q, v)
@@ -318,26 +334,37 @@ def project(system, q_start, q, v, dt):
 
 
 class Method:
-    """How to hold the rods. Add yours to make_methods: table and page will show it."""
+    """How to hold the rods: a force, and what is done after each step, if anything is.
+
+    Add yours to make_methods: table, answer, page and recording will have it.
+    """
 
     def __init__(self, make_force, words, post_step=None, integrator=None):
         self.make_force = make_force  # system -> force(q, v)
         self.words = words  # what it does
         self.post_step = post_step  # (system, q_start, q, v, dt) -> (q, v), after each step
-        self.integrator = integrator  # the only one it works with, if there is one
+        self.integrator = integrator  # the only one that it works with, if there is one
+
+    def fits(self, integrator):
+        """Whether it works with the integrator of that name."""
+        return self.integrator in (None, integrator)
 
 
 def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     """The methods by name. `dt` and `time_constant`, tau, in s; `baumgarte` in rad/s."""
-    # impulse, a force times dt (E. Catto, GDC 2005): semi_implicit takes g to g + dt J v_next, plus
-    # dt^2 |d_dot|^2 / 2, which is dropped. Set the rest to 0: J v_next = -g/dt.
-    # As v_next = v + dt a and J v = gdot, that is J a = -gdot/dt - g/dt^2.
+    # impulse (E. Catto, GDC 2005) looks one step ahead. semi_implicit makes
+    #     new g = g + dt J v_next + dt^2 |d_dot|^2 / 2
+    # Drop the last term, and ask for new g = 0: J v_next = -g/dt. As v_next = v + dt a, that is
+    #     J a = -gdot/dt - g/dt^2
+    # What was dropped stays, and does not add up: 0.245 mm at 4.4 m/s. (Engines take back a part of
+    # g only, and sweep over the rods instead of solving for all.)
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's, with a fixed impedance p. For one rod A + R = A / p, so J a is p times what
-    # is asked plus 1 - p times what f alone gives: -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f.
-    # At rest a 1 m pendulum is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too long. Fallen from level, in
-    # semi_implicit, it is 6 mm too long, as Jdot v is left out.
+    # soft is MuJoCo's rule, with a fixed impedance p; p = 1 is a hard rod. One rod has A + R = A/p:
+    #     J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f
+    # Hanging at rest, J a and gdot are 0, and a rod of 1 m is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too
+    # long. Swinging at 4.4 m/s, if g stays, J a is -|d_dot|^2, and gdot dt |d_dot|^2 / 2 as under
+    # baumgarte. So g is tau^2 |d_dot|^2 - tau dt |d_dot|^2, and a rod of 1 m 8 mm - 2 mm too long.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -369,102 +396,138 @@ def stabilized(step_fn, system, method):
 
 # --- endregion ---
 # --- region: report ---
-# A run by hand, with one method:
+# The whole comparison, by hand:
 #     system = build_system("double")
-#     run = simulate(semi_implicit_step, system, make_force(system, w=20.0), dt=0.005, steps=4000)
-#     print(f"rods off by {run.violations.max():.4f} m")
-def main(argv=None):
-    """Run each method, in compiled steps, print what became of the rods, and write it to files."""
-    args, system = parse_args(argv)
-    print(f"ch3.4 constraints | device {args.device}")
-    methods = make_methods(args.dt, **args.knobs)
-    runs = {}
-    results = {}
-    with tracing.plain(args.plain):  # compiles nothing, if so asked
-        for name in cli.progress(args.methods):
-            run = run_method(system, name, args.integrator, args.dt, args.steps, **args.knobs)
-            runs[name] = run
-        # Rods can be right, the path wrong. So compare places with the true motion: gauss with
-        # project, in steps so short that shorter ones change nothing, before chaos has spread.
-        reference = mechanics.find_reference(system, make_force(system), project, runs.values())
-        for name, run in runs.items():
-            results[name] = summary(system, run, methods[name], reference)
-    print_table(args, runs, results, reference)
-    output.write(args, system, runs, results, reference)  # the answer to --within, and all files
-    return 0
-
-
+#     for name, method in make_methods(dt=0.005).items():
+#         step_fn = stabilized(semi_implicit_step, system, method)
+#         force = method.make_force(system)
+#         _, violations, energies = simulate(step_fn, system, force, dt=0.005, steps=4000)
+#         print(f"{name:10} {violations.max():.1e} m  {energies[-1] - energies[0]:+.2f} J")
+# Below, the same with more that is measured. A comment beside a call of `rods` or `report` says
+# what it does.
 def run_method(system, name, integrator, dt, steps, **knobs):
-    """Run a method, by name: run_method(build_system("double"), "soft", "rk4", 0.005, 4000)."""
-    system = mechanics.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
+    """Run a method, by name: run_method(build_system("double"), "soft", "rk4", 0.005, 4000).
+
+    Its Run has all states, `q` and `v`, and what is measured in them: `violations`, `energies`.
+    """
+    system = rods.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
     method = make_methods(dt, **knobs)[name]
-    if method.integrator not in (None, integrator):
+    if not method.fits(integrator):
         raise ValueError(f"{name} is not made for {integrator}")
+    force = method.make_force(system)
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
-    step_fn = tracing.compiled(step_fn, steps)  # the same numbers, but faster
-    run = simulate(step_fn, system, method.make_force(system), dt, steps)
-    # An Outcome is cut where the run failed, or was `lost`. It knows `pace`, us, and `operations`.
-    return mechanics.Outcome(run, system, dt, step_fn, GRAVITY)
+    step_fn = rods.FastStep(step_fn, steps, system, external_force)  # the same numbers, but faster
+    q, v = trajectory(step_fn, system, force, dt, steps)
+    return rods.Run(step_fn, force, dt, q, v, constraint_violation(system, q), energy(system, q, v))
 
 
-def summary(system, run, method, reference):
-    """What metrics.json says about a run."""
-    pull = partial(tensions, system, force=method.make_force(system))
-    pulls = tracing.vmap(pull)(run.q, run.v)  # (steps + 1, C) in N: pull(q, v) of all states
-    m_g_L = mechanics.m_g_L(system, GRAVITY)  # joules: all masses times g times all rods
+def summary(system, run, method, truth):
+    """What table and metrics.json say about a run; None is what is not known."""
+    force = method.make_force(system)
+    scale = rods.energy_scale(system, GRAVITY)  # J: all masses times g times all rods, or more
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
-        "conserves": mechanics.conserves(system, external_force, energy),  # not with drag
-        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / m_g_L,
-        **table.largest_force(pulls),  # tension_max in N, and by how much it may be larger
-        "operations": run.operations,
+        "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / scale,
+        # N: the largest of all that `tensions` finds in the states of the run
+        "tension_max": rods.largest_force(system, run, tensions, force, external_force),
+        "error": truth.error(run.q),  # m, of the worst particle, when places are compared
         "tip_final": run.tip[-1].tolist(),  # m
-        "error": reference.error(run.q),  # m, of the worst particle, at the reference's time
-        "stopped": run.stopped,  # when and why, if it ended early
     }
 
 
-def print_table(args, runs, results, reference):
-    """Print a row for each method. A new column: a key in summary, a heading and a line here."""
-    table.title(args, runs)  # what was run, and how
-    print("\n               rods off by      energy off    largest   places off    a step")
-    print(f"method         worst    at end    of m g L   force, N{reference.at:>13}        us")
-    for name, row in results.items():
-        run = runs[name]
-        if run.lost:  # it failed or diverged
-            table.say(f"{name:12}{run.lost}")
-            continue
-        star = "*" if table.doubts(row, run) else ""  # a note says why
-        print(
-            f"{name + star:12}"
-            f"{table.length(row['max_violation']):>8}"  # 0.384 m is "38 cm"
-            f"{table.length(row['final_violation']):>10}"
-            f"{table.energy(row):>12}"  # "-" where it need not stay
-            f"{table.force(row):>11}"  # "over 450", if it may be larger between steps
-            f"{table.error(row['error'], reference):>13}"  # no finer than the reference
-            f"{run.pace:>10.3g}"
-        )
-    table.notes(args, runs, results, reference, INTEGRATORS[args.integrator])  # what * and - mean
+def columns(run, row, truth):
+    """What the table shows of a run: a head in two lines, and words. A new column is a line here.
+
+    What it shows is a key in summary, and so it is in metrics.json, too.
+    """
+    return [
+        ("rods off", "at worst", report.length(row["max_violation"])),  # 0.384 m is "38 cm"
+        ("rods off", "at end", report.length(row["final_violation"])),
+        ("energy off", "at worst", report.energy(row)),  # "-" where it need not stay
+        ("largest force", "at steps, N", report.force(row)),
+        ("places off", truth.at, report.distance(row["error"], truth)),  # as well as truth is known
+        ("a step", "us", f"{run.pace:.3g}"),
+    ]
+
+
+def main(argv=None):
+    """Run each method, print what became of the rods, and write it to files."""
+    asked = parse_args(argv)
+    print(f"ch3.4 constraints | device {asked.device}")
+    chapter = this_chapter()
+    methods = make_methods(asked.dt, **asked.knobs)
+    settings = asked.integrator, asked.dt, asked.steps
+    runs = {}
+    results = {}
+    shown = {}
+    answer = None
+    with tracing.plain(asked.plain):  # compiles nothing, if so asked
+        for name in cli.progress(asked.methods):
+            runs[name] = run_method(asked.system, name, *settings, **asked.knobs)
+        # Rods can be right and the path wrong. So compare places with the true motion: that of a
+        # far better integrator, whose steps are shortened until two of its runs agree. After 2 s:
+        # later it is soon chaos that decides where the particles are, and no longer the method.
+        truth = rods.find_truth(chapter, asked.system, runs.values())
+        for name, run in runs.items():
+            row = summary(asked.system, run, methods[name], truth)
+            results[name] = report.completed(chapter, asked.system, run, row)  # for the files
+            shown[name] = columns(run, results[name], truth)
+        report.print_table(asked, runs, shown)
+        report.print_notes(asked, runs, results, truth, INTEGRATORS[asked.integrator])  # what - is
+        report.print_verdict(runs, results)  # does baumgarte hold the rods three times as well?
+        if asked.within:  # which integrator, method and step keep all errors below that?
+            answer = report.find_answer(chapter, asked, runs, truth)
+            report.print_answer(asked, answer)
+    report.write_files(chapter, asked, runs, results, truth, answer)
+    return 0
+
+
+# --- endregion ---
+# --- region: flags ---
+def choose(system, within, dt=0.005, steps=4000, **knobs):
+    """The answer to --within: which integrator, method and step are right to `within` m.
+
+    It has a `verdict` and `rows`, one for each integrator, whose `rung` has the scheme and its dt.
+    """
+    system = rods.check_run(system, PIVOT, dt, steps, external_force)
+    return rods.choose(this_chapter(), system, within, dt, steps, knobs)
+
+
+def this_chapter():
+    """What answer, page and recording take from this file, as you have edited it."""
+    return rods.Chapter(
+        gravity=GRAVITY,
+        integrators=INTEGRATORS,
+        make_methods=make_methods,
+        stabilized=stabilized,
+        external_force=external_force,
+        make_force=make_force,
+        project=project,
+        energy=energy,
+        rod_lengths=rod_lengths,
+        constraint_violation=constraint_violation,
+        tensions=tensions,
+    )
 
 
 def parse_args(argv=None):
-    """Parse the flags and build the system they ask for."""
+    """Parse the flags, and build the system they ask for: a Request."""
     parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")
     add = parser.add_argument
-    known = [*CHAINS, "chain", *mechanics.SHIPPED]
+    known = [*CHAINS, "chain", *rods.SHIPPED]
     every = make_methods()
     words = "; ".join(f"{name} {method.words}" for name, method in every.items())
-    add("--system", default="double", help=f"{', '.join(known)}, or the file of a scene")
+    add("--system", default="double", help=f"{', '.join(known)}, or a scene's file")
     add("--links", type=cli.whole(1, 300), default=10, help="how many rods --system chain has")
     add("--seed", type=cli.whole(0), default=0, help="tilts the start, within 0.05 rad of level")
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
     add("--stabilization", choices=["all", *every], default="all", help=words)
     add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too high, it explodes")
     add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
-    add("--dt", type=cli.positive, default=0.005, help="one step in s: halve it, see what halves")
+    add("--dt", type=cli.seconds, default=0.005, help="one step in s: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift adds up")
-    add("--within", type=cli.length, help="find the cheapest settings right to 1mm, 1um, ...")
+    add("--within", type=cli.length, help="find the cheapest scheme that is right to 1mm, 1um, ...")
     add("--smoke", action="store_true", help=f"{SMOKE_STEPS} steps, for CI")
     add("--plain", action="store_true", help="compile nothing: print() and breakpoint() anywhere")
     add("--device", choices=["cpu"], default="cpu", help="the only choice")
@@ -473,14 +536,11 @@ def parse_args(argv=None):
     add("--out", type=cli.folder, default="outputs/ch3.4-constraints", help="where to write")
     args = parser.parse_args(argv)
     args.steps = SMOKE_STEPS if args.smoke else args.steps
-    args.this_file = globals()  # with your edits: play.html runs its functions
-    args.knobs = {"baumgarte": args.baumgarte, "time_constant": args.time_constant}
+    knobs = {"baumgarte": args.baumgarte, "time_constant": args.time_constant}
     with parser.errors("argument --system: "):
         system = build_system(args.system, args.seed, args.links)
     with parser.errors():
-        args.methods, args.left_out = output.methods_of(args, every)
-        output.check(args, system)
-    return args, system
+        return report.request(args, system, every, knobs)
 
 
 command = partial(cli.run_script, main)  # for the entry point in pyproject.toml

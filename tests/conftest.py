@@ -5,16 +5,17 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 import constraints
-from curriculum.ch3_4_constraints.results import output
+from curriculum.ch3_4_constraints.report import files
 
 ROOT = Path(__file__).resolve().parents[1]
 BARE = "--no-rerun", "--no-page"
-FILES = {output.METRICS, output.PAGE, output.RECORDING}
+FILES = {files.METRICS, files.PAGE, files.RECORDING}
 UNIX = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals and files")
 SCREENS = [({"width": 1100, "height": 820}, "light"), ({"width": 390, "height": 844}, "dark")]
 
@@ -28,6 +29,24 @@ def python(*words, variables=None):
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+# Of constraints.py, what edits replace
+FORCE = 'return system["m"] * GRAVITY + system.get("load", 0.0)'
+BEGIN = "    for i in range(steps):\n"
+STEP = "        q, v = step_fn(q, v, m, force, dt)\n"
+KEEP = "        all_q[i + 1] = q\n        all_v[i + 1] = v\n"
+
+
+def edited(*changes):
+    """constraints.py as a module, with lines changed: (old, new), where the old ones stand once."""
+    source = (ROOT / "constraints.py").read_text(encoding="utf-8")
+    for old, new in changes:
+        assert source.count(old) == 1, old
+        source = source.replace(old, new)
+    module = ModuleType("edited")
+    exec(compile(source, "edited.py", "exec"), vars(module))
+    return module
 
 
 @pytest.fixture

@@ -14,6 +14,11 @@ def incidence_and_rods(system):
     return incidence, incidence @ points
 
 
+def weight(system):
+    """Gravity and load, (N, 3) in N."""
+    return system["m"] * GRAVITY + system.get("load", 0.0)
+
+
 def acceleration(system, f, use_jdotv=1.0, damping=0.0, stiffness=0.0, regularization=0.0):
     """a (N, 3) that meets what is asked and is nearest, weighed with masses, to the free f / m.
 
@@ -34,17 +39,30 @@ def acceleration(system, f, use_jdotv=1.0, damping=0.0, stiffness=0.0, regulariz
     return f / system["m"] + held.reshape(n, 3) / root
 
 
-def motion(system, seconds):
-    """Where the particles are after so many seconds under gravity and their load, (N, 3)."""
+def smallest_pulls(system, force):
+    """The pulls (C,) in N of rods whose force is (N, 3).
+
+    Of those that fit, the ones whose forces on particles, squared and summed, are least.
+    """
+    incidence, d = incidence_and_rods(system)
+    d = d / np.linalg.norm(d, axis=1)[:, None]
+    rows = np.einsum("kn,kx->knx", incidence[:, : len(force)], d).reshape(len(d), -1)
+    ends = np.linalg.norm(rows, axis=1)  # the root of how many particles it pulls at: 1 or 2
+    return -np.linalg.lstsq((rows / ends[:, None]).T, np.ravel(force), rcond=1e-6)[0] / ends
+
+
+def motion(system, times, others=lambda q, v: 0.0):
+    """Where the particles are at these times in s, (T, N, 3), as others(q, v) in N acts, too."""
     integrate = pytest.importorskip("scipy.integrate", reason="scipy is not installed")
     shape = (2, *system["q0"].shape)
-    pull = system["m"] * GRAVITY + system.get("load", 0.0)
 
     def rate(t, y):
         q, v = y.reshape(shape)
-        return np.ravel([v, acceleration(system | {"q0": q, "v0": v}, pull)])
+        return np.ravel(
+            [v, acceleration(system | {"q0": q, "v0": v}, weight(system) + others(q, v))]
+        )
 
     start = np.ravel([system["q0"], system["v0"]])
-    settings = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
-    found = integrate.solve_ivp(rate, (0.0, seconds), start, **settings)
-    return found.y[:, -1].reshape(shape)[0]
+    settings = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15, "t_eval": times}
+    found = integrate.solve_ivp(rate, (0.0, times[-1]), start, **settings)
+    return found.y.T.reshape(-1, *shape)[:, 0]

@@ -1,5 +1,7 @@
 """Exercises: answers are right, mistakes are not, and a blank says where it is."""
 
+import re
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -12,7 +14,9 @@ from curriculum.ch3_4_constraints.exercises import checks
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 
 PACKAGE = "curriculum.ch3_4_constraints.exercises"
-NAMES = sorted(path.stem for path in Path(checks.__file__).parent.glob("ex*.py"))
+FOLDER = Path(checks.__file__).parents[1]
+NAMES = sorted(path.stem for path in FOLDER.glob("exercises/ex*.py"))
+PLAN = (FOLDER / "teaching.md").read_text(encoding="utf-8")
 CHECKS = {name: getattr(checks, name.partition("_")[2]) for name in NAMES}
 MISTAKES = [
     ("ex1_drift", "guess", lambda: {"rod": "grows", "factor": 16}),
@@ -23,11 +27,16 @@ MISTAKES = [
     ("ex2_solve", "target", lambda g, gdot, w: -w * gdot - w**2 * g),
     ("ex3_chaos", "guess", lambda: {1e-12: 27.2, 1e-24: 60.0}),
     ("ex3_chaos", "guess", lambda: {1e-12: 34.4, 1e-24: 120.0}),
-    ("ex4_cliff", "guess", lambda: ["semi_implicit", "euler"]),
-    ("ex4_cliff", "guess", lambda: "semi_implicit"),
+    ("ex4_cliff", "guess", lambda: dict.fromkeys(("euler", "semi_implicit", "rk4"), "earlier")),
+    ("ex4_cliff", "guess", lambda: dict.fromkeys(("euler", "semi_implicit", "rk4"), "later")),
     ("ex4_cliff", "step_matrix", lambda step_fn, z: np.array([[0.0, 1.0], [-(z**2), -z]])),
     ("ex5_xpbd", "substep", lambda system, q, v, h: (xpbd_step(system, q, v, h)[0], v)),
     ("ex5_xpbd", "substep", lambda system, q, v, h: xpbd_step(system, q + h * v, v, h)),
+]
+RIGHT = [  # though others than the solutions
+    ("ex1_drift", "guess", lambda: {"rod": "shrinks", "factor": 15}),
+    ("ex1_drift", "expected_g", lambda speeds, dt: 0.5 * np.sum((dt * speeds) ** 2) + 1e-8),
+    ("ex3_chaos", "guess", lambda: {1e-12: 34.0, 1e-24: 75.0}),
 ]
 
 
@@ -47,55 +56,94 @@ def test_a_flag_that_an_exercise_does_not_have_is_refused_in_a_line():
     assert "ex1_drift.py: error: " in done.stderr and "--sloved" in done.stderr
 
 
+MAINS = {name: cache(import_module(f"{PACKAGE}.{name}").main) for name in NAMES}
+
+
 @pytest.fixture
-def solved(monkeypatch):
-    """solved(name): the module of an exercise, with the answers in place of its blanks."""
+def solved():
+    """solved(name): the module of an exercise, with the answers in place of its blanks.
+
+    Its main runs once in all tests: no answer that is wrong gets so far, but for guesses.
+    """
+    filled = []  # [(module, what it was)]
 
     def fill(name):
         exercise = import_module(f"{PACKAGE}.{name}")
-        for key, answer in vars(import_module(f"{PACKAGE}.solutions.{name}")).items():
-            if key[0] != "_":
-                monkeypatch.setattr(exercise, key, answer, raising=False)
+        filled.append((exercise, {**vars(exercise)}))
+        checks.fill_in(exercise)
+        exercise.main = MAINS[name]
         return exercise
 
-    return fill
+    yield fill
+    for exercise, before in filled:
+        vars(exercise).update(before)
+
+
+@pytest.fixture
+def line(capsys):
+    """line(exercise): the last line of what its check prints, if all is right."""
+
+    def last(exercise):
+        assert checks.verdict(CHECKS[Path(exercise.__file__).stem], exercise) == 0
+        return capsys.readouterr().out.splitlines()[-1]
+
+    return last
 
 
 @pytest.mark.parametrize("name", CHECKS)
-def test_the_answers_are_right(name, solved, capsys):
-    assert checks.verdict(CHECKS[name], solved(name)) == 0
-    assert capsys.readouterr().out.endswith("\nsolved\n")
+def test_the_answers_are_right_and_the_last_line_says_what_is_solved(name, solved, line):
+    last = line(solved(name))
+    said, what, figure, code = last.split()
+    assert (said, what) == ("solved", name)
+    assert float(figure) > 0.0 and len(bytes.fromhex(code)) == 4
+    (wanted,) = re.findall('grep -rhoE "([^"]+)"', PLAN)  # how a teacher collects it
+    assert re.fullmatch(wanted, last) and PLAN.count(f"`solved {name} ") == PLAN.count(last)
+
+
+@pytest.mark.parametrize(("name", "blank", "answer"), RIGHT)
+def test_everybody_who_is_right_has_the_same_line(name, blank, answer, solved, monkeypatch, line):
+    exercise = solved(name)
+    usual = line(exercise)
+    monkeypatch.setattr(exercise, blank, answer)
+    assert line(exercise) == usual
+
+
+def test_under_a_drag_of_ones_own_the_solution_is_right_and_the_line_another(
+    solved, monkeypatch, line
+):
+    exercise = solved("ex2_solve")
+    usual = line(exercise)
+    monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
+    assert line(exercise) != usual
+
+
+def test_an_integrator_of_ones_own_changes_no_exercise(solved, monkeypatch, line):
+    exercise = solved("ex4_cliff")
+    usual = line(exercise)
+    monkeypatch.setitem(c.INTEGRATORS, "mine", lambda q, v, m, force, dt: (q, v))
+    monkeypatch.setattr(exercise, "main", MAINS["ex4_cliff"].__wrapped__)
+    assert line(exercise) == usual
+
+
+def test_the_teachers_plan_is_ninety_minutes_of_figures_and_exercises_that_there_are():
+    chapter = (FOLDER / "README.md").read_text(encoding="utf-8")
+    begins = [int(minute) for minute in re.findall(r"^\*\*Minute (\d+):", PLAN, re.M)]
+    assert begins == list(range(0, 90, 10))
+    addresses = re.findall(r"chapter\.html#figure=(\w+)", PLAN)
+    assert {*addresses} <= {*re.findall(r"\(pictures/(\w+)\.svg\)", chapter)}
+    rows = {row[0]: row[2] for row in re.findall(r"^\| (\d)( [^|]+)\| (\d+) \|", PLAN, re.M)}
+    assert len(rows) == len(NAMES)
+    for name in NAMES:
+        about = import_module(f"{PACKAGE}.{name}").__doc__
+        assert f"({rows[name[2]]} minutes)" in about
 
 
 def test_a_launch_angle_that_is_higher_is_higher():
-    level = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
-    turned = import_module(f"{PACKAGE}.ex3_chaos").turned(level, 0.5)
-    assert np.allclose(turned["q0"], [[np.cos(0.5), np.sin(0.5), 0.0]])
-
-
-def test_a_solution_is_right_under_a_drag_of_ones_own(solved, monkeypatch, capsys):
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: system["m"] * c.GRAVITY - v)
-    assert checks.verdict(checks.solve, solved("ex2_solve")) == 0
-    assert capsys.readouterr().out.endswith("\nsolved\n")
-
-
-def test_xpbd_keeps_the_length_of_a_free_rod_and_the_momentum_of_its_ends():
-    chain = checks.random_chain(np.random.default_rng(0), 2)
-    m = chain["m"]
-    rod = chain | {"pairs": [(1, 0)], "lengths": chain["lengths"][1:]}
-    q, v = xpbd_step(rod, rod["q0"], rod["v0"], 0.01)
-    assert np.allclose(c.rod_lengths(rod, q), rod["lengths"], rtol=1e-14)
-    assert np.allclose(np.sum(m * v, axis=0), np.sum(m * (rod["v0"] + 0.01 * c.GRAVITY), axis=0))
-
-
-def test_sub_steps_of_xpbd_are_so_many_short_steps():
-    chain = checks.random_chain(np.random.default_rng(0), 3)
-    q = chain["q0"]
-    v = chain["v0"]
-    at_once = xpbd_step(chain, q, v, 0.03, substeps=3)
-    for _ in range(3):
-        q, v = xpbd_step(chain, q, v, 0.01)
-    assert np.allclose(at_once, (q, v), rtol=0.0, atol=1e-12)
+    turned = import_module(f"{PACKAGE}.ex3_chaos").turned
+    up = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
+    for angle in 0.5, 1.0, 1.5:
+        up = turned(up, 0.5)
+        assert np.allclose(up["q0"], [[np.cos(angle), np.sin(angle), 0.0]])
 
 
 @pytest.mark.parametrize(("name", "blank", "mistake"), MISTAKES)

@@ -1,5 +1,6 @@
 """Scenes: a mistake is named by field, index and what is allowed; what must break is refused."""
 
+import json
 import math
 import os
 import re
@@ -10,44 +11,50 @@ import pytest
 from conftest import UNIX
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import scenes
-from curriculum.ch3_4_constraints.mechanics.scenes import LARGEST, MOST_ENTRIES, parse_scene
-from curriculum.ch3_4_constraints.mechanics.statics import refusal
-from curriculum.ch3_4_constraints.mechanics.systems import SceneError, check_system
-from curriculum.ch3_4_constraints.pages import page
+from curriculum.ch3_4_constraints.page import play
+from curriculum.ch3_4_constraints.rods import scenes
+from curriculum.ch3_4_constraints.rods.scenes import LARGEST, MOST_ENTRIES, parse_scene
+from curriculum.ch3_4_constraints.rods.statics import refusal
+from curriculum.ch3_4_constraints.rods.systems import check_system, is_flat, rod_parts
+from curriculum.common.errors import Refused
 
 GOOD = """{"anchors": [[0, 0, 0]],
  "particles": [{"position": [1, 0, 0], "velocity": [0, 0, 0], "mass": 2}, {"position": [2, 0, 0]}],
  "rods": [{"pair": [0, -1]}, {"pair": [1, 0], "length": 1.0000001}]}"""
-ENDS = "; must be a particle 0..1, then another or an anchor -1, -2, ... (1 in all)"
-
-WRONG = [  # what stands there, what is put there, and what is said of it
-    ("}]}", '}], "about": "\\ud800"}', r'about is "\ud800"; must be text in characters'),
-    ("}]}", '}], "by": 1}', 'a key of the file is "by"; must be one of about, anchors'),
-    ("[2, 0, 0]}", "[2, 0, 0]}" + MOST_ENTRIES * ", {}", "; must be a list of 1 to 1000 entries"),
-    ("[2, 0,", 41 * "[" + "2" + 40 * "]" + ", 0,", "particles[1].position is [[[[[["),
-    (": 2}", ": " + 40 * "[" + "2" + 40 * "]" + "}", "the shape of particles[0].mass is [1, 1, 1"),
-    ("[2, 0,", "[NaN, 0,", "particles[1].position is [NaN, 0, 0]; must be three finite numbers"),
-    ('y": [0,', 'y": [true,', "particles[0].velocity is [true, 0, 0]; must be three finite"),
-    ('y": [0,', 'y": [1e-5,', "stretch rods[0] at 1e-05 m/s; must be 0, for a rod can only turn"),
-    (": 2}", ': 2, "load": [0, 1]}', "particles[0].load is [0, 1]; must be three finite numbers"),
-    (": 2}", ': 2, "load": [0, 1, Infinity]}', "particles[0].load is [0, 1, Infinity]; must be"),
-    (": 2}", ': 2, "load": [0, 1, 1e12]}', "[0, 1, 1000000000000.0]; must be three finite numbers"),
-    (": 2}", ': 2, "load": 40}', "particles[0].load is 40; must be three finite numbers [x, y, z]"),
-    (": 2}", ": 0}", "particles[0].mass is 0; must be a finite number of kilograms > 0"),
-    ("[1, 0],", "[2, 0],", "rods[1].pair is [2, 0]" + ENDS),
-    ("[1, 0],", "[0, -1],", "rods[1].pair is [0, -1]; must be given once; rods[0] ties the same"),
-    ("1.0000001", "1.00001", "must be 1 m, to 0.0001 %; that is how far apart its ends are"),
-    (": [1, 0, 0]", ": [0, 0, 0]", "rods[0].pair is [0, -1]; must be two points apart"),
-    ("[[0, 0, 0]]", "[]", "rods[0].pair is [0, -1]" + ENDS.replace("1 in all", "0 in all")),
+POSITION, LOAD, PAIR = "particles[1].position", "particles[0].load", "rods[1].pair"
+WRONG = [  # what stands there, what is put there, and what is named: a field, and what it is
+    ("}]}", '}], "about": "\\ud800"}', "about", r'"\ud800"'),
+    ("}]}", '}], "by": 1}', "a key of the file", '"by"'),
+    ("}]}", '}], "rods": []}', "a key", '"rods"'),
+    ("[2, 0, 0]}", "[2, 0, 0]}" + MOST_ENTRIES * ", {}", "particles", "1000 entries"),
+    ("[2, 0,", 41 * "[" + "2" + 40 * "]" + ", 0,", POSITION, "[[[[[["),
+    ("[2, 0,", "[NaN, 0,", POSITION, "[NaN, 0, 0]"),
+    ("[2, 0,", '["2", 0,', POSITION, '["2", 0, 0]'),
+    ('y": [0,', 'y": [true,', "particles[0].velocity", "[true, 0, 0]"),
+    ('y": [0,', 'y": [1e-5,', "rods[0]", "1e-05 m/s"),
+    (": 2}", ': 2, "load": [0, 1]}', LOAD, "[0, 1]"),
+    (": 2}", ': 2, "load": [0, 1, Infinity]}', LOAD, "[0, 1, Infinity]"),
+    (": 2}", ': 2, "load": [0, 1, 1e12]}', LOAD, "1000000000000.0"),
+    (": 2}", ': 2, "load": 40}', LOAD, "40"),
+    (": 2}", ': 2, "weight": 40}', "a key of particles[0]", '"weight"'),
+    (": 2}", ": " + 40 * "[" + "2" + 40 * "]" + "}", "the shape of particles[0].mass", "[1, 1, 1"),
+    (": 2}", ": 0}", "particles[0].mass", "is 0;"),
+    ("[1, 0],", "[2, 0],", PAIR, "[2, 0]"),
+    ("[1, 0],", "[1, 1],", PAIR, "[1, 1]"),
+    ("[1, 0],", "[1, -2],", PAIR, "[1, -2]"),
+    ("[1, 0],", "[0, -1],", PAIR, "rods[0] ties the same"),
+    ("1.0000001", "1.00001", "rods[1].length", "must be 1 m"),
+    (": [1, 0, 0]", ": [0, 0, 0]", "rods[0].pair", "two points apart"),
+    ("[[0, 0, 0]]", "[]", "rods[0].pair", "(0 in all)"),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "words"), WRONG)
-def test_a_wrong_value_in_a_file_is_named_with_what_is_allowed(old, new, words, tmp_path, refused):
+@pytest.mark.parametrize(("old", "new", "field", "value"), WRONG)
+def test_a_wrong_value_in_a_file_is_named(old, new, field, value, tmp_path, refused):
     assert GOOD.count(old) == 1
     (tmp_path / "scene.json").write_text(GOOD.replace(old, new))
-    assert words in refused("--system", tmp_path / "scene.json")
+    said = refused("--system", tmp_path / "scene.json")
+    assert field in said and value in said
 
 
 def test_a_file_may_load_its_particles(tmp_path):
@@ -61,25 +68,26 @@ def test_a_scene_without_words_has_none(tmp_path):
     for about in ('"about": ""', '"about": "  "'):
         (tmp_path / "scene.json").write_text(GOOD.replace("}]}", "}], " + about + "}"))
         system = c.build_system(tmp_path / "scene.json")
-        assert "about" not in system and page.about(system) == "2 bobs, 3 kg, on 2 m of rods"
+        assert "about" not in system and play.about(system) == "2 bobs, 3 kg, on 2 m of rods"
     assert "about" in c.build_system("braced")
 
 
 STAR = {"pairs": [(k, 0) for k in range(1, 101)], "lengths": np.ones(100)}
-TYPED = {  # what is said of a typed system, and what is wrong in it
-    "must be a dict with q0, v0, m, anchors, pairs, lengths": {"v0": None},
-    "must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
+TYPED = {  # what is named of a typed system, and what is wrong in it
+    "a system is": {"v0": None},
+    "m[1] is 10000000000.0; must be at most 1e+12 times 1e-06 kg": {"m": [[1e-6], [1e10]]},
     "the number of rows of lengths is 3; must be 2": {"lengths": [1.0, 1.0, 1.0]},
-    "lengths[1] is 1.5; must be 1 m, to 10 %; that is how far": {"lengths": [1.0, 1.5]},
-    "the shape of m[0] is []; must be (1,)": {"m": np.ones(2)},
-    "m is [[1], [1]]; must be a list or an array of floats": {"m": np.ones((2, 1), int)},
     "the number of rows of load is 1; must be 2": {"load": [[0.0, 1.0, 0.0]]},
-    "load[1] is [0.0, NaN, 0.0]; must be three finite": {"load": [[0, 0, 0], [0.0, math.nan, 0.0]]},
-    "pairs[0] is [-1, 0]; must be a particle 0..1": {"pairs": [(-1, 0), (1, 0)]},
-    "v0[0] is [NaN, NaN, NaN]; must be three finite": {"v0": np.full((2, 3), np.nan)},
-    "pairs[0] is [0.0, -1]; must be two whole": {"pairs": [[0.0, -1], [1, 0]]},
+    "lengths[1] is 1.12; must be 1 m, to 10 %": {"lengths": [1.09, 1.12]},
+    "lengths[0] is 0.88; must be 1 m, to 10 %": {"lengths": [0.88, 0.91]},
+    "the shape of m[0] is []; must be (1,)": {"m": np.ones(2)},
+    "m is [[1], [1]]": {"m": np.ones((2, 1), int)},
+    "load[1] is [0.0, NaN, 0.0]": {"load": [[0, 0, 0], [0.0, math.nan, 0.0]]},
+    "pairs[0] is [-1, 0]": {"pairs": [(-1, 0), (1, 0)]},
+    "v0[0] is [NaN, NaN, NaN]": {"v0": np.full((2, 3), np.nan)},
+    "pairs[0] is [0.0, -1]": {"pairs": [[0.0, -1], [1, 0]]},
     "the number of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
-    "entries of A, two for rods that meet, is": c.build_system("chain", links=101) | STAR,
+    "must be 10000 at most": c.build_system("chain", links=101) | STAR,
 }
 
 
@@ -87,7 +95,7 @@ TYPED = {  # what is said of a typed system, and what is wrong in it
 def test_a_wrong_value_in_a_typed_system_is_named_with_what_is_allowed(sentence):
     system = c.build_system("double") | TYPED[sentence]
     system = {key: x for key, x in system.items() if x is not None}
-    with pytest.raises(SceneError, match=re.escape(sentence)):
+    with pytest.raises(Refused, match=re.escape(sentence)):
         check_system(system, c.PIVOT)
 
 
@@ -99,6 +107,40 @@ def test_a_typed_system_becomes_arrays_of_float64_and_keeps_its_other_keys():
     assert all(np.array_equal(x, double[key]) and x.dtype == float for key, x in clean.items())
 
 
+def test_lengths_that_are_a_little_off_are_kept_and_bare_ones_are_measured(tmp_path):
+    double = c.build_system("double")
+    rough = check_system(double | {"lengths": [1.09, 0.92]}, c.PIVOT)
+    assert rough["lengths"].tolist() == [1.09, 0.92]
+    (tmp_path / "scene.json").write_text(GOOD.replace("[2, 0, 0]", "[1.6, 0.8, 0]"))
+    found = c.build_system(tmp_path / "scene.json")["lengths"]
+    assert found.tolist() == [1.0, 1.0000001] and np.hypot(0.6, 0.8) == 1.0
+
+
+def test_what_a_rod_has_too_much_or_lacks_is_at_its_moving_end():
+    """Rods (0, -1) and (1, 0), on the second anchor and on a particle: 3 for 2 m, and 1 for 4."""
+    anchors = [[9.0, 9.0, 9.0], [0.0, 0.0, 1.0]]
+    system = {"pairs": [(0, -2), (1, 0)], "lengths": np.array([2.0, 4.0]), "anchors": anchors}
+    q = np.array([[3.0, 0.0, 1.0], [3.0, -1.0, 1.0]])
+    right, too_long, too_short = (part[1] for part in rod_parts(system, np.stack([0.0 * q + 1, q])))
+    assert right.tolist() == [[[0, 0, 1], [2, 0, 1]], [[3, 0, 1], [3, -1, 1]]]
+    assert too_long.tolist() == [[[2, 0, 1], [3, 0, 1]], [[3, -1, 1], [3, -1, 1]]]
+    assert too_short.tolist() == [[[3, 0, 1], [3, 0, 1]], [[3, -1, 1], [3, -4, 1]]]
+
+
+def test_a_system_is_flat_if_all_of_it_is_and_moves_in_one_plane():
+    flat = c.build_system("windows")
+    assert is_flat(flat)
+    for key in ("q0", "v0", "anchors"):
+        off = flat[key].copy()
+        off[-1, 2] = 1e-9
+        assert not is_flat(flat | {key: off})
+
+
+TAUT = {  # a cable of two rods, straight from anchor to anchor
+    "anchors": [[0, 0, 0], [2, 0, 0]],
+    "particles": [{"position": [1, 0, 0]}],
+    "rods": [{"pair": [0, -1]}, {"pair": [0, -2]}],
+}
 NO_SCENES = {  # what is said of files and names that are no scenes, or none that can move
     "open": "not JSON: ",
     "deep": "not JSON: ",
@@ -108,7 +150,7 @@ NO_SCENES = {  # what is said of files and names that are no scenes, or none tha
     "tripel": "no scene and no file; did you mean 'triple'?",
     "nosuch": "scenes are pendulum, double, triple, chain, ",
     "nul\0": "must be a name in characters that can be printed",
-    "taut_cable": "are taut: in this pose no finite tension can hold them; give the loop some",
+    "taut": "are taut: in this pose no finite tension can hold them; give the loop some",
 }
 
 
@@ -118,6 +160,7 @@ def test_a_file_that_is_no_scene_is_told_what_it_is(tmp_path, monkeypatch, refus
     Path("open").write_text("{")
     Path("deep").write_text("[" * 100_000)
     Path("itself").symlink_to("itself")
+    Path("taut").write_text(json.dumps(TAUT))
     Path("huge").touch()
     os.truncate("huge", 10**12)  # a hole
     os.mkfifo("pipe")  # reading it would never end

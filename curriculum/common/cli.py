@@ -8,25 +8,26 @@ import sys
 import time
 import traceback
 import warnings
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
+from curriculum.common.errors import Refused
 from curriculum.common.tracing.tape import NotAState, StepChanged, current
+from curriculum.common.words import LENGTHS, TIMES, parsed
 
 Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
-ERRORS = OSError, NotAState, StepChanged, argparse.ArgumentTypeError  # such as a full disk
+ERRORS = OSError, Refused, NotAState, StepChanged  # such as a full disk
 SOON = 0.5  # s: what is done sooner needs no word
 DEEP = 100  # folders: Python makes a thousand at once, and no more
 COMMON = Path(__file__).parent
-UNITS = {"m": 0, "cm": -2, "mm": -3, "um": -6, "µm": -6, "nm": -9, "pm": -12}  # powers of 10, in m
-SHORTEST = 1e-12  # m
-LONGEST = 1e6
+LEAST = 1e-12  # of a length in m, or a time in s
+MOST = 1e6  # m
 
 
 class Parser(argparse.ArgumentParser):
     """argparse, except that an error is one line. Its help begins with `text`'s first paragraph."""
 
     def __init__(self, text, epilog=None):
+        self.words = []  # of the command line
         started = Path(sys.argv[0])
         package = started.name == "__main__.py"
         super().__init__(
@@ -46,12 +47,18 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, words=None, namespace=None):
         """The flags; and, as `command`, how the program was called."""
+        self.words = sys.argv[1:] if words is None else list(words)
         args = super().parse_args(words, namespace)
         started = ["python", self.prog] if self.prog.endswith(".py") else [self.prog]
-        args.command = started + list(sys.argv[1:] if words is None else words)
+        args.command = started + self.words
         return args
 
     def error(self, message):
+        """End the program, with status 2, in a line that has the message."""
+        flag = message.removeprefix("argument ").removesuffix(": expected one argument")
+        k = self.words.index(flag) + 1 if flag in self.words else 0
+        if 0 < k < len(self.words):  # argparse takes what begins with - for a flag
+            message = f"argument {flag}: expected a value, and not {self.words[k]!r}"
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
     @contextlib.contextmanager
@@ -59,7 +66,7 @@ class Parser(argparse.ArgumentParser):
         """A block whose errors end the program in a line, which begins with `what`."""
         try:
             yield
-        except (OSError, argparse.ArgumentTypeError) as why:
+        except (OSError, Refused) as why:
             self.error(f"{what}{why}")
 
 
@@ -85,29 +92,30 @@ positive = number(1e-12)
 
 
 def whole(low, high=10**12):
+    """An argparse type: a whole number from low to high."""
     return number(low, high + 1, int)
 
 
 def length(text):
     """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
-    digits = text.strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
-    power = 0
-    for unit in sorted(UNITS, key=len, reverse=True):
-        if digits.endswith(unit):
-            digits = digits.removesuffix(unit)
-            power = UNITS[unit]
-            break
-    try:
-        x = float(Decimal(digits.strip()).scaleb(power))
-    except InvalidOperation:
-        x = 0.0
-    if not SHORTEST <= x <= LONGEST:
+    x = parsed(text, LENGTHS)
+    if not LEAST <= x <= MOST:
         allowed = "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on"
         raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
     return x
 
 
+def seconds(text):
+    """An argparse type: seconds, from a time such as 5ms or 200us, or from a number."""
+    x = parsed(text, TIMES)
+    if not LEAST <= x < 1.0 / LEAST:
+        allowed = f"a finite number >= {LEAST:g} and < {1.0 / LEAST:g}, or a time such as 5ms"
+        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
+    return x
+
+
 def folder(text):
+    """An argparse type: a Path that a folder may have."""
     path = Path(text)
     if not text or not text.isprintable() or len(path.parts) > DEEP:
         allowed = f"a name in characters that can be printed, at most {DEEP} folders deep"
@@ -140,6 +148,8 @@ def run_script(main):
             stream.reconfigure(errors="backslashreplace")  # a console may lack a letter of a name
     if sys.excepthook is sys.__excepthook__:
         sys.excepthook = show
+    if sys.argv[0] == "-" or not COMMON.is_dir():
+        sys.exit("error: it needs its folder beside it: unpack it, and run python constraints.py")
     try:
         with signals(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the table says what diverged
@@ -153,9 +163,12 @@ def run_script(main):
 
 @contextlib.contextmanager
 def signals():
-    """A block that `| head` ends in silence; SIGTERM ends it with what `with` and finally tidy."""
-    own = {signal.SIGTERM: lambda *_: sys.exit(128 + signal.SIGTERM)}
-    if hasattr(signal, "SIGPIPE"):  # Windows has none
+    """A block that `| head` ends in silence; SIGTERM and SIGHUP end it with what `with` tidies."""
+    own = {}
+    for name in "SIGTERM", "SIGHUP":  # Windows has no SIGHUP, and no SIGPIPE
+        if hasattr(signal, name):
+            own[getattr(signal, name)] = lambda number, _: sys.exit(128 + number)
+    if hasattr(signal, "SIGPIPE"):
         own[signal.SIGPIPE] = signal.SIG_DFL
     before = {}
     with contextlib.suppress(ValueError):  # an editor's thread may not set any
@@ -171,6 +184,7 @@ def signals():
 
 
 def show(kind, error, trace):
+    """Print an error, as sys.excepthook does; of its lines the reader's own, if there are any."""
     if kind is KeyboardInterrupt:
         print("\ninterrupted: no file is half written", file=sys.stderr)
         return

@@ -10,7 +10,8 @@ from curriculum.common.tracing import vmap, while_loop
 
 DIGITS = 50  # in which nodes and weights are computed, so that the doubles are the same everywhere
 ROUNDS = 60  # of the iteration of the stages, at most
-PARTS = 256 + 8  # of a step, at most, and failed attempts
+TOL = 2e-16  # of the end of a step: what another round of the iteration may still change
+PARTS = 256 + 8  # of a step, at most, and failed attempts: the shortest is 1/256 of it
 
 
 def legendre(x, degree):
@@ -58,7 +59,7 @@ def sum_of_squares(x):
     return total(np.square(x).ravel())
 
 
-def attempt(stages, tol, q, v, m, force, dt):
+def attempt(stages, q, v, m, force, dt):
     """q and v (N, 3) after dt s, and whether the stages have converged: 1.0 or 0.0.
 
     A round computes each stage's acceleration a_s = force(q_s, v_s) / m, (stages, N, 3) in all, at
@@ -89,7 +90,7 @@ def attempt(stages, tol, q, v, m, force, dt):
     # how wide the points are and how far they go: wherever the origin is, and at rest, too
     wide = sum_of_squares(q - total(q) / len(q))
     size = wide + dt * dt * sum_of_squares(v) + move
-    enough = tol * tol * size + 1e-300
+    enough = TOL * TOL * size + 1e-300
     # A move that no longer falls is taken for rounding if it is small. All of these are squares. A
     # force may magnify rounding, so 1e-9 of the size will do. A bob at rest may have no size: dt4
     # is what 1 m/s^2 moves in dt. Far from the origin q is rounded to 1e-16 of its distance.
@@ -101,11 +102,11 @@ def attempt(stages, tol, q, v, m, force, dt):
     return q, v + dt * combined(b, a), has_converged(move, before)
 
 
-def step_in_parts(stages, tol, q, v, m, force, dt):
+def step_in_parts(stages, parts, q, v, m, force, dt):
     """The step in one part or, where its stages do not converge, in shorter ones."""
 
     def next_part(q, v, left, part):  # what is left of the step, and how long the next part is
-        q_next, v_next, converged = attempt(stages, tol, q, v, m, force, part * dt)
+        q_next, v_next, converged = attempt(stages, q, v, m, force, part * dt)
         q = np.where(converged, q_next, q)
         v = np.where(converged, v_next, v)
         left = np.where(converged, left - part, left)
@@ -116,13 +117,14 @@ def step_in_parts(stages, tol, q, v, m, force, dt):
         return left > 0.0
 
     failure = "the Gauss stages do not converge"
-    return while_loop(is_left, next_part, q, v, 1.0, 1.0, most=PARTS, failure=failure)[:2]
+    return while_loop(is_left, next_part, q, v, 1.0, 1.0, most=parts, failure=failure)[:2]
 
 
-def make_gauss(stages, tol=2e-16):
+def make_gauss(stages, parts=PARTS):
     """A step(q, v, m, force, dt) of Gauss-Legendre collocation: symplectic, of order 2 * `stages`.
 
-    Its stages are iterated until a round moves the end by a share of `tol`, or as rounding allows.
-    Where they do not converge, the step is taken in halves, down to 1/256 of it; then it is NaN.
+    Its stages are iterated until a round moves the end by a share of TOL, or as rounding allows.
+    Where they do not converge, the step is taken in halves, in so many `parts` at most, failed ones
+    among them; then it is NaN.
     """
-    return partial(step_in_parts, stages, tol)
+    return partial(step_in_parts, stages, parts)

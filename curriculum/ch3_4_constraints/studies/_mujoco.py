@@ -4,12 +4,11 @@ Sites s0, s1, ... are the particles, and s-1, s-2, ... the anchors, as pairs hav
 p1, ... are where the loads of the particles pull.
 """
 
-import argparse
-
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics.systems import differences
+from curriculum.ch3_4_constraints.rods.systems import differences
+from curriculum.common.errors import Refused
 
 HARD = 'solref="{} 1" solimp="0.9999 0.9999 0.001 0.5 2"'  # for a constraint; {} is two steps in s
 point = "{} {} {}".format  # (3,) as a file has it
@@ -28,7 +27,7 @@ def started(system, model_of, constraint, dt, options=""):
     known = system["m"] * c.GRAVITY + load
     if not np.allclose(c.external_force(system, system["q0"], np.ones_like(load)), known):
         allowed = "gravity and the system's load"
-        raise argparse.ArgumentTypeError(f"external_force: MuJoCo's peers have {allowed} only")
+        raise Refused(f"external_force: MuJoCo's peers have {allowed} only")
     parts, qpos, qvel = model_of(system, constraint)
     model = mujoco.MjModel.from_xml_string(f"""<mujoco>
         <option gravity="{point(*c.GRAVITY)}" timestep="{dt}" {options}/>{parts}</mujoco>""")

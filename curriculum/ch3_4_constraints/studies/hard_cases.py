@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics import choice, scenes, systems
-from curriculum.ch3_4_constraints.studies.speed_vs_error import SOLVERS
+from curriculum.ch3_4_constraints.rods import scenes, systems
+from curriculum.ch3_4_constraints.studies._schemes import all_schemes, short
 from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
 
@@ -25,21 +25,20 @@ ROUNDING = 1e-14  # how large the two changes of a start are, relatively
 OTHER = 0.3
 PUSH = 0.5  # m/s: of a changed start, as a standard deviation
 MANY = 10**6  # steps in all: enough to be worth machine code
-SCENES = [name for name in scenes.SHIPPED if name != "taut_cable"]  # which is refused
+SCENES = list(scenes.SHIPPED)
 QUICK = "spin", "upright"  # scenes of a few rods
 
 
-def has_column(solver):
-    """Whether there is a column about a Solver of SOLVERS."""
-    if solver.integrator == "semi_implicit":
+def has_column(scheme):
+    """Whether there is a column about a Scheme."""
+    if scheme.integrator == "semi_implicit":
         return True
-    if solver.integrator == "XPBD":
-        return solver.method == "x20"
-    explicit, iterating = choice.worth_trying(c.INTEGRATORS)
-    return solver.integrator in explicit + iterating and solver.method not in ("none", "soft")
+    if scheme.integrator == "XPBD":
+        return scheme.method == "x20"
+    return scheme.integrator != "euler" and scheme.method not in ("none", "soft")
 
 
-COLUMNS = list(filter(has_column, SOLVERS))
+COLUMNS = list(filter(has_column, all_schemes()))
 
 
 def axes(system):
@@ -89,9 +88,8 @@ def is_held(system, run, v, m, dt, seconds):
         return False
     rods = np.max(c.constraint_violation(system, q)) / np.min(system["lengths"])
     energies = c.energy(system | {"m": m}, q, v)
-    m_g_L = systems.m_g_L(system | {"m": m}, c.GRAVITY)
-    kinetic = 0.5 * np.sum(m * v[0] * v[0])
-    gained = np.max(np.abs(energies - energies[0])) / max(m_g_L, kinetic)
+    scale = systems.energy_scale(system | {"m": m, "v0": v[0]}, c.GRAVITY)
+    gained = np.max(np.abs(energies - energies[0])) / scale
     return bool(rods <= RODS and gained <= ENERGY)
 
 
@@ -109,8 +107,8 @@ def row(name):
     system = c.build_system(name)
     many = starts(system, STARTS)
     cells = []
-    for solver in COLUMNS:
-        run = compiled_for(system, SOLVERS[solver])
+    for scheme in COLUMNS:
+        run = compiled_for(system, scheme.step)
         cells.append(cell(partial(is_held, system, run, seconds=SECONDS), many))
     return cells
 
@@ -118,8 +116,8 @@ def row(name):
 def show(name, cells):
     """Print a row of the table."""
     line = f"{name:15}"
-    for solver, words in zip(COLUMNS, cells, strict=True):
-        line += f"{words:>{max(7, len(solver.method) + 1)}}"
+    for scheme, words in zip(COLUMNS, cells, strict=True):
+        line += f"{words:>{max(7, len(scheme.method) + 1)}}"
     print(line)
 
 
@@ -130,7 +128,7 @@ def main(argv=None):
     args = parser.parse_args(argv)
     held = f"all of {STARTS} starts hold for {SECONDS:g} s"
     print(f"{len(SCENES)} scenes: largest step in s at which {held}")
-    show("", [x.short for x in COLUMNS])
+    show("", [short(x.integrator) for x in COLUMNS])
     show("", [x.method for x in COLUMNS])
     names = QUICK if args.quick else SCENES
     for name in cli.progress(names):

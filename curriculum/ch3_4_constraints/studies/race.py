@@ -11,10 +11,10 @@ from statistics import median
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.studies.speed_vs_error import SCENES, distance, ours, reference
+from curriculum.ch3_4_constraints.rods.truth import distance, true_motion
 from curriculum.common import cli
 from curriculum.common.gauss import collocation
-from curriculum.common.tracing import fori_loop, vmap
+from curriculum.common.tracing import CompiledSteps, fori_loop, vmap
 
 SETTINGS = {  # m: stages, rounds and steps of Gauss's rule, and heyoka's tolerance
     1e-3: (4, 5, 36, 1e-3),
@@ -25,7 +25,8 @@ SETTINGS = {  # m: stages, rounds and steps of Gauss's rule, and heyoka's tolera
 TURNS = 25
 RUNS = 20  # of a turn, one after the other, so that caches are warm
 SYSTEM = c.build_system("double")
-SECONDS = SCENES["double"]
+SECONDS = 5.0
+MANY = 10**9  # steps in all: enough to be worth machine code
 FREE = c.make_force(SYSTEM)
 G = -c.GRAVITY[1]  # m/s^2
 
@@ -57,7 +58,14 @@ def racing_step(stages, rounds, q, v, a, dt):
 def gauss(stages, rounds):
     """run(steps) -> seconds, q at the end; it begins as if the pendulum had coasted before."""
     coasting = np.zeros((stages * len(SYSTEM["m"]), 3))
-    return ours(SYSTEM, SECONDS, partial(racing_step, stages, rounds), coasting)
+    start = [SYSTEM["q0"], SYSTEM["v0"], coasting]
+    compiled = CompiledSteps(partial(racing_step, stages, rounds), start, MANY, knobs=1)
+
+    def run(steps):
+        q, _, _ = compiled(start, steps, SECONDS / steps)
+        return compiled.seconds, q[-1]
+
+    return run
 
 
 def taylor_flow(tol):
@@ -106,7 +114,7 @@ def main(argv=None):
     """Race, and print who took how long."""
     parser = cli.Parser(__doc__)
     parser.parse_args(argv)
-    known, _ = reference(SYSTEM, SECONDS)
+    known = true_motion(c.this_chapter(), SYSTEM, SECONDS, 1).q
     for goal, (stages, rounds, steps, tol) in SETTINGS.items():
         mine = partial(gauss(stages, rounds), steps)
         theirs = taylor(tol)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 import constraints as c
-from curriculum.ch3_4_constraints.mechanics.systems import m_g_L
+from curriculum.ch3_4_constraints.rods.systems import energy_scale
 from curriculum.ch3_4_constraints.studies._mujoco import started, tendons
 from curriculum.common import cli
 from curriculum.common.tracing import compiled
@@ -154,12 +154,12 @@ def engines(h):
 
 
 def worst(system, row, steps):
-    """The worst rod of a run in m, and the largest change of energy as a share of m g L."""
+    """The worst rod of a run in m, and the largest change of energy as a share of its scale."""
     method = row.method
     step = compiled(c.stabilized(c.semi_implicit_step, system, method), steps)
-    run = c.simulate(step, system, method.make_force(system), DT, steps)
-    gained = np.max(np.abs(run.energies - run.energies[0]))
-    return np.max(run.violations), gained / m_g_L(system, c.GRAVITY)
+    _, violations, energies = c.simulate(step, system, method.make_force(system), DT, steps)
+    gained = np.max(np.abs(energies - energies[0]))
+    return np.max(violations), gained / energy_scale(system, c.GRAVITY)
 
 
 def rows():

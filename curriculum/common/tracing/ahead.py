@@ -4,11 +4,20 @@ from itertools import count, takewhile
 
 import numpy as np
 
-from curriculum.common.tracing.compare import Comparisons, check
-from curriculum.common.tracing.plainly import OwnStep, Report, copied, in_range, nan_like, numbers
+from curriculum.common.tracing.compare import Comparisons, changed, same
+from curriculum.common.tracing.plainly import (
+    Noted,
+    OwnStep,
+    Report,
+    copied,
+    in_range,
+    nan_like,
+    numbers,
+    spread,
+)
 from curriculum.common.tracing.steps import CompiledSteps
-from curriculum.common.tracing.tape import Untraceable, collector_off, current
-from curriculum.common.tracing.trace import several
+from curriculum.common.tracing.tape import NotAState, Untraceable, collector_off, current
+from curriculum.common.tracing.trace import parameters, several
 
 BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
 FASTER = 8  # a stretch is so many times as long as the one before,
@@ -24,13 +33,16 @@ class Step:
     were taken.
     """
 
-    def __init__(self, step, steps):
+    def __init__(self, step, steps, notes=None):
         self.step = step
         self.steps = steps
         self.longest = min(max(1, steps // SHARE), LONGEST)  # steps of a stretch
         self.report = Report()
         self.builder = Builder(step, steps, self.report)
         self.comparisons = Comparisons(steps)
+        self.noted = Noted(notes)
+        self.first = None  # copies of the arguments of the first step
+        self.error = None  # the StepChanged that was raised: a reader's `except` may have taken it
         self.width = 0  # how many arrays a state is
         self.single = False  # whether it is one array, by itself
         self.others = Others((), 0)
@@ -59,6 +71,8 @@ class Step:
         number = self.number + 1
         own = OwnStep(self.step, arguments)
         if number == 0:  # only its own lines tell what is a state
+            refuse_lists(arguments)
+            self.first = list(map(copied, arguments))
             self.width = len(own.result)
             self.single = own.single
         state = arguments[: self.width]
@@ -89,20 +103,40 @@ class Step:
         if own.failure:
             return self.take(self.number, own)
         state = own.arguments[: self.width]
-        check(self.number, several(ahead), result, state, self.builder.run.exact)
+        if not same(several(ahead), result, state, self.builder.run.exact):
+            self.error = changed(f"step {self.number}")
+            raise self.error
         self.report.compared += 1
+        self.noted.note(self.number, state)
         return ahead
 
     def look(self, number, state, others):
         """Note what others have come in. Whether the loop goes on from the step before."""
-        goes_on = numbers(state).tobytes() + self.others.tail == self.expected
-        if number == 0 or contents(others) != self.others.contents:
+        came = numbers(state).tobytes()
+        goes_on = came + self.others.tail == self.expected
+        now = contents(others)
+        if number > 0 and not self.report.change:
+            self.note_change(number, state, came, now)
+        if number == 0 or now != self.others.contents:
             self.others = Others(others, self.width)
             self.builder.run = None
             goes_on = False
-        if number > 0 and not goes_on:
-            self.report.edited = True
         return goes_on
+
+    def note_change(self, number, state, came, others):
+        """Note the first argument, if there is one, that is not the step before's."""
+        names = parameters(self.step, len(state) + len(others))
+        end = 0
+        for name, x in zip(names, state, strict=False):
+            begin = end
+            end += 8 * np.size(x)
+            if came[begin:end] != self.expected[begin:end]:
+                self.report.change = number, name
+                return
+        for name, x, before in zip(names[len(state) :], others, self.others.contents, strict=False):
+            if x != before:
+                self.report.change = number, name
+                return
 
     def computed(self, run, state, number):
         """A stretch of steps from a state, as they are to be ready; none if the first one fails."""
@@ -116,6 +150,7 @@ class Step:
 
     def take(self, number, own):
         """Hand out the step of its own lines."""
+        self.noted.note(number, own.arguments[: self.width])
         result = own.result
         if not self.report.is_compiled:
             self.report.time(1, own.seconds)
@@ -128,6 +163,35 @@ class Step:
         self.expected = numbers(state).tobytes() + self.others.tail
         self.ready = iter(())
         return state[0] if self.single else state
+
+    def done(self):
+        """The Report of all steps, as the loop has ended. Raises StepChanged if a step has."""
+        if self.error:
+            raise self.error
+        self.report.steps = self.number + 1
+        return self.report
+
+    def differing(self, columns, most):
+        """The first of some steps that, taken again now, gives something else; None if none does.
+
+        `columns`: the states that the loop has kept, (steps + 1, ...) each. Up to so many steps are
+        taken, and as many of the results asked for again that were noted, by their own lines.
+        """
+        exact = self.builder.run.exact if self.builder.run else not self.report.program
+        for n in spread(len(columns[0]) - 1, most):
+            state = [x[n] for x in columns]
+            own = OwnStep(self.step, [*state, *self.first[self.width :]])
+            after = [x[n + 1] for x in columns]
+            if not same(after, own.result, state, exact):
+                return n
+        return self.noted.differing(most)
+
+
+def refuse_lists(arguments):
+    """Raise NotAState for a list, which no step takes for an array."""
+    for x in arguments:
+        if isinstance(x, list | tuple):
+            raise NotAState(f"a state must be of arrays of float64, and not of {type(x).__name__}s")
 
 
 class Others:
@@ -191,7 +255,8 @@ class Builder:
         alike = current.alike  # of a block: whether its steps are machine code, once that is known
         chosen = alike[0] if alike else None
         with collector_off():
-            run = CompiledSteps(self.step, state, self.steps, others=others, machine_code=chosen)
+            settings = {"others": others, "machine_code": chosen, "compares": False}
+            run = CompiledSteps(self.step, state, self.steps, **settings)
         if alike == []:
             alike.append(run.machine_code)
         self.report.how = run.how
@@ -200,8 +265,10 @@ class Builder:
         return run
 
 
-def compiled(step, steps):
+def compiled(step, steps, notes=None):
     """The function step(*state, *others) -> state, made fast for about so many steps: a Step.
+
+    `notes`: a function(*state) whose results at some steps are noted, to be asked for again.
 
     As many of the first arguments as `step` returns are the state. The others may be new at each
     call, and where one changes, the step is compiled for it. What it reads besides must stay as it
@@ -209,4 +276,4 @@ def compiled(step, steps):
     are compared with the step's own lines. Raises StepChanged where one of these differs, and
     NotAState where it returns other shapes than those of the state.
     """
-    return Step(step, steps)
+    return Step(step, steps, notes)

@@ -13,18 +13,20 @@ TERMS = 1 << 20  # of a product that is computed at once
 LARGE = 1 << 17  # numbers of a matrix: of so many, most are zero
 SHORT = 8  # numbers: such a sum is done sooner by Python
 LONG = 100  # sums: so many are added sooner row by row
-PLAIN = float, int  # numbers that are no symbols
+PLAIN = {float, int, np.float64, np.int64}  # types of numbers that are no symbols
 
 
-def zero(x):  # for certain, which no symbol is
-    return isinstance(x, PLAIN) and x == 0.0
+def zero(x):
+    """Whether a number is 0 for certain, which no symbol is."""
+    return type(x) in PLAIN and x == 0.0
 
 
 def nonzero(x):
+    """Where an array may have other numbers than 0: bools of its shape."""
     x = np.asarray(x)
     if x.dtype != object:
         return x != 0.0
-    found = [not isinstance(y, PLAIN) or y != 0.0 for y in x.ravel().tolist()]
+    found = [type(y) not in PLAIN or y != 0.0 for y in x.ravel().tolist()]
     return np.array(found, bool).reshape(x.shape)
 
 
@@ -86,7 +88,7 @@ def product_of_symbols(rows, columns):
 
 def entries(row):
     """[(place, number)] of what is not zero in a row."""
-    return [(k, x) for k, x in enumerate(row) if not isinstance(x, PLAIN) or x != 0.0]
+    return [(k, x) for k, x in enumerate(row) if type(x) not in PLAIN or x != 0.0]
 
 
 def product_of_few(rows, columns):

@@ -31,11 +31,13 @@ class Counting(Python):
         self.waiting = [0]  # written but not yet added, of each loop around this line
 
     def operation(self, sign, operands, name):
+        """Write and count it, once for all rows."""
         _, _, row = name.partition("_")
         self.waiting[-1] += row in ("", "0")
         return super().operation(sign, operands, name)
 
     def write(self, form, **words):
+        """Write one of the `forms`, and add what is waiting where a test or a turn ends."""
         if form in ("stop", "assign"):  # the last line of a test, and of a turn
             super().write("count", many=self.waiting[-1])
             self.waiting[-1] = 0
@@ -46,11 +48,13 @@ class Counting(Python):
             self.waiting.pop()
 
     def loops(self, loop, env):
+        """Write a loop, which counts as its longest row does."""
         self.write("rows")
         super().loops(loop, env)
         self.write("most")
 
     def loop(self, loop, env, k):
+        """Write row k of it, and what this row takes."""
         ends = super().loop(loop, env, k)
         self.write("row")
         return ends

@@ -28,6 +28,7 @@ class JavaScript(Python):
     }
 
     def constant(self, x):
+        """The text of a float."""
         return NAMES.get(repr(x), repr(x))
 
     def keep(self, places, values):
@@ -36,6 +37,7 @@ class JavaScript(Python):
             self.write("keep", place=place, x=x)
 
     def record(self, loop, values):
+        """Write that the state, as these values leave it, is recorded."""
         self.keep(loop.places, values)
         self.write("record")
 

@@ -1,4 +1,4 @@
-"""A step by its own lines, in plain numpy; and what is known of how steps were taken."""
+"""A step by its own lines; and what is known of how steps were taken."""
 
 import math
 import time
@@ -13,6 +13,7 @@ from curriculum.common.tracing.tape import NotAState, current
 from curriculum.common.tracing.trace import Program, reason, several
 
 LARGE = 1e100  # a number beyond has diverged
+KEPT = 24  # results that are noted, at least, of many steps
 
 
 @dataclass
@@ -24,10 +25,11 @@ class Report:
     own lines.
     """
 
-    how: str = "plain numpy"  # in words
+    how: str = "not compiled"  # in words
     is_compiled: bool = False
     program: Program | None = field(default=None, compare=False)  # what it became
-    edited: bool = False  # a state came in that had not gone out, or other arguments
+    steps: int = 0  # that were asked for
+    change: tuple | None = None  # (number, name): the first step with an argument of another's
     failure: str | None = None  # why a step is not finite: it is NaN, and so are all after it
     compared: int = 0
     timed: int = 0
@@ -35,13 +37,15 @@ class Report:
     stretches: list = field(default_factory=list)
 
     def time(self, steps, seconds):
+        """Note that so many steps, of one stretch, took so many seconds."""
         self.timed += steps
         self.seconds += seconds
         if steps > 1:
             self.stretches.append((steps, seconds))
 
     def go_plain(self, why):
-        self.how = f"plain numpy, after a trial: {why}"
+        """Note why steps are no longer compiled, in words."""
+        self.how = f"not compiled: {why}; to try it, what counts or draws was called once more"
         self.is_compiled = False
         self.program = None
         self.timed = 0
@@ -49,6 +53,7 @@ class Report:
         self.stretches = []
 
     def fail(self, why):
+        """Note why a step is not finite, if it is the first one."""
         self.failure = self.failure or why
 
     @property
@@ -83,10 +88,10 @@ class OwnStep:
     def result(self):
         """The tuple of the arrays that it returns."""
         current.failure = None
-        clock = time.perf_counter()
+        clock = time.thread_time()
         with np.errstate(all="ignore"):
             result = self.step(*map(copied, self.arguments))
-        self.seconds = time.perf_counter() - clock
+        self.seconds = time.thread_time() - clock
         self.single = not isinstance(result, tuple | list)
         self.check_shapes(several(result))
         result = tuple(np.asarray(x, float)[()] for x in several(result))
@@ -101,6 +106,10 @@ class OwnStep:
         wanted = list(map(np.shape, self.arguments[: len(found)]))
         if found != wanted:
             raise NotAState(f"a step must return arrays of the shapes {wanted}, and not {found}")
+        for x in self.arguments[: len(found)]:
+            kind = getattr(x, "dtype", type(x).__name__)
+            if kind not in ("float64", "float"):
+                raise NotAState(f"a state must be of arrays of float64, and not of {kind}")
 
     def why(self, result):
         """Why its result is not a state, and where numpy first met what is not a number."""
@@ -110,6 +119,44 @@ class OwnStep:
         except FloatingPointError as error:
             return "diverged" if "overflow" in str(error) else f"not a number: {reason(error)}"
         return "not a number" if np.isnan(numbers(result)).any() else "diverged"
+
+
+class Noted:
+    """What a function(*state) gives at some steps, to be asked for again: KEPT or twice as many."""
+
+    def __init__(self, function):
+        self.function = function  # None: there is nothing to be noted
+        self.every = 1  # of so many steps that could be noted one is
+        self.seen = 0
+        self.kept = []  # (number of the step, state, result)
+
+    def note(self, number, state):
+        """Note what the function gives now, if this step is due."""
+        self.seen += 1
+        if self.function is None or self.seen % self.every:
+            return
+        self.kept.append((number, list(map(copied, state)), self.result(state)))
+        if len(self.kept) >= 2 * KEPT:
+            self.kept = self.kept[::2]
+            self.every *= 2
+
+    def result(self, state):
+        """What the function gives for a state now."""
+        with np.errstate(all="ignore"):
+            return np.array(self.function(*map(copied, state)))
+
+    def differing(self, most):
+        """The first of so many steps, spread over all, that gives something else now; or None."""
+        for k in spread(len(self.kept), most):
+            number, state, result = self.kept[k]
+            if not np.array_equal(self.result(state), result, equal_nan=True):
+                return number
+        return None
+
+
+def spread(many, most):
+    """The places, at most so many, of `many` in a row: the first, the last, and between them."""
+    return sorted({*np.linspace(0, many - 1, min(many, most)).astype(int).tolist()})
 
 
 def copied(x):
@@ -123,8 +170,10 @@ def numbers(state):
 
 
 def in_range(row):
+    """Whether all numbers of an array are finite, and below LARGE."""
     return np.abs(row).max(initial=0.0) < LARGE  # which NaN is not
 
 
 def nan_like(arrays):
+    """Arrays of the same shapes, of NaN."""
     return tuple(np.full(np.shape(x), np.nan)[()] for x in arrays)

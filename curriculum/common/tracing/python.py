@@ -38,6 +38,7 @@ class Python(Writer):
         self.margin = ""
 
     def constant(self, x):
+        """The text of a float."""
         return repr(x)
 
     def write(self, form, **words):
@@ -46,6 +47,7 @@ class Python(Writer):
             self.lines.append(self.margin + line)
 
     def operation(self, sign, operands, name):
+        """Write an operation on operands, as text, and give its name."""
         if sign in "+-*/":  # the commonest by far
             value = f"{operands[0]} {sign} {operands[1]}"
         else:
@@ -63,6 +65,7 @@ class Python(Writer):
         self.write("record", row=tuple_of(values))
 
     def loop(self, loop, env, k):
+        """Write row k of a Loop; {name: what it is called in this row, when it has ended}."""
         own = {x: numbered(x, loop.rows)[k] for x in loop.carry}
         names = [*own.values()]
         going = None
@@ -94,6 +97,7 @@ class Columns(Python):
     forms = Python.forms | {"stop": "if not any({going}): break"}
 
     def following(self, going, names, values):
+        """The same; what has left the loop stays as it is."""
         if going:
             pairs = zip(values, names, strict=True)
             values = [f"where({going}, {x}, {before})" for x, before in pairs]
@@ -128,10 +132,10 @@ def written(source, places):
 
     def write(numbers, rows):
         taken = []
-        clock = time.perf_counter()
+        clock = time.thread_time()
         with suppress(ArithmeticError, ValueError):  # the step as it stands will show why
             function(*numbers.tolist(), len(rows), taken.append)
-        seconds = time.perf_counter() - clock
+        seconds = time.thread_time() - clock
         if taken:
             rows[: len(taken), places] = taken
         return len(taken), seconds

@@ -3,7 +3,8 @@
 import numpy as np
 
 from curriculum.common.tracing import llvm, python
-from curriculum.common.tracing.plainly import LARGE, in_range, numbers
+from curriculum.common.tracing.compare import changed, same
+from curriculum.common.tracing.plainly import LARGE, OwnStep, in_range, numbers
 from curriculum.common.tracing.symbols import LIBRARY
 from curriculum.common.tracing.trace import split, trace_loop, work
 
@@ -12,13 +13,17 @@ class CompiledSteps:
     """run(state, steps, *knobs) -> columns, of step(*state, *others, *knobs) -> state.
 
     The columns hold every state, from the first on, to where a step fails or numbers get LARGE; so
-    do `rows`. They took so many `seconds`. It is for states that it `fits`. Machine code is built
-    if that is asked for or, where `machine_code` is None, if so many `steps` repay it. Raises
-    Untraceable.
+    do `rows`. They took this thread so many `seconds`. It is for states that it `fits`. Machine
+    code is built if that is asked for or, where `machine_code` is None, if so many `steps` repay
+    it. Raises Untraceable; and if it `compares`, StepChanged where its first step is not that of
+    its own lines.
     """
 
-    def __init__(self, step, state, steps, knobs=0, others=(), machine_code=None):
+    def __init__(self, step, state, steps, knobs=0, others=(), machine_code=None, compares=True):
         live = nonzero(state)
+        self.step = step
+        self.others = others
+        self.compares = compares
         self.shapes = list(map(np.shape, state))
         self.mask = numbers(live) != 0.0
         program, loop = trace_loop(step, live, knobs, others)
@@ -40,12 +45,23 @@ class CompiledSteps:
         rows = np.full((steps + 1, self.mask.size), 0.0)  # touched now, not while it is timed
         rows[0] = numbers(state)
         done, self.seconds = self.write(np.append(rows[0, self.mask], knobs), rows[1:])
+        if self.compares and done:
+            self.compare(state, knobs, split(rows[1:2], self.shapes))
         self.rows = rows[: done + 1]
         if not in_range(self.rows):
             self.rows = rows[: np.argmin(np.all(np.abs(self.rows) < LARGE, axis=1))]
         return split(self.rows, self.shapes)
 
+    def compare(self, state, knobs, after):
+        """Raise StepChanged unless these columns, of a row, are what the step's own lines give."""
+        own = OwnStep(self.step, [*state, *self.others, *knobs])
+        result = own.result
+        if not own.failure and not same([x[0] for x in after], result, state, self.exact):
+            raise changed("a step")
+        self.compares = False
+
     def fits(self, state):
+        """Whether a state has the shapes and the zeros for which it was compiled."""
         return list(map(np.shape, state)) == self.shapes and not numbers(state)[~self.mask].any()
 
 

@@ -5,12 +5,13 @@ left has the operands and the order of the function's own lines, and so the same
 """
 
 import math
+import sys
 from types import BuiltinFunctionType
 
 import numpy as np
 
 from curriculum.common.tracing import arrays
-from curriculum.common.tracing.tape import Untraceable, note
+from curriculum.common.tracing.tape import INSIDE, Untraceable, note, refuse
 
 # As C, Python's math and JavaScript's Math call them. The last digit of those in LIBRARY is the C
 # library's: numpy or a browser may round it another way.
@@ -100,9 +101,9 @@ def divide(a, b):
 
 
 def cannot(function):
-    """The Untraceable for a function of numpy's that has no operation."""
+    """Refuse a function of numpy's that has no operation."""
     module = getattr(function, "__module__", None) or "numpy"
-    return Untraceable(f"{module.replace('numpy', 'np')}.{function.__name__} cannot be compiled")
+    refuse(f"{module.replace('numpy', 'np')}.{function.__name__} cannot be compiled")
 
 
 class Traced:
@@ -113,12 +114,16 @@ class Traced:
     def __array_function__(self, function, types, args, how):
         try:
             return applied(function, OWN, args, how)
-        except Exception as why:
-            raise cannot(function) from why
+        except Untraceable:
+            raise
+        except Exception:
+            return cannot(function)
 
     def __array_ufunc__(self, ufunc, method, *args, out=None, **how):
         if ufunc not in ENTRIES:
-            raise cannot(ufunc)
+            return cannot(ufunc)
+        if (ufunc, method) == (np.add, "reduce"):
+            return refuse("np.add.reduce adds in another order; np.sum can be compiled")
         result = getattr(ENTRIES[ufunc], method)(*map(np.asarray, args), **how)
         if out is not None:
             np.asarray(out[0])[...] = result
@@ -129,19 +134,18 @@ class Traced:
 def operators(rule):
     """A rule(a, b) for numbers as the two methods of an operator, such as __sub__ and __rsub__."""
 
-    def operator(a, b):  # arrays are left to numpy
-        return NotImplemented if isinstance(b, np.ndarray) and b.ndim else rule(a, b)
+    def of_numbers(rule):  # arrays are left to numpy
+        def operator(a, b):
+            return NotImplemented if isinstance(b, np.ndarray) and b.ndim else rule(a, b)
 
-    return operator, lambda a, b: rule(b, a)
+        return operator
+
+    return of_numbers(rule), of_numbers(lambda a, b: rule(b, a))
 
 
 def refusal(why):
-    """A function that takes anything and raises Untraceable."""
-
-    def refuse(*_, **__):
-        raise Untraceable(why)
-
-    return refuse
+    """A function that takes anything and refuses it."""
+    return lambda *_, **__: refuse(why)
 
 
 class Symbol(Traced):
@@ -155,6 +159,9 @@ class Symbol(Traced):
 
     def __neg__(self):
         return Symbol(self.name, not self.minus)
+
+    def __pos__(self):
+        return self
 
     def __abs__(self):
         return operation("abs", Symbol(self.name))
@@ -173,7 +180,25 @@ class Symbol(Traced):
         "it wants a plain number; an array that takes others begins as np.zeros(shape, like=q) or "
         "with + 0.0 * q, as f = m * g + 0.0 * q"
     )
-    __int__ = __float__
+    __int__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = __float__
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = __float__
+    __hash__ = __iter__ = __len__ = __float__
+
+    @property
+    def __class__(self):
+        """A reader's isinstance(x, float) would find none here, where steps find one."""
+        return refuse("it asks what kind of number it has") if is_asked("isinstance") else Symbol
+
+    def __getattr__(self, name):
+        if is_asked(name):
+            refuse(f"it asks a number for its .{name}")
+        raise AttributeError(name)
+
+
+def is_asked(name):
+    """Whether the line that asks is a reader's that has this name in it, and not numpy's."""
+    code = sys._getframe(2).f_code
+    return name in code.co_names and not code.co_filename.startswith(INSIDE)
 
 
 class Truth(Traced):
@@ -182,6 +207,11 @@ class Truth(Traced):
     __slots__ = ("name",)
     __bool__ = Symbol.__bool__
     __eq__ = Symbol.__eq__
+    __add__ = __sub__ = __mul__ = __truediv__ = __pow__ = __neg__ = refusal(
+        "it computes with a comparison; np.where(condition, 1.0, 0.0) can be compiled"
+    )
+    __radd__ = __rsub__ = __rmul__ = __rtruediv__ = __rpow__ = __invert__ = __add__
+    __and__ = __rand__ = __or__ = __ror__ = __xor__ = __rxor__ = __float__ = __int__ = __add__
 
     def __init__(self, name):
         self.name = name
@@ -205,6 +235,7 @@ class Ordered(np.ndarray):
         return self @ other if np.ndim(other) else self * other
 
     def sum(self, axis=None, dtype=None, out=None, keepdims=False, **others):
+        """np.sum, from first to last."""
         if dtype or out is not None or others or not self.size or self.dtype == bool:
             return super().sum(axis, dtype, out, keepdims, **others)
         return viewed(arrays.total(np.asarray(self), axis, keepdims))
@@ -273,6 +304,17 @@ def add_up(a, *args, **how):
     return ordered(a).sum(*args, **how)
 
 
+def in_order(function):
+    """A function of numpy's that adds from first to last, as it does if arrays are of objects."""
+
+    def own(*args, **how):
+        kind = np.result_type(*(x for x in args if isinstance(x, np.ndarray)))
+        args = [np.asarray(x).astype(object) if isinstance(x, np.ndarray) else x for x in args]
+        return np.asarray(function(*args, **how), kind)[()]
+
+    return own
+
+
 def zeros_like(a, *args, **how):
     """np.zeros_like, sooner than by numpy's own way."""
     return np.zeros_like(np.asarray(a), *args, **how)
@@ -315,6 +357,7 @@ ARRAYS = {"d": Ordered, "O": Symbols}  # by the character that numpy has for wha
 NO_NUMBERS = np.zeros(0)
 ADDING = {np.linalg.norm: norm, np.linalg.solve: solve, np.dot: lambda a, b: ordered(a).dot(b)}
 ADDING |= {np.sum: add_up, np.zeros_like: zeros_like}
+ADDING |= {one: in_order(one) for one in (np.inner, np.tensordot, np.einsum, np.trace)}
 OWN = ADDING | {np.where: where}
 OWN |= {np.zeros: lambda shape, dtype=object: np.zeros(shape, dtype)}  # np.zeros(shape, like=q)
 OWN |= {np.nan_to_num: refusal("np.nan_to_num cannot be compiled")}  # numpy's overlooks symbols

@@ -1,10 +1,15 @@
 """A tape: operations in the order in which a function did them, each with a name of its own."""
 
 import gc
+import os
+import traceback
 from contextlib import contextmanager
 from threading import local
 from typing import NamedTuple
 
+import numpy as np
+
+INSIDE = os.path.dirname(__file__), os.path.dirname(np.__file__)
 MANY = 10**9  # names of a tape: a range, as Python 3.14 pickles no itertools.count
 
 
@@ -16,17 +21,23 @@ class NotAState(TypeError):
     """A step returns other arrays than a state has; the message says which."""
 
 
-class StepChanged(RuntimeError):
+class StepChanged(Exception):
     """A step does not depend on its arguments alone; the message says what to do."""
 
 
 class Current(local):
-    """Of this thread: the tape that is written, if nothing is to be compiled, what has failed."""
+    """Of this thread: the tape that is written, if nothing is to be compiled, what has failed.
+
+    A thread that begins to work while a block of `plain` is open works plainly, too.
+    """
 
     tape = None
-    plain = False
+    blocks = []  # of all threads, those of `plain` that are open
     alike = None  # in a block, whether its steps are machine code: [], as soon as one is, [answer]
     failure = None  # of the first loop that did not end, since a step began
+
+    def __init__(self):
+        self.plain = bool(self.blocks)
 
 
 current = Current()
@@ -42,9 +53,12 @@ def plain(really=True):
     before = current.plain, current.alike
     current.plain = current.plain or really
     current.alike = [] if current.alike is None else current.alike
+    opened = [True] * current.plain
+    current.blocks.extend(opened)
     try:
         yield
     finally:
+        del current.blocks[: len(opened)]
         current.plain, current.alike = before
 
 
@@ -77,10 +91,12 @@ class Tape:
         self.numbers = outer.numbers if outer else iter(range(MANY))  # of the names that it gives
         self.used = outer.used if outer else {*used}  # other names
         self.signs = outer.signs if outer else set()  # of all operations
+        self.refused = outer.refused if outer else []  # what could not be written, in words
         self.rows = outer.rows if outer else 1
         self.lines = 0  # of Python, a few too many: an operation has one for each row
 
     def trace(self, function, *args):
+        """What a function gives while its operations are noted here."""
         before = current.tape
         current.tape = self
         try:
@@ -133,3 +149,19 @@ def note(sign, *operands):
             "run it plainly (--plain, or `with plain():`)"
         )
     return tape.note(sign, *operands)
+
+
+def refuse(why):
+    """Raise Untraceable, and mark the tape: a reader's `except` may take the error."""
+    tape = current.tape
+    if tape is not None and not tape.refused:
+        tape.refused.append(in_line(why, traceback.extract_stack()))
+    raise Untraceable(why)
+
+
+def in_line(why, frames):
+    """A reason, and in which line of the reader's it is the last of so many frames."""
+    theirs = [x for x in frames if not x.filename.startswith(INSIDE)]
+    if not theirs:
+        return why
+    return f"{why} ({os.path.basename(theirs[-1].filename)}, line {theirs[-1].lineno})"

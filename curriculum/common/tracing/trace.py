@@ -2,7 +2,6 @@
 
 import inspect
 import math
-import os
 import traceback
 from itertools import chain, islice
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from curriculum.common.tracing.arrays import zero
 from curriculum.common.tracing.symbols import FLOATS, Symbol, operand, viewed
-from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, note
+from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, in_line, note
 
 LANES = 16  # rows at most that go in step
 TURNS = 2  # of a while_loop, as a guess
@@ -22,7 +21,6 @@ WORDS = """
     public static super switch this throw true typeof undefined var void
 """
 TAKEN |= {*WORDS.split()}
-INSIDE = os.path.dirname(__file__), os.path.dirname(np.__file__)
 
 
 def flat(arrays):
@@ -57,10 +55,12 @@ def split(rows, shapes):
 
 
 def several(result):
+    """The arrays of a result, which is one or several, as a tuple."""
     return tuple(result) if isinstance(result, tuple | list) else (result,)
 
 
 def one_or_several(arrays):
+    """Several arrays as a tuple; one, by itself."""
     return tuple(arrays) if len(arrays) > 1 else arrays[0]
 
 
@@ -94,11 +94,7 @@ def names_of(names, live):
 
 def reason(why):
     """What went wrong, and in which line of the reader's."""
-    frames = traceback.extract_tb(why.__traceback__)
-    theirs = [x for x in frames if not x.filename.startswith(INSIDE)]
-    if not theirs:
-        return str(why)
-    return f"{why} ({os.path.basename(theirs[-1].filename)}, line {theirs[-1].lineno})"
+    return in_line(str(why), traceback.extract_tb(why.__traceback__))
 
 
 class Program:
@@ -120,7 +116,9 @@ class Program:
             with np.errstate(all="ignore"):
                 self.outputs, self.results = traced(self.tape, function, arrays)
         except Exception as why:
-            raise Untraceable(reason(why)) from why
+            raise Untraceable(*self.tape.refused or [reason(why)]) from why
+        if self.tape.refused:
+            raise Untraceable(*self.tape.refused)
 
 
 def side_by_side(function, rows):
@@ -147,7 +145,8 @@ def stacked(column):  # one name for a number in each of several rows
     return column[0] if len({*names}) == 1 else note("stack", *names)
 
 
-def lane(x, k):  # the number in row k
+def lane(x, k):
+    """A number of row k, of one that may differ from row to row."""
     return Symbol(note("lane", x.name, k), x.minus) if type(x) is Symbol else x
 
 

@@ -1,1 +1,0 @@
-"""The two pages that a reader touches, and what keeps texts equal to what runs."""

@@ -1,1 +1,0 @@
-"""Pictures, and the script that makes them again."""

@@ -1,0 +1,297 @@
+"""Which integrator, which method, which step: the cheapest that is right at all times."""
+
+import math
+from fractions import Fraction
+from itertools import takewhile
+from typing import NamedTuple
+
+from curriculum.ch3_4_constraints.rods import truth as true
+from curriculum.ch3_4_constraints.rods.schemes import ENERGY, Rung, Stepper, schemes
+from curriculum.common.words import in_digits, length
+
+MAX_RODS = 60  # of a system whose true motion is sought
+HALVED = 3  # times at most that the time of the true motion is halved until it is known
+TIMES = 512  # of the true motion that places are compared with, at most; at least half of these
+FEWEST = 4  # steps, at least, in the time of the true motion
+SURE = 3  # rungs in a row that are right: shorter ones are not tried
+PARTS = [Fraction(k, 16) for k in (16, 15, 14, 12, 8)]  # of a step, that have to be right, too
+WORK = 2.5e7  # operations of a scheme in which places are tried,
+MORE = 1e8  # of an integrator's best scheme where none of its schemes is right,
+SPAN = 1.5e8  # of an integrator in which rods and energy are tried for long,
+RODS = 1e8  # and of all in which rods alone are
+RUN = 0.15  # of these: one run takes no more
+STALLED = (
+    0.7  # of an error: it is that of the method, not of the step, if three halvings leave more
+)
+CHEAPER = 0.8  # times the verdict's work, at most, is worth a word
+ABOUT = 0.8  # of the longest time is as long
+NEAR = 0.1  # of the shortest rod: errors below shrink with the step as they should
+
+
+class Row(NamedTuple):
+    """What is advised for an integrator, and what becomes of it in steps twice as long."""
+
+    rung: Rung
+    twice: Rung
+    pace: float  # s of computing for an operation, on this machine
+    ends: bool  # whether rods or energy are right for the rung's span only
+    is_longest: bool  # whether it is the longest step that was tried: twice has too few of them
+
+
+class Missing(NamedTuple):
+    """What is known of an integrator none of whose steps is right."""
+
+    integrator: str
+    best: Rung | None  # the one that is least off
+    shortest: float  # s: the shortest step that was tried
+
+
+class Answer(NamedTuple):
+    """Which scheme and step are right to so many metres."""
+
+    within: float  # m
+    whole: float  # s, of the run
+    seconds: float  # s, up to which places are compared; 0 if they are not known
+    uncertainty: float | None  # m, of these places
+    why: str  # more is not known of places, in words; or ""
+    verdict: Row | None  # the cheapest row
+    rows: list  # a Row for each integrator that has one, the cheapest first
+    missing: list  # a Missing for each of the others
+    rods: Row | None  # what is enough if only rods must be right, if that is cheaper
+
+
+def choose(chapter, system, within, dt, steps, knobs, truth=None, each=iter):
+    """The Answer for a chapter's integrators and methods, to so many metres `within`.
+
+    Steps are dt s times powers of 2; rods and energy are followed for `steps` of dt s. `truth`: the
+    true motion of this run, if it is known; each(names) gives the names, and may show them. Raises
+    Untraceable where a step cannot be compiled. The same everywhere, but for a Row's pace.
+    """
+    search = Search(chapter, system, within, dt, steps, truth)
+    named = {str(scheme): scheme for scheme in schemes(chapter, knobs)}
+    for name in each(named):
+        search.add(Stepper(chapter, system, named[name]))
+    return search.answer()
+
+
+def no_answer(within, why):
+    """The Answer that there is none, since `why`, in words."""
+    return Answer(within, 0.0, 0.0, None, why, None, [], [], None)
+
+
+def known_path(chapter, system, dt, steps, truth):
+    """The true motion as a Path, and why no more of it is known, in words, or "".
+
+    Where it is not known after the time of the run's own comparison, after half of that, and so on.
+    """
+    last = true.last_step(chapter, system, dt, steps)
+    if truth is None or truth.step != last or truth.q is None:
+        truth = true.true_motion(chapter, system, dt, last, most_rods=MAX_RODS)
+    why = truth.why
+    for _ in range(HALVED):
+        if truth.q is not None or truth.step == 1 or len(system["pairs"]) > MAX_RODS:
+            break
+        truth = true.true_motion(chapter, system, dt, truth.step // 2, most_rods=MAX_RODS)
+    if truth.q is None:
+        return true.Path(dt), f"places are not known: {why}"
+    doubled = math.floor(math.log2(TIMES / truth.step))
+    grid = dt / 2.0**doubled
+    path = true.true_path(
+        chapter, system, grid, math.floor(truth.step * dt / grid), truth.uncertainty
+    )
+    if path.q is None:
+        return path, "places are not known: its steps do not agree at all times"
+    if truth.step < last:
+        return path, f"later than at {path.seconds:.3g} s places are not known: {why}"
+    return path, ""
+
+
+class Search:
+    """Looks for rungs that are right: in places, over a short time; in rods and energy for long."""
+
+    def __init__(self, chapter, system, within, dt, steps, truth=None):
+        path, why = known_path(chapter, system, dt, steps, truth)
+        if path.uncertainty >= within and not why:
+            why = f"places are known to {length(path.uncertainty)} only"
+            path = path._replace(q=None)
+        self.within = within  # m
+        self.dt = dt  # s: the steps are powers of 2 times this one
+        self.whole = steps * dt  # s
+        self.path = path
+        self.why = why  # more is not known of places, in words; or ""
+        is_known = path.q is not None
+        self.seconds = path.seconds if is_known else true.horizon(chapter, system, self.whole)
+        self.ladders = {}  # {integrator: those of its schemes}
+
+    def add(self, stepper):
+        """Try a scheme over the short time."""
+        ladder = Ladder(stepper, self)
+        self.ladders.setdefault(stepper.scheme.integrator, []).append(ladder)
+        ladder.descend(WORK)
+
+    def answer(self):
+        """The Answer, of the schemes that were added."""
+        rows, missing = self.rows()
+        verdict = rows[0] if rows else None
+        is_known = self.path.q is not None
+        return Answer(
+            within=self.within,
+            whole=self.whole,
+            seconds=self.seconds if is_known else 0.0,
+            uncertainty=self.path.uncertainty if is_known else None,
+            why=self.why,
+            verdict=verdict,
+            rows=rows,
+            missing=missing,
+            rods=self.rods_alone(verdict),
+        )
+
+    def is_right(self, rung, places=True):
+        """Whether a rung is right, over its span."""
+        good = not rung.lost and rung.rods <= self.within
+        good = good and (rung.energy is None or rung.energy <= ENERGY)
+        if not places or rung.places is None:
+            return good
+        return good and rung.places <= self.within - self.path.uncertainty
+
+    def rows(self):
+        """The Rows of integrators, the cheapest first, and what is Missing of the others."""
+        rows = []
+        missing = []
+        for integrator, ladders in self.ladders.items():
+            best = min(ladders, key=lambda x: off(x.nearest))
+            if not any(ladder.candidates() for ladder in ladders):
+                best.descend(MORE)
+            row = self.row(ladders)
+            if row:
+                rows.append(row)
+            else:
+                shortest = min(rung.dt for ladder in ladders for rung in ladder.rungs)
+                missing.append(Missing(integrator, best.nearest, shortest))
+        longest = max((x.rung.span for x in rows), default=0.0)
+
+        def order(row):  # first what is right for as long as was tried, or for about the longest
+            return row.ends and row.rung.span < ABOUT * longest, row.rung.operations
+
+        return sorted(rows, key=order), missing
+
+    def row(self, ladders, places=True, most=math.inf, budget=SPAN):
+        """The Row of the cheapest rung of some ladders that is right for long; None if none is.
+
+        It has at `most` so many operations a second. Where none is right for all of its span, it is
+        the one that is right for longest.
+        """
+        options = [(rung, x) for x in ladders for rung in x.candidates(places)]
+        tried = []  # [(for how long it is right, its dt, its ladder)], the cheapest first
+        left = budget
+        for rung, ladder in sorted(options, key=lambda x: x[0].operations):
+            if left < 0.0 or rung.operations > most:
+                break
+            span = self.span(RUN * budget / rung.operations)
+            held, spent = ladder.held(rung.dt, span, places)
+            left -= spent
+            if held == span:
+                return ladder.row(rung.dt, span, ends=False)
+            tried.append((held, rung.dt, ladder))
+        longest = max((held for held, _, _ in tried), default=0.0)
+        if longest == 0.0 or not places:
+            return None
+        held, dt, ladder = next(x for x in tried if x[0] >= ABOUT * longest)
+        return ladder.row(dt, self.span(held), ends=True)
+
+    def span(self, most):
+        """A time in s, at most so much of the whole: two digits, but not below the short time."""
+        if most >= self.whole:
+            return self.whole
+        unit = 10.0 ** (math.floor(math.log10(most)) - 1)
+        return max(min(self.seconds, self.whole), in_digits(unit * math.floor(most / unit), 2))
+
+    def rods_alone(self, verdict):
+        """The Row of what is enough if only rods and energy must be right, if that is cheaper."""
+        if verdict is None or verdict.rung.places is None:
+            return None
+        ladders = [x for ladders in self.ladders.values() for x in ladders]
+        return self.row(ladders, False, CHEAPER * verdict.rung.operations, RODS)
+
+
+class Ladder:
+    """The rungs of a scheme over the short time of a Search, from the longest step on."""
+
+    def __init__(self, stepper, search):
+        self.stepper = stepper
+        self.scheme = stepper.scheme
+        self.search = search
+        self.rungs = []
+        self.spent = 0.0  # operations
+        self.dt = search.dt * 2.0 ** math.floor(math.log2(search.seconds / FEWEST / search.dt))
+
+    def descend(self, most):
+        """Take shorter steps until some in a row are right, or for so many operations."""
+        while self.is_going(most):
+            rung = self.take(self.dt, self.search.seconds)
+            self.rungs.append(rung)
+            self.spent += rung.operations * rung.span
+            self.dt *= 0.5
+
+    def is_going(self, most):
+        right = list(map(self.search.is_right, self.rungs[-SURE:]))
+        if len(right) < SURE:
+            return True
+        if all(right):
+            return False
+        if right[-1] and not right[-2]:
+            return True  # or nobody knows whether it is luck
+        return self.spent < most and not self.is_stalled()
+
+    def is_stalled(self):
+        """Whether shorter steps are no better: the error is the method's."""
+        offs = [off(rung) for rung in self.rungs[-4:]]
+        worst = max(offs)  # one of them may be small by luck
+        near = NEAR * min(self.stepper.system["lengths"])
+        return len(offs) == 4 and worst < near and offs[3] > STALLED * worst
+
+    def take(self, dt, span, part=true.WHOLE):
+        """The Rung of steps of a part of dt s over a span in s."""
+        return self.stepper.take(dt, span, self.search.path, self.search.within, part)
+
+    def candidates(self, places=True):
+        """The rungs that are right, as are all shorter ones, of which there is one."""
+        right = takewhile(lambda x: self.search.is_right(x, places), reversed(self.rungs))
+        return list(right)[1:]
+
+    @property
+    def nearest(self):
+        """The rung that is least off."""
+        return min(self.rungs, key=off)
+
+    def held(self, dt, span, places):
+        """For how long steps of dt s are right, in s, and the operations spent.
+
+        So have to be steps a little shorter, and half as long; or it was luck. Their runs go other
+        ways once chaos has spread: no single one decides.
+        """
+        spent = 0.0
+        for part in PARTS:
+            rung = self.take(dt, span, part)
+            spent += rung.operations * span
+            if places and rung.places is not None and rung.places > self.search.within:
+                return 0.0, spent
+            if not self.search.is_right(rung, places):
+                return rung.held, spent
+        return span, spent
+
+    def row(self, dt, span, ends):
+        """The Row of steps of dt s. What is twice as long is followed longer if it needs that."""
+        rung = self.take(dt, span)
+        twice = self.take(2.0 * dt, span)
+        if self.search.is_right(twice):
+            twice = self.take(2.0 * dt, self.search.span(2.0 * span))
+        is_longest = 2.0 * dt > self.rungs[0].dt
+        return Row(rung, twice, self.stepper.time, ends, is_longest)
+
+
+def off(rung):
+    """How far a rung is off, in m: its places or, if these are not known, its rods."""
+    if rung.lost:
+        return math.inf
+    return rung.rods if rung.places is None else max(rung.places, rung.rods)

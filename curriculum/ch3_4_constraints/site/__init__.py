@@ -1,0 +1,1 @@
+"""The chapter as a page, its figures and pictures: no run needs them."""

@@ -1,0 +1,166 @@
+"""Draws the pictures of the chapter, except those drawn by hand."""
+
+from functools import partial
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+import constraints as c
+from curriculum.ch3_4_constraints.rods.systems import energy_scale
+from curriculum.ch3_4_constraints.site import gallery
+from curriculum.ch3_4_constraints.site.drawing import Sheet, chart
+from curriculum.ch3_4_constraints.site.gallery import DT, METHODS
+from curriculum.common.words import length
+
+FOLDER = Path(__file__).parents[1] / "pictures"
+TIMES = {0.0: "0 s", 5.0: "5 s", 10.0: "10 s", 15.0: "15 s", 20.0: "20 s"}
+MINUS = "\N{MINUS SIGN}"
+EVERY = 32  # steps between two points of a curve
+run = partial(c.run_method, integrator="semi_implicit", dt=DT, steps=4000)
+SYMBOLS = """<style>:root { --v: #0a7d46; --lambda: #b35200; }
+@media screen and (prefers-color-scheme: dark) {
+:root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
+
+
+def one_step(d, v, methods=tuple(METHODS), dt=0.2, baumgarte=2.0):
+    """What some methods make of a bob at d (2,) in m with v (2,) in m/s, in one long step."""
+    system = c.build_system("pendulum")
+    system["q0"] = np.array([[*d, 0.0]])
+    system["v0"] = np.array([[*v, 0.0]])
+    sheet = Sheet(1200, 850, (-0.6, -1.6), (1.8, 0.1))
+    sheet.parts.append(SYMBOLS)
+    round_ = [(np.cos(x), np.sin(x)) for x in np.linspace(-np.pi, 0.0, 60)]
+    sheet.line(round_, "reference", 3, "2 10")
+    sheet.line([(0, 0), d], "reference", 6)
+    sheet.arrow(d, np.add(d, dt * np.array(v)), "v")
+    ends = {}
+    held = c.make_methods(dt, baumgarte)
+    for name in methods:
+        method = held[name]
+        step = c.stabilized(c.semi_implicit_step, system, method)
+        q, _ = step(system["q0"], system["v0"], system["m"], method.make_force(system), dt)
+        ends[name] = q
+    names = sorted(ends, key=lambda name: -ends[name][0, 1])  # from the top
+    below = np.inf
+    for name in names:
+        x, y, _ = ends[name][0]
+        below = min(below - 0.095, y)
+        error = c.rod_lengths(system, ends[name])[0] - 1.0
+        words = "right"
+        if abs(error) > 1e-9:
+            sign = "+" if error > 0.0 else MINUS
+            words = sign + length(abs(error))
+        sheet.line([(x, y), (x, y)], METHODS[name], 22)
+        sheet.line([(x, y), (0.85, below)], METHODS[name], 2)
+        sheet.words((0.87, below), f"{name} {words}", METHODS[name], "start", -10)
+    plain = ends[next(iter(ends))][0]
+    for name in methods:
+        if held[name].post_step:  # from where the step ended without it
+            sheet.arrow(plain, ends[name][0], "lambda")
+    sheet.line([(0, 0), (0, 0)], "reference", 16)
+    sheet.line([d, d], "ink", 26)
+    return sheet.text()
+
+
+def two_methods(times, runs):
+    """How rods drift under none, and do not under baumgarte; runs {method: Run}."""
+    curves = []
+    for name in "none", "baumgarte":
+        errors = np.maximum(runs[name].violations[::EVERY], 1e-13)
+        curves.append((name, METHODS[name], times, np.log10(errors)))
+    ticks = {k: length(10.0**k) for k in range(-4, 1)}
+    return chart(curves, TIMES, ticks, "worst rod error")
+
+
+def energies(times, runs, scale):
+    """How much energy each method gains, in parts of a `scale` in J."""
+    curves = []
+    at_zero = []
+    for name, found in runs.items():
+        gain = (found.energies - found.energies[0])[::EVERY] / scale
+        curves.append((name, METHODS[name], times[: len(gain)], gain))  # a run may be lost
+        if np.max(np.abs(gain)) < 0.02:
+            at_zero.append(name)
+    ticks = {x / 100: f"{x} %" for x in (-50, -25, 0, 25, 50)}
+    return chart(curves, TIMES, ticks, "energy gained, of m g L", ", ".join(at_zero))
+
+
+def cliff():
+    """What becomes of a rod that is too long, at three values of dt w."""
+    hung = c.build_system("pendulum") | {"q0": np.array([[0.0, -1.001, 0.0]])}
+    curves = []
+    for z, colour in ((0.1, "m1"), (0.8, "m2"), (0.85, "long")):
+        found = run(hung, "baumgarte", steps=40, baumgarte=z / DT)
+        curves.append((f"dt w = {z}", colour, np.arange(41), -1.0 - found.tip[:, 1]))
+    ticks = {x / 1000: f"{x} mm" for x in (-4, -2, 0, 2, 4)}
+    return chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
+
+
+DASHES = "2 12", "18 10", ""  # of integrators
+
+
+def spring(dt=0.4, seconds=12.8):
+    """Velocity over place of 1 kg on a spring of 1 N/m, under each integrator."""
+    sheet = Sheet(1000, 900, (-2.6, -2.3), (2.4, 2.2))
+    angles = np.linspace(0.0, 2.0 * np.pi, 60)
+    sheet.line(zip(np.cos(angles), np.sin(angles), strict=True), "reference", 3, "2 10")
+    for (name, integrator), dash in zip(c.INTEGRATORS.items(), cycle(DASHES), strict=False):
+        q, v = np.array([[1.0]]), np.array([[0.0]])
+        states = [(1.0, 0.0)]
+        for _ in range(round(seconds / dt)):
+            q, v = integrator(q, v, np.ones((1, 1)), lambda q, v: -q, dt)
+            states.append((q.item(), v.item()))
+            if np.linalg.norm(states[-1]) > 2.0:
+                break
+        sheet.line(states, "ink", 4, dash)
+        place = max(states, key=lambda state: state[0] + state[1])
+        sheet.words(place, name, "ink", "start", 20)
+    sheet.words((0.0, -2.2), "to the right: place; up: velocity", "reference")
+    return sheet.text()
+
+
+def pump():
+    """A pendulum under baumgarte: its path, with its rod's error twenty times as large."""
+    found = run(c.build_system("pendulum"), "baumgarte", steps=500)
+    d = found.q[:, 0, :2]
+    size = np.linalg.norm(d, axis=1)[:, None]
+    seen = d / size * (1.0 + 20.0 * (size - 1.0))
+    sheet = Sheet(1000, 600, (-1.4, -1.35), (1.4, 0.33))
+    angles = np.linspace(np.pi, 2.0 * np.pi, 60)
+    sheet.line(zip(np.cos(angles), np.sin(angles), strict=True), "reference", 3, "2 10")
+    sheet.line(seen[::4], METHODS["baumgarte"], 5)
+    sheet.line([(0, 0), (0, 0)], "reference", 16)
+    sheet.words((0.0, -0.6), "short while it is fast", "ink")
+    sheet.words((0.0, 0.2), "longer where it turns", "ink")
+    return sheet.text()
+
+
+def chaos(times, double, tip):
+    """How starts part whose last bob is thrown ever less; tip (steps + 1, 3) if it is not."""
+    curves = []
+    for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
+        thrown = double | {"v0": np.array([[0.0, 0.0, 0.0], [0.0, 10.0**-digits, 0.0]])}
+        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[EVERY::EVERY]
+        curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
+    ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
+    return chart(curves, TIMES, ticks, "distance between the tips")
+
+
+def drawn():
+    """Yield (name, text) of each: those of the chapter, then those of the gallery."""
+    double = c.build_system("double")
+    times = np.arange(0, 4001, EVERY) * DT
+    runs = {method: run(double, method) for method in METHODS}
+    yield "two_methods", two_methods(times, runs)
+    yield "energy", energies(times, runs, energy_scale(double, c.GRAVITY))
+    yield "spring", spring()
+    yield "pump", pump()
+    yield "cliff", cliff()
+    for method in "baumgarte", "impulse", "project":
+        yield f"step_{method}", one_step((0.0, -1.12), (2.0, -1.0), ("none", method))
+    yield "chaos", chaos(times, double, runs["project"].tip)
+    yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
+    peaucellier = c.build_system("peaucellier")
+    yield "flat_pose", gallery.tiles("peaucellier", peaucellier, gallery.Film(4.0, 4.0))
+    yield from gallery.drawn()

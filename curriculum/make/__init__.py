@@ -1,0 +1,1 @@
+"""Makes again what is made, of any chapter."""
