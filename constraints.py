@@ -139,12 +139,12 @@ def solve(system, A, b, v=None):
 # would take longer.
 #
 # What is left, again under semi_implicit. At constant speed g stays if dt s + dt^2 |u|^2 / 2 = 0:
-# so s = -dt |u|^2 / 2, a little inward, to make up for the straight step. But a force sees gdot as
-# it is at the end of a step, s + dt |u|^2 = +dt |u|^2 / 2. The damper takes it for growth, and
-# pulls, until the rod is so short that the spring pushes out as hard:
+# so s = -dt |u|^2 / 2, a little inward, to make up for the straight step. But the next force(q, v)
+# computes gdot with the new d: it is s + dt |u|^2 = +dt |u|^2 / 2, though g does not grow. So the
+# damper pulls, until the rod is so short that the spring pushes out as hard:
 #     w^2 g = -2 w gdot, so g = -dt |u|^2 / w
-# Here that is 5 mm too short. Half the dt or twice the w halves it. But beyond w dt = 0.83 each
-# step overshoots more than the last, and it explodes.
+# Here that is 5 mm too short. Half the dt or twice the w halves it. But if (w dt)^2 + 4 w dt > 4,
+# that is w dt > 0.83, each step overshoots more than the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -277,7 +277,8 @@ def trajectory(step_fn, system, force, dt, steps):
 # A second sitting: how engines hold rods. You have two ways, w = 0 and w > 0, and `none` and
 # `baumgarte` are their names. Here are three more. All five are one table, make_methods.
 # Game engines, and MuJoCo for the lengths of its tendons, take J as constant during a step: they
-# leave Jdot v out. So a rod bends a path only once it is off: g or gdot has to supply |d_dot|^2.
+# leave Jdot v out. A circle needs J a = -|d_dot|^2, which the solve then does not ask for. So only
+# a rod with an error bends a path: its g or gdot asks for it.
 # They may also make a rod soft, so that it gives way in proportion to lambda:
 #     J a = -damping gdot - stiffness g - R lambda
 # where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
@@ -299,9 +300,10 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
 
 
 # project puts the end of a step back onto the rods. semi_implicit has pulled along the rods as they
-# were at the start, J_start. The correction moves q along the same lines, by -M^-1 J_start^T mu,
-# with mu such that g = 0. A round of Newton's method moves mu by dmu, and so g by about
-# -J M^-1 J_start^T dmu, which is to be -g:
+# were at the start, J_start. The correction pulls along the same lines: q moves by
+# -M^-1 J_start^T mu, with mu such that g = 0. As g is not linear in mu, that takes rounds, of
+# Newton's method. A round adds dmu to mu, and so changes g by about -J M^-1 J_start^T dmu. Let this
+# be -g:
 #     J M^-1 J_start^T dmu = g
 # A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
 # would change a rod's length. For v, nu does what lambda does for a:
@@ -356,15 +358,17 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     #     new g = g + dt J v_next + dt^2 |d_dot|^2 / 2
     # Drop the last term, and ask for new g = 0: J v_next = -g/dt. As v_next = v + dt a, that is
     #     J a = -gdot/dt - g/dt^2
-    # What was dropped stays, and does not add up: 0.245 mm at 4.4 m/s. (Engines take back a part of
-    # g only, and sweep over the rods instead of solving for all.)
+    # What was dropped stays, but does not accumulate: 0.245 mm at 4.4 m/s. (Engines take back part
+    # of g only, and sweep over the rods instead of solving for all.)
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
     # soft is MuJoCo's rule, with a fixed impedance p; p = 1 is a hard rod. One rod has A + R = A/p:
     #     J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f
     # Hanging at rest, J a and gdot are 0, and a rod of 1 m is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too
-    # long. Swinging at 4.4 m/s, if g stays, J a is -|d_dot|^2, and gdot dt |d_dot|^2 / 2 as under
-    # baumgarte. So g is tau^2 |d_dot|^2 - tau dt |d_dot|^2, and a rod of 1 m 8 mm - 2 mm too long.
+    # long. Swinging at 4.4 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
+    # baumgarte, gdot = dt |d_dot|^2 / 2. Without the small (1 - p) term that makes
+    #     g = tau^2 |d_dot|^2 - tau dt |d_dot|^2
+    # and a rod of 1 m 8 mm - 2 mm too long.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(

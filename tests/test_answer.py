@@ -195,6 +195,7 @@ LUCK = {  # where an integrator is right, and the longest step that is right wit
     "one step": (lambda dt: near(dt, 0.04) + np.where(dt < 0.0026, 1.0, 0.0), 0.0025),
     "two steps": (lambda dt: near(dt, 0.04) + near(dt, 0.02) + np.where(dt < 6e-3, 1, 0), 0.005),
     "no other part": (lambda dt: near(dt, 0.01) + np.where(dt < 0.0051, 1.0, 0.0), 0.005),
+    "no other part of the longest": (lambda dt: near(dt, 0.08) + np.where(dt < 0.041, 1, 0), 0.04),
 }
 
 
@@ -202,7 +203,7 @@ LUCK = {  # where an integrator is right, and the longest step that is right wit
 def test_what_is_right_by_luck_is_not_advised(name):
     test, longest = LUCK[name]
     answer = chosen(integrators=right_at(test))
-    assert answer.verdict.rung.dt == longest
+    assert answer.verdict.rung.dt == longest and not answer.verdict.is_longest
     never = chosen(integrators=right_at(lambda dt: near(dt, 0.04)))
     assert never.verdict is None
     (missing,) = never.missing
@@ -264,6 +265,18 @@ def test_a_tolerance_below_what_is_known_leaves_rods_and_energy():
     answer = chosen(1e-14, integrators=RK4, system=c.build_system("double"))
     rung = answer.verdict.rung
     assert answer.why and answer.seconds == 0.0 and rung.places is None and rung.rods <= 1e-14
+
+
+def test_by_as_much_as_places_are_not_known_they_have_to_be_nearer(monkeypatch):
+    usual = choice.known_path
+
+    def vague(*what):
+        path, why = usual(*what)
+        return path._replace(uncertainty=9e-4), why
+
+    monkeypatch.setattr(choice, "known_path", vague)
+    for found in chosen(1e-3).rows:
+        assert found.rung.places <= 1e-4 < found.twice.places
 
 
 EXTREME = {

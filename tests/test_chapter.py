@@ -231,6 +231,16 @@ def test_an_address_shows_one_figure_as_large_as_the_window_and_still_in_hand(vi
     page.close()
 
 
+@pytest.mark.parametrize("name", ["double", "question", "pump", "jansen_leg"])
+def test_a_figure_alone_waits_until_it_is_started(visit, built, name):
+    page = visit(built, viewport=DESKTOP, reduced_motion="no-preference")
+    page.evaluate("name => { location.hash = `figure=${name}`; }", name)
+    page.wait_for_function("document.querySelector('.alone')?.style.translate")
+    buttons = page.locator(f"[data-figure={name}]").get_by_role("button")
+    assert {"Play", "Pause"} & {*buttons.all_inner_texts()} == {"Play"}
+    page.close()
+
+
 # --- a figure, a gesture, a number ---
 def test_the_opening_begins_alike_and_at_rest_and_comes_apart_as_runs_do(shown):
     found = figure(shown, "double")
@@ -266,6 +276,9 @@ def test_one_bob_that_is_thrown_throws_all_five_with_rods_of_their_length(stoppe
     moved = thrown[:, 2] - held[:, 2]
     assert np.all(np.linalg.norm(moved, axis=1) > 0.5 * rods[0, 0])  # at 12 rad/s
     assert np.ptp(moved, axis=0) == pytest.approx([0.0, 0.0], abs=0.4 * rods[0, 0])
+    click(found, "Let go level")
+    level = np.array(found.evaluate(discs))
+    assert np.ptp(level[:, :, 1]) < 0.1 * rods[0, 0]
 
 
 def test_the_bob_comes_to_the_pointer_and_pulls_by_how_far_it_fell(shown):
@@ -317,6 +330,18 @@ def test_g_and_its_rate_are_the_chapters_and_what_is_dragged_away_stays_in_sight
     assert ("grows" in sentence, "shrinks" in sentence) == (seen[1] > 0.0, seen[1] < 0.0)
     place = middle(bob.bounding_box()) - [canvas["x"], canvas["y"]]
     assert np.all((place >= 0.0) & (place <= [canvas["width"], canvas["height"]]))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_velocity_that_is_nearly_along_the_circle_is_along_it(stopped, way):
+    found = figure(stopped, "tangent")
+    bob, tip = found.locator(".hand").all()
+    canvas = found.locator("canvas").bounding_box()
+    scale = min((canvas["width"] - 12) / 3.0, (canvas["height"] - 12) / 1.95)
+    along = way * scale * np.array([0.24, -0.18])  # the bob is at 0.66, -0.88
+    drag(tip, *(middle(bob.bounding_box()) + along + 1.0 - middle(tip.bounding_box())))()
+    assert numbers(found, r"ġ = (\S+) m²") == [0.0]
+    assert "stays so" in said(found)
 
 
 def test_the_entries_of_J_follow_a_bob_and_say_what_they_are(shown):
@@ -391,22 +416,23 @@ def test_a_time_shows_both_runs_as_they_were_then(shown, how):
 
 
 def test_a_long_step_leaves_a_wedge_and_half_the_step_halves_the_drift(shown):
-    says = r"step (\d+) left\s+g = (.*) m²\s+½ Σ \(dt v\)² = (.*) m²"
+    says = r"step (\d+) g = (.*) m²"
     found = figure(shown, "drift")
-    assert "step 1 would leave" in said(found)
+    assert re.findall(says, said(found)) == [("1", "?")]
     click(found, "Then the circle")
     click(found, "Then the wedge")
-    ((_, g, proof),) = numbers(found, says)
-    assert g == proof == pytest.approx(0.5 * (0.3**2 * 9.81) ** 2, abs=1e-6)  # of the first step
+    ((_, g),) = numbers(found, says)
+    assert g == pytest.approx(0.5 * (0.3**2 * 9.81) ** 2, abs=1e-6)  # of the first step
     slider = found.locator(SLIDER)
     assert slider.is_disabled()
     click(found, "it halves")
+    assert found.locator(".verdict").inner_text() == "Now try it."
     for k, dt in enumerate([0.1, 0.05, 0.025]):
         slider.fill(str(k))
-        ((n, now, proof),) = numbers(found, says)
+        ((n, now),) = numbers(found, says)
         ended = run(pendulum(1.0, 0.0), "none", 0.7, dt)
         assert n * dt == pytest.approx(0.7)
-        assert now == proof == pytest.approx((np.sum(ended.tip[-1] ** 2) - 1) / 2, abs=1e-6)
+        assert now == pytest.approx((np.sum(ended.tip[-1] ** 2) - 1) / 2, abs=1e-6)
     assert "As you said: it halves. In the end g is" in said(found)
 
 
@@ -429,20 +455,22 @@ def test_the_error_dies_rings_or_explodes_as_its_eigenvalues_say_and_not_before_
     limit = stability_limit(c.semi_implicit_step)
     found = figure(shown, "cliff")
     slider = found.locator(SLIDER)
-    spoiler = shown.get_by_text("until it does not hold at all")
+    spoiler = shown.get_by_text("lost at 1.51 s: diverged")
+    told = shown.get_by_text("Where is that cliff?")
     guess = found.get_by_role("button", name="at some point it explodes")
     assert slider.is_disabled()
+    assert told.is_visible()
     assert not spoiler.is_visible()
     apart = middle(slider.bounding_box()) - middle(guess.bounding_box())
     assert 0.0 < apart[1] < 150.0
     guess.click()
-    for z, kind in (0.1, "decays"), (0.82, "rings"), (0.83, "explodes"), (0.9, "explodes"):
+    for z, kind in (0.1, "decays"), (0.82, "rings"), (0.83, "explodes"), (0.85, "explodes"):
         slider.fill(str(round(100 * z) - 5))
         assert (f"{limit:.3f}" in found.locator(".verdict").inner_text()) == (z > limit)
         assert spoiler.is_visible() == (z > limit)
-        ended = run(pendulum(0.0, -1.001), "baumgarte", 30 * DT, baumgarte=z / DT)
+        ended = run(pendulum(0.0, -1.001), "baumgarte", 60 * DT, baumgarte=z / DT)
         error = length(ended.violations[-1])
-        assert f"It {kind}: after 30 steps it is {error}." in said(found)
+        assert f"It {kind}: after 60 steps it is {error}." in said(found)
         step = np.array([[1.0 - 2.0 * z, -(z**2)], [1.0 - 2.0 * z, 1.0 - z**2]])  # of u and g
         wanted = sorted(np.linalg.eigvals(step), reverse=True)
         (seen,) = numbers(found, r"Eigenvalues: (\S+) and (\S+)")
@@ -505,6 +533,9 @@ def test_a_soft_rod_rests_where_the_chapters_does_whatever_the_mass(shown, value
 
 def test_a_tolerance_shows_what_choose_advises(shown):
     found = figure(shown, "work_precision_double")
+    x, y, _, height = found.locator("canvas").bounding_box().values()
+    shown.mouse.move(x + 516, y + 0.515 * height)  # between two of its steps
+    assert found.locator(".whole").first.inner_text() == "rk4 with baumgarte"
     before = said(found)
     drag(found.get_by_role("button", name="The tolerance"), -70, 0)()  # to the left: coarser
     assert said(found) != before

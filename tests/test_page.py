@@ -346,6 +346,7 @@ def test_a_touch_on_a_row_plays_the_answer_as_it_was_found(name, small, written,
     steps(shown, round(page.answer.seconds / shown.evaluate("run.tick")))
     tiles = shown.locator(".tile:visible")
     assert tiles.nth(1).get_attribute("class") == "tile marked"
+    assert shown.locator("#board").bounding_box()["width"] > 500.0, "in one column it is crowded"
     for rung, tile in zip(rungs, tiles.all_inner_texts(), strict=True):
         assert tile.startswith(f"{rung.scheme} in steps of {words.milliseconds(rung.dt)}")
         assert f"places {words.length(rung.places)} off" in tile
@@ -403,6 +404,7 @@ def test_a_method_that_is_lost_says_when_and_why(shown, small):
 def test_what_is_too_long_is_red_and_what_is_too_short_dashed_blue(shown, stretch):
     color = "long" if stretch > 0 else "short"
     right = np.array(LEVER["particles"][0]["position"])
+    assert drawn(shown, "run.copies[1].view", color) == [], "as it starts, all rods are right"
     shown.evaluate(f"run.copies[1].state.set({((1.0 + stretch) * right).tolist()})")
     first = drawn(shown, "run.copies[1].view", color)[0]
     assert np.array(first["at"]) == pytest.approx(np.outer([1.0, 1.0 + stretch], right[:2]))
@@ -430,8 +432,16 @@ def test_the_plot_has_a_decade_a_tick_down_to_a_millionth_of_the_rods(shown, sma
     for color, end in ("m0", np.log10(worst)), ("m4", -7.0):
         curve = next(x for x in marks if x.get("color") == color)
         assert curve["at"][-1] == pytest.approx([0.2, end])
-    shown.evaluate("run.copies[0].curves.rods.push([30, 1])")
-    shown.evaluate("board.draw()")
+    kept = """copy => {
+      for (copy.time = 0.22; copy.time < 30; copy.time += 0.04) copy.note("rods", 0);
+      return [0, -1].map(k => copy.curves.rods.at(k)[0]);
+    }"""
+    first, last = shown.evaluate(f"({kept})(run.copies[1])")
+    assert last > 29.9 and 20.0 < last - first < 23.0
+    shown.evaluate("run.copies[0].curves.rods.push([30, 1e9]); board.draw()")
+    *_, stub = drawn(shown, "board.plot", "m0")
+    assert stub["at"][0] == pytest.approx([30, shown.evaluate("board.plot.box[3]")])
+    assert any(x["kind"].endswith("▲") for x in drawn(shown, "board.plot"))
     assert shown.evaluate("board.plot.box.filter((_, k) => k % 2 === 0)") == [10, 30], (
         "the last 20 s"
     )
@@ -443,14 +453,15 @@ def test_each_of_eight_methods_has_a_look_of_its_own_and_drag_is_no_error(writte
 
     def more(*knobs, **named):
         rows = make(*knobs, **named)
-        return rows | dict.fromkeys(["sixth", "seventh", "eighth"], rows["none"])
+        return rows | dict.fromkeys(["sixth", "seventh", "eighth", "ninth"], rows["none"])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(c, "make_methods", more)
         patch.setattr(c, "external_force", lambda system, q, v: force(system, q, v) - 0.5 * v)
         shown = visit(written("--steps", "99").path)
     looks = shown.evaluate("run.copies.map(({color, dash}) => [color, `${dash}`])")
-    assert [len({*x}) for x in zip(*looks, strict=True)] == [8, 8]
+    assert [len({*x}) for x in zip(*looks[:8], strict=True)] == [8, 8]
+    assert looks[8] == looks[0], "from there on they begin again"
     click(shown, "Energy")
     assert shown.locator("#title").inner_text() == "Energy change"
     assert shown.evaluate("truth.known"), "by project, wherever it stands"
@@ -494,6 +505,7 @@ def test_a_bob_that_is_taken_at_its_edge_goes_as_far_as_the_mouse(shown):
     box = shown.locator(".tile").nth(3).locator(".hand").last.bounding_box()
     shown.mouse.move(box["x"] + 10, box["y"] + 22)
     shown.mouse.down()
+    taken = shown.evaluate("knobs.hand")
     shown.mouse.move(box["x"] + 10, box["y"] - 28)
     shown.mouse.up()
     x, y, scale = shown.evaluate("[...run.copies[3].point(1), run.copies[3].view.scale[0]]")
@@ -502,6 +514,7 @@ def test_a_bob_that_is_taken_at_its_edge_goes_as_far_as_the_mouse(shown):
     assert not shown.evaluate("hand.copy"), "too far from any"
     shown.mouse.up()
     shown.evaluate("delete clock.advance")
+    assert taken == pytest.approx([x, y], abs=1.0 / scale), "it does not jump to the mouse"
     assert shown.evaluate("knobs.hand") == pytest.approx([x, y + 50.0 / scale], abs=1.0 / scale)
 
 
@@ -522,6 +535,14 @@ def test_steps_longer_than_a_frame_are_taken_when_they_are_due(written, visit):
     assert shown.evaluate(frames + "[run.taken, clock.late]") == [2, False]
     box = shown.evaluate("home")
     assert box == pytest.approx([-1.0, -1.0, 1.0, 0.0], abs=1e-3), "as far as it truly swings"
+    shown.evaluate("run.begin()")
+    widen = "at => { run.box = home; run.copies[0].state.set(at); run.widen(); return run.box; }"
+    for side in range(4):  # left, bottom, right, top
+        for off in (0.9, 1.1):  # m: within half of its 2 m it is still shown
+            at = [0.0, -0.5]
+            at[side % 2] = box[side] + off * (1.0 if side > 1 else -1.0)
+            wider = [at[side % 2] if k == side and off < 1.0 else x for k, x in enumerate(box)]
+            assert shown.evaluate(widen, at) == pytest.approx(wider)
 
 
 def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(shown):
@@ -546,8 +567,9 @@ def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(shown)
 def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(shown):
     assert shown.locator("a, button, input").first.inner_text() == "Play"
     shown.locator(".tile").first.locator(".hand").last.focus()
-    shown.keyboard.press("PageDown")
-    assert "none: pull bob 1 of 2" in shown.evaluate("document.activeElement.ariaLabel")
+    for key, bob in [("PageDown", 1), ("PageDown", 2), ("PageUp", 1)]:
+        shown.keyboard.press(key)
+        assert f"none: pull bob {bob} of 2" in shown.evaluate("document.activeElement.ariaLabel")
     shown.keyboard.press("Alt+ArrowRight")
     assert not shown.evaluate("hand.copy || clock.going"), "that is the browser's"
     shown.keyboard.press("ArrowRight")
@@ -596,5 +618,14 @@ def test_half_the_step_is_compared_at_the_same_time(shown, small):
         each = [own(small, name, many, 0.2 / many).violations for many in (100, 200)]
         worst = ", ".join(words.length(np.max(violations)) for violations in each)
         assert f"{name} {worst}" in told(shown)
+    lifted = """() => {
+      run.begin();
+      hand.drag(run.copies[4], 1, [0.06, 1]);
+      for (let k = 0; k < 50; k++) run.step();
+      hand.letGo();
+      for (let k = 0; k < 4; k++) run.step();
+      return Math.abs(run.halves[4].worst.energy);
+    }"""
+    assert shown.evaluate(lifted) < 0.05, "what a hand adds is no error of theirs, either"
     click(shown, "As it was")
     assert "µm, " not in told(shown)

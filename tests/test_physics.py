@@ -250,6 +250,9 @@ def test_gauss_divides_a_step_that_does_not_converge_and_can_be_pickled():
     q, v = step_fn(still + 1.0, still, 1.0, lambda q, v: -900.0 * q, 1.0)  # 30 rad in a step
     assert np.allclose(q, math.cos(30.0), atol=1e-3)
     assert np.allclose(v, -30.0 * math.sin(30.0), atol=1e-2)
+    far = 1e7  # m: however far from the origin a bob swings by a millimetre
+    q, v = step_fn(still + far + 1e-3, still, 1.0, lambda q, v: -900.0 * (q - far), 1.0)
+    assert np.allclose(q - far, 1e-3 * math.cos(30.0), atol=1e-6)
     q, v = step_fn(still, still, 1.0, lambda q, v: np.nan * q, 1.0)  # no part is short enough
     assert np.isnan([q, v]).all()
 

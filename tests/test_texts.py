@@ -122,6 +122,7 @@ x = 1
 """
 STUDY = """
 import sys
+print("a title")
 print("name   0.1  2 µs")
 if "--quick" not in sys.argv:
     print("other  0.2  3 µs")
@@ -145,7 +146,7 @@ def toy(monkeypatch, tmp_path):
     folder = tmp_path / "curriculum" / "toy"
     write("../__init__.py", "")
     write("studies/__main__.py", STUDY)
-    study = BLOCK.format(f"printed by: {SLOW}", f"$ {SLOW}\nname 0.1 9 µs\nother 0.2 9 µs")
+    study = BLOCK.format(f"printed by: {SLOW}", f"$ {SLOW}\na title\nname 0.1 9 µs\nother 0.2 9 µs")
     another = "python -c 'print(5)'"
     write("studies/README.md", study + BLOCK.format(f"printed by: {another}", f"$ {another}\n5"))
     script = write("script.py", SCRIPT)

@@ -100,6 +100,7 @@ EXACT = """
     np.sum(y, axis=0)
     y.sum(1)
     z.sum(axis=1, keepdims=True)
+    np.sum(z, keepdims=True)[0] * x
     np.sum(z, axis=(0, 2))
     np.sum(z, axis=(-1, 0), keepdims=True)
     np.mean(z) - y.mean() * x

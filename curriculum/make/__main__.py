@@ -76,18 +76,28 @@ def short(path):
 
 def everything():
     """{name: function() -> {path: text}} of what is quick to make, and of what is slow; and of the
-    latter {name: function() -> what is stale}."""
+    latter {name: function() -> what is stale}.
+
+    A name that an earlier chapter has, too, begins with the chapter's folder.
+    """
     quick = {}
     slow = {}
     checks = {}
+
+    def named(name, chapter):
+        return f"{chapter.folder.name}/{name}" if name in quick | slow else name
+
     for chapter in chapters():  # pages show pictures and texts: so first these
-        quick |= {"pictures": chapter.made["pictures"]}
+        quick[named("pictures", chapter)] = chapter.made["pictures"]
         for path in [README, *sorted(chapter.folder.glob("**/*.md"))]:
-            quick[short(path)] = partial(text, path, chapter)
-        quick |= {name: made for name, made in chapter.made.items() if name != "pictures"}
-        for name in chapter.slow:
-            slow[name] = partial(study, chapter, name)
-            checks[name] = partial(stale_study, chapter, name)
+            quick.setdefault(short(path), partial(text, path, chapter))
+        for name, made in chapter.made.items():
+            if name != "pictures":
+                quick[named(name, chapter)] = made
+        for study_name in chapter.slow:
+            name = named(study_name, chapter)
+            slow[name] = partial(study, chapter, study_name)
+            checks[name] = partial(stale_study, chapter, study_name)
     quick["said"] = said
     return quick, slow, checks
 

@@ -1,5 +1,5 @@
 "use strict";
-// Parts that both pages are made of. A scene is an object that page.py writes: its steps and
+// Parts that both pages are made of. A scene is an object of page/scene.py: its steps and
 // measures are the chapter's own lines, as JavaScript, with Python's bits. Names and lengths:
 //
 //   plus(a, b, factor), times(a, factor), dot, size, unit, across     vectors [x, y] of the plane
@@ -108,6 +108,7 @@ class Clock {
   // `figure` is on the screen. Who wants less motion has to start it.
   constructor(figure, dt, step, draw) {
     Object.assign(this, {dt, step, draw, seen: true, asked: false});
+    figure.clock = this;
     this.element = makeButton("", () => this.set(!this.going));
     this.set(!matchMedia("(prefers-reduced-motion: reduce)").matches);
     new IntersectionObserver(([{isIntersecting}]) => {
@@ -405,6 +406,8 @@ function placeNames(stage, names) {
   for (const {color, words, x, from, y} of ends) {
     stage.line([[x, from], [x + 10, y]].map(at => stage.metresAt(at)), color, 1);
     stage.words(words, stage.metresAt([x, y]), color, [14, 0], "left");
+    Object.assign(stage.pen, {strokeStyle: ink("paper"), lineWidth: 5});
+    for (const how of ["strokeText", "fillText"]) stage.pen[how](words, x + 14, y); // over lines
   }
 }
 

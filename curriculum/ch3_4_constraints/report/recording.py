@@ -1,7 +1,6 @@
 """A Rerun recording of a run: a view of each method, and plots of rods, energy and force."""
 
 import zlib
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,6 @@ import rerun.blueprint as rrb
 
 from curriculum.ch3_4_constraints.rods.systems import energy_scale, nodes, rod_parts
 from curriculum.common import palette
-from curriculum.common.tracing import vmap
 from curriculum.common.words import in_digits, length
 
 TIMELINE = "sim_time"  # in s
@@ -134,8 +132,7 @@ def fill(stream, chapter, asked, runs, results, kinds):
         if run.stopped:
             clear = rr.Clear.columns(is_recursive=[True])
             send(stream, f"methods/{key}", seconds[-1:] + run.dt, clear)
-        force = methods[name].make_force(system)
-        curves = curves_of(chapter, system, run, results[name], force, shown)
+        curves = curves_of(chapter, system, run, results[name], shown)
         style = rr.SeriesLines(colors=[color], names=[name])
         for plot, curve in curves.items():
             send(stream, f"{plot}/{key}", seconds, rr.Scalars.columns(scalars=curve), style)
@@ -144,17 +141,15 @@ def fill(stream, chapter, asked, runs, results, kinds):
     stream.send_blueprint(blueprint(results, seen, values, kinds))
 
 
-def curves_of(chapter, system, run, row, force, shown):
+def curves_of(chapter, system, run, row, shown):
     """{plot: its values (n,)} of a run at the steps that are shown, as far as they are known."""
     curves = {"violation": np.log10(np.maximum(run.violations[shown], FLOOR))}
     if has_energy(row):
         scale = energy_scale(system, chapter.gravity)
         curves["energy"] = (run.energies[shown] - run.energies[0]) / scale
     if has_force(row):
-        pulls = vmap(partial(chapter.tensions, system, force=force))(run.q, run.v)
         # Of each moment it would be a scribble: a swing has many peaks.
-        largest = np.fmax.accumulate(np.max(np.abs(pulls), axis=1))
-        curves["force"] = largest[shown]
+        curves["force"] = np.fmax.accumulate(run.pulls)[shown]
     return curves
 
 

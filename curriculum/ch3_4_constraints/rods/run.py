@@ -16,7 +16,8 @@ NOTHING = 1e-9  # of all other forces: what is less is rounding
 MOVES = 1e-9  # of the shortest rod: what moves by less, stands still
 SAMPLE = 16  # states of a run whose steps are counted
 COUNTED = 400_000  # operations: a step of more is counted from fewer states
-AGAIN = 24  # steps, and calls of a force, that are taken again
+AGAIN = 24  # steps, and calls of a force, that are taken again,
+COMPARED = 6  # or so many where the run's own steps have been compared on the way
 ROWS = 600  # of J in all of these: of more than 25 rods they are fewer
 INSTANT = 1e-3  # s: of a difference in time
 SAME = 1e-9  # of an energy
@@ -56,6 +57,7 @@ class Run:
         self.tip = self.q[:, -1]  # (steps + 1, 3) in m: the path of the last particle
         self.violations = violations[:count]  # (steps + 1,) in m
         self.energies = energies[:count]  # (steps + 1,) in J
+        self.pulls = None  # (steps + 1,) in N: of each state the largest, once they are measured
         self.lost = None  # why there is no row for it: a step failed, or its rods are FAR off
         self.stopped = None  # why it ended early
         if count < len(q):
@@ -113,7 +115,8 @@ def why_unlike(step, force, dt, q, v, many):
         number, name = report.change
         return f"its loop changes {name} from step {number} on"
     kept = len(q) - 1
-    number = step.differing([q, v], max(2, min(AGAIN, ROWS // len(start["pairs"]))))
+    most = COMPARED if report.is_compiled else AGAIN
+    number = step.differing([q, v], max(2, min(most, ROWS // len(start["pairs"]))))
     if number is None and report.steps < many:
         return None
     if report.steps > kept + 1 or number is None:
@@ -161,15 +164,16 @@ def largest_force(system, run, tensions, force, external_force):
     """The largest force of a rod in the states of a Run, in N: of `tensions`, where NaN is unknown.
 
     None where the forces of more than one state in a thousand are unknown, and where `force` never
-    has anything beside external_force, so that something else holds the rods. Rounding is 0.
+    has anything beside external_force, so that something else holds the rods. Rounding is 0. The
+    run has its `pulls` from then on.
     """
     pulls = vmap(partial(tensions, system, force=force))(run.q, run.v)  # (steps + 1, C)
+    run.pulls = np.max(np.abs(pulls), axis=1)
     q = system["q0"]
     turning = np.random.default_rng(0).normal(size=q.shape) * system["lengths"][0]  # m/s
     alone = external_force(system, q, turning)
-    hardest = np.max(np.abs(pulls), axis=1)
-    known = hardest[np.isfinite(hardest)]
-    is_unknown = len(hardest) - len(known) > UNKNOWN * len(hardest)
+    known = run.pulls[np.isfinite(run.pulls)]
+    is_unknown = len(run.pulls) - len(known) > UNKNOWN * len(run.pulls)
     if is_unknown or np.array_equal(force(q, turning), alone):
         return None
     most = np.max(known)

@@ -17,7 +17,7 @@ from curriculum.common.tracing.counting import Counter
 from curriculum.common.tracing.plainly import OwnStep
 from curriculum.common.words import in_digits
 
-MANY = 30_000  # steps of a scheme: they repay machine code
+MANY = 100_000  # steps of a scheme: they repay machine code
 STATES = 1000  # at most, in which external_force is asked whether energy should stay
 ENERGY = 0.05  # of the energy's scale: what is right changes it by no more
 

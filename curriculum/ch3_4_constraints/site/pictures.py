@@ -11,6 +11,7 @@ from curriculum.ch3_4_constraints.rods.systems import energy_scale
 from curriculum.ch3_4_constraints.site import gallery
 from curriculum.ch3_4_constraints.site.drawing import Sheet, chart
 from curriculum.ch3_4_constraints.site.gallery import DT, METHODS
+from curriculum.common import exact
 from curriculum.common.words import length
 
 FOLDER = Path(__file__).parents[1] / "pictures"
@@ -97,7 +98,8 @@ def cliff():
     return chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
 
 
-DASHES = "2 12", "18 10", ""  # of integrators
+DASHES = "9 9", "28 10", ""  # of integrators
+NAMED = (-1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)  # the way in which their names stand
 
 
 def spring(dt=0.4, seconds=12.8):
@@ -105,7 +107,8 @@ def spring(dt=0.4, seconds=12.8):
     sheet = Sheet(1000, 900, (-2.6, -2.3), (2.4, 2.2))
     angles = np.linspace(0.0, 2.0 * np.pi, 60)
     sheet.line(zip(np.cos(angles), np.sin(angles), strict=True), "reference", 3, "2 10")
-    for (name, integrator), dash in zip(c.INTEGRATORS.items(), cycle(DASHES), strict=False):
+    styles = cycle(zip(DASHES, NAMED, strict=True))
+    for (name, integrator), (dash, way) in zip(c.INTEGRATORS.items(), styles, strict=False):
         q, v = np.array([[1.0]]), np.array([[0.0]])
         states = [(1.0, 0.0)]
         for _ in range(round(seconds / dt)):
@@ -114,8 +117,8 @@ def spring(dt=0.4, seconds=12.8):
             if np.linalg.norm(states[-1]) > 2.0:
                 break
         sheet.line(states, "ink", 4, dash)
-        place = max(states, key=lambda state: state[0] + state[1])
-        sheet.words(place, name, "ink", "start", 20)
+        place = max(states, key=partial(np.dot, way))
+        sheet.words(place, name, "ink", "start" if way[0] > 0.0 else "end", 20)
     sheet.words((0.0, -2.2), "to the right: place; up: velocity", "reference")
     return sheet.text()
 
@@ -137,12 +140,13 @@ def pump():
 
 
 def chaos(times, double, tip):
-    """How starts part whose last bob is thrown ever less; tip (steps + 1, 3) if it is not."""
+    """How starts part that are turned ever less; tip (steps + 1, 3) of the one that is not."""
     curves = []
     for digits, colour in ((3, "m0"), (6, "m1"), (9, "m2")):
-        thrown = double | {"v0": np.array([[0.0, 0.0, 0.0], [0.0, 10.0**-digits, 0.0]])}
-        apart = np.linalg.norm(run(thrown, "project").tip - tip, axis=1)[EVERY::EVERY]
-        curves.append((f"1e-{digits} m/s apart", colour, times[1:], np.log10(apart)))
+        cos, sin = exact.cos(10.0**-digits), exact.sin(10.0**-digits)
+        turned = double["q0"] @ [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]
+        apart = np.linalg.norm(run(double | {"q0": turned}, "baumgarte").tip - tip, axis=1)
+        curves.append((f"1e-{digits} rad apart", colour, times[1:], np.log10(apart[EVERY::EVERY])))
     ticks = {k: length(10.0**k) for k in (-12, -9, -6, -3, 0)} | {1: ""}
     return chart(curves, TIMES, ticks, "distance between the tips")
 
@@ -159,7 +163,7 @@ def drawn():
     yield "cliff", cliff()
     for method in "baumgarte", "impulse", "project":
         yield f"step_{method}", one_step((0.0, -1.12), (2.0, -1.0), ("none", method))
-    yield "chaos", chaos(times, double, runs["project"].tip)
+    yield "chaos", chaos(times, double, runs["baumgarte"].tip)
     yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
     peaucellier = c.build_system("peaucellier")
     yield "flat_pose", gallery.tiles("peaucellier", peaucellier, gallery.Film(4.0, 4.0))

@@ -1,6 +1,6 @@
 """What the chapter's figures compute with: scenes as JavaScript, and the ladders of all schemes.
 
-No figure has a formula of its own: each step and each measure is the chapter's own lines.
+Each step and each measure of a scene is the chapter's own lines.
 """
 
 from functools import cache
@@ -164,7 +164,8 @@ def ladders(name):
         rungs = [numbers(ladder, x) for x in ladder.rungs if not x.lost and x.places < COARSEST]
         row = {"integrator": scheme.integrator, "method": scheme.method, "rungs": rungs}
         found.append(row | {"name": str(scheme)})
-    return {"seconds": search.seconds, "whole": search.whole, "schemes": found}
+    spans = {"seconds": search.seconds, "whole": search.whole}
+    return {**spans, "schemes": found, "integrators": list(chapter.integrators)}
 
 
 def numbers(ladder, rung):

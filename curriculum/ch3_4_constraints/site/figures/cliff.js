@@ -1,11 +1,11 @@
 figures.cliff = figure => {
-  const steps = 30;
+  const steps = 60;
   const mm = 1e-3;
   const color = inkOf("baumgarte");
   const {limit} = pendulum;
   const bob = new Motion(pendulum, "baumgarte", Motion.knobs(pendulum));
   const ticks = [[1, "1 mm"], [0, "0"], [-1, "−1 mm"]];
-  const below = [[10, "10"], [20, "20"], [29.4, "30 steps"]];
+  const below = [[20, "20"], [40, "40"], [58, "60 steps"]];
   const chart = makeChart("The error of the rod after each step", 15, [-1, -1.3, steps + 1, 1.3],
     ticks, below, () => {
       bob.knobs.baumgarte = z.value() / STEP;
@@ -17,8 +17,8 @@ figures.cliff = figure => {
         [error] = bob.errors;
         rings ||= error < -0.01 * mm;
         const at = [k, Math.max(-1.3, Math.min(1.3, error / mm))];
-        chart.line([[k, 0], at], color, 2.5);
-        if (at[1] === error / mm) chart.disc(at, 3.5, color);
+        chart.line([[k, 0], at], color, 2);
+        if (at[1] === error / mm) chart.disc(at, 3, color);
       }
       const end = Math.abs(error) < 1 ? metric(Math.abs(error)) : "over a metre";
       const kind = z.value() > limit ? "explodes" : rings ? "rings" : "decays";

@@ -5,6 +5,7 @@ const figures = {};
 const {pendulum, double} = traced;
 const STEP = double.knobs.dt;
 const CIRCLING = [-2.6, -2.5, 2.6, 2.1]; // m: all that a double pendulum reaches
+const DASHES = {euler: [5, 5], semi_implicit: [16, 6], rk4: []};
 const STILL = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const inkOf = method => `m${double.colors[method]}`;
@@ -173,6 +174,7 @@ function showAlone() {
   const before = document.querySelector(".alone");
   const figure = document.querySelector(`[data-figure="${location.hash.split("figure=")[1]}"]`);
   if (before) turnAlone(before, false);
+  if (figure && figure !== before) figure.clock?.set(false); // until somebody has been asked
   if (figure) turnAlone(figure, true);
   else before?.scrollIntoView({block: "center"});
 }
@@ -184,9 +186,9 @@ function turnAlone(figure, alone) {
   link.textContent = alone ? "Back to the chapter" : "Alone";
   link.href = alone ? "#" : `#figure=${figure.dataset.figure}`;
   if (!alone) return grown.unobserve(figure);
-  const fitsAt = wide => {
+  const fitsAt = wide => { // how much of the window it then fills
     figure.style.width = `${wide}rem`;
-    return scaleOf(figure);
+    return scaleOf(figure) ** 2 * figure.offsetWidth * figure.offsetHeight;
   };
   const [wide] = (innerWidth < 700 ? [24] : [46, 56, 66, 76])
     .toSorted((a, b) => fitsAt(b) - fitsAt(a));

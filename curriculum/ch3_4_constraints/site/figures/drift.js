@@ -4,21 +4,21 @@ figures.drift = figure => {
   const ends = new Map(); // {a length of step in s: what g was in the end}
   const bob = new Motion(pendulum, "none", Motion.knobs(pendulum));
   const parts = [ // of the first step: what is seen, and what comes next
-    ["A long step first. It goes dt v along the tangent.", "Then the circle"],
+    ["A long step first: the bob moves by dt v.", "Then the circle"],
     ["The circle that would keep the rod's length bends away.", "Then the wedge"],
-    ["Pythagoras: the rod's square grows by (dt v)², and g by half of that.", "Now shorter steps"],
+    ["The wedge between the two is what the step adds to the rod.", "Now shorter steps"],
     ["Each step adds its wedge, and nothing takes it back.", "Next step"],
   ];
   let places;
-  let squares; // m²: of all dt v
   let part; // of the first step, 0 to 2; or 3: it has been seen
   const length = () => (part < 3 ? first : dt.value());
   const stage = makeStage("A pendulum", 24, [-1.1, -1.4, 1.5, 0.2], () => {
     const [was, now] = places.slice(-2);
     const step = plus(now, was, -1);
     const turn = angle(was, now);
+    const g = part < 2 ? "?" : fixed(bob.measure("g")[0], 6);
     const before = part < 2 ? places.slice(0, -1) : places;
-    stage.circle([0, 0], 1, "quiet");
+    if (part > 0) stage.circle([0, 0], 1, "quiet");
     for (const place of before.slice(0, -1)) stage.line([[0, 0], place], "pale", 1);
     stage.line(places, "v", 1.5);
     if (part > 1) {
@@ -35,14 +35,11 @@ figures.drift = figure => {
     stage.disc([0, 0], 5, "quiet");
     stage.disc(before.at(-1), 7);
     stage.says.innerHTML = `<p class="whole">${parts[part][0]}</p>
-      <p>step ${places.length - 1} ${part > 1 ? "left" : "would leave"}
-      ${symbol("g")} = ${fixed(bob.measure("g")[0], 6)} m²</p>
-      <p>½ Σ (<var>dt</var> ${symbol("v")})² = ${fixed(0.5 * squares, 6)} m²</p>`;
+      <p>After step ${places.length - 1} ${symbol("g")} = ${g} m²</p>`;
   });
   const take = () => { // a step; whether it was the last one
     bob.step(length());
     places.push(bob.point(0));
-    squares += (length() * size(bob.state.slice(3))) ** 2;
     if (part < 3) return true;
     if (bob.time < seconds - 1e-9) return false;
     ends.set(length(), bob.measure("g")[0]);
@@ -60,7 +57,6 @@ figures.drift = figure => {
     part = seen;
     bob.begin([1, 0, 0, 0, 0, 0]);
     places = [[1, 0]];
-    squares = 0;
     take();
     show(false);
   };

@@ -31,7 +31,7 @@ figures.flat_pose = figure => {
   const prediction = makePrediction(question, answers, answers[1], () => {
     buttons.hidden = false;
     runner.clock.set(!STILL);
-  }, figure.nextElementSibling);
+  });
   const tiles = row("panels many", ...elements(stages));
   fill(figure, "Guess, and let it fall.", prediction, tiles, buttons);
 };

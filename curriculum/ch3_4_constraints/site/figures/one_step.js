@@ -5,7 +5,7 @@ function makeOneStep(figure, methods, first) {
   const {posts} = pendulum;
   const color = k => inkOf(methods[k]);
   let d, v;
-  const tip = () => plus(d, size(v) < 0.5 ? [0.1, 0] : times(v, dt)); // apart, to take hold of it
+  const tip = () => plus(d, size(v) < 0.75 ? [0.15, 0] : times(v, dt)); // apart, to take hold of it
   const begun = (scene, method) => {
     const bob = new Motion(scene, method, knobs);
     bob.begin([...d, 0, ...v, 0]);
@@ -24,8 +24,10 @@ function makeOneStep(figure, methods, first) {
     });
     stage.circle([0, 0], 1, "quiet");
     stage.system(begun(pendulum, methods[0]), "quiet", "ink");
+    stage.disc(tip(), 9, "v"); // a ring, to take it by
+    stage.disc(tip(), 7, "paper");
     stage.arrow(d, times(v, dt), "v", 2.5);
-    stage.symbol("dt v", tip(), "v", [0, -18]);
+    stage.symbol(size(v) ? "dt v" : "dt v = 0", tip(), "v", [size(v) ? 0 : 24, -20]);
     const seen = ends.map((end, k) => ({...end, k})).filter(({at}) => at);
     for (const {at, k} of seen) {
       stage.line([[0, 0], at], color(k), 1, [2, 5]);
@@ -66,6 +68,6 @@ function makeOneStep(figure, methods, first) {
   fill(figure, "Drag the bob, and throw it by the tip of dt v.", stage, controls(...buttons));
 }
 figures.step_baumgarte = figure => makeOneStep(figure, ["none", "baumgarte"], 0);
-figures.step_impulse = figure => makeOneStep(figure, ["none", "impulse"], 1);
+figures.step_impulse = figure => makeOneStep(figure, ["none", "impulse"], 0);
 figures.step_project = figure => makeOneStep(figure, ["none", "project"], 2);
 figures.one_step = figure => makeOneStep(figure, pendulum.methods, 2);

@@ -1,10 +1,9 @@
 figures.pump = figure => {
   const larger = 20; // times the rod's error as it is drawn
   const curves = new Map(); // of the energy, for each w that was tried
-  let trail;
   const seen = run => times(unit(run.point(0)), 1 + larger * run.errors[0]);
   const runs = new Runs(pendulum, ["baumgarte"], 20, run => {
-    trail = [...trail ?? [], seen(run)].slice(-400);
+    run.trail = [...run.trail ?? [], seen(run)].slice(-400);
     return run.energy - (run.level ??= run.energy);
   });
   const stage = makeStage("A pendulum, its rod's error twenty times too large", 18,
@@ -12,7 +11,7 @@ figures.pump = figure => {
       const [run] = runs.each;
       const bob = seen(run);
       stage.circle([0, 0], 1, "quiet");
-      stage.line(trail, "quiet", 1.5);
+      stage.line(run.trail, "quiet", 1.5);
       stage.disc([0, 0], 5, "quiet");
       stage.disc(bob, 8);
       stage.rods([[[0, 0], bob, 1]], inkOf("baumgarte"), 3);
@@ -20,7 +19,7 @@ figures.pump = figure => {
       stage.says.innerHTML = `<p class="whole">The rod is ${offBy(run.errors[0])}.</p>
         <p>It has ${gained} ${perCent(Math.abs(run.now))} of <var>m g L</var>.</p>`;
     });
-  const plot = makePlot("The energy gained, of m g L", linear(0.25), () => [...curves].map(
+  const plot = makePlot("The energy gained, of m g L", linear(0.4), () => [...curves].map(
     ([words, points]) => (words === name() ? {words, points, color: inkOf("baumgarte")}
       : {words, points, color: "quiet", dash: [2, 4]})));
   const w = makeSlider("w", [10, 20, 40, 80, 160], 1, x => `${x} rad/s`, x => {
@@ -29,7 +28,6 @@ figures.pump = figure => {
   });
   const name = () => `w ${w.value()}`;
   const begin = () => {
-    trail = [];
     runs.begin([[1, 0, 0, 0, 0, 0]]);
     curves.set(name(), runs.each[0].curve);
   };

@@ -49,6 +49,7 @@ figures.question = figure => {
     held = false;
     clock.set(true);
   });
+  clock.set(false);
   stage.reach = Infinity; // wherever it is touched, the bob comes
   put([1, 0]);
   const level = makeButton("Let go level", () => from([1, 0]));

@@ -31,7 +31,7 @@ figures.solve = figure => {
   const tell = (v, lambda) => { // and returns what stands beside the bob
     const [jac, A, right] = ["J", "A", "b"].map(x => rods.measure(x, 12));
     const felt = Math.abs(A[1]) < 0.02 ? "At a right angle neither rod feels the other."
-      : `Rod 0 feels so much of ${name("λ", 1)}, and rod 1 of ${name("λ", 0)}.`;
+      : `Rod 0 feels this much of ${name("λ", 1)}, and rod 1 of ${name("λ", 0)}.`;
     const rows = [0, 6].map(row => [0, 1, 3, 4].map(k => jac[row + k])); // without the z axis
     stage.says.innerHTML = `<math display="block"><mrow>${matrix("J", ...rows)}</mrow></math>
       <math display="block"><mrow>

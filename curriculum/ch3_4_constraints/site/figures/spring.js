@@ -1,7 +1,6 @@
 figures.spring = figure => {
   const {spring} = traced;
   const seconds = 12.8;
-  const dashes = {euler: [2, 6], semi_implicit: [12, 6], rk4: []};
   let start = [1, 0]; // m, m/s
   const follow = integrator => { // its states, and the energy of each
     const knobs = Motion.knobs(spring, {dt: dt.value()});
@@ -22,10 +21,10 @@ figures.spring = figure => {
     chart.circle([0, 0], size(start), "quiet");
     const rows = spring.methods.map(name => {
       const {states, energy} = follow(name);
-      chart.line(states.filter(state => largest(state) < 9), "ink", 2, dashes[name]);
+      chart.line(states.filter(state => largest(state) < 9), "ink", 2, DASHES[name]);
       const ratio = energy / (0.5 * dot(start, start));
       const dash = `<svg width="40" height="6"><path d="M0 3H40" stroke-width="2"
-        stroke="currentColor" stroke-dasharray="${dashes[name]}"/></svg>`;
+        stroke="currentColor" stroke-dasharray="${DASHES[name]}"/></svg>`;
       const much = ratio < 1000 ? `${fixed(ratio, 2)} times` : "over 1000 times";
       return `<p>${dash} <b>${name}</b> has ${much} its energy</p>`;
     });
