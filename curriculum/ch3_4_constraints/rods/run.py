@@ -16,8 +16,7 @@ NOTHING = 1e-9  # of all other forces: what is less is rounding
 MOVES = 1e-9  # of the shortest rod: what moves by less, stands still
 SAMPLE = 16  # states of a run whose steps are counted
 COUNTED = 400_000  # operations: a step of more is counted from fewer states
-AGAIN = 24  # steps, and calls of a force, that are taken again,
-COMPARED = 6  # or so many where the run's own steps have been compared on the way
+AGAIN = 24  # steps, and calls of a force, that are taken again
 ROWS = 600  # of J in all of these: of more than 25 rods they are fewer
 INSTANT = 1e-3  # s: of a difference in time
 SAME = 1e-9  # of an energy
@@ -115,8 +114,7 @@ def why_unlike(step, force, dt, q, v, many):
         number, name = report.change
         return f"its loop changes {name} from step {number} on"
     kept = len(q) - 1
-    most = COMPARED if report.is_compiled else AGAIN
-    number = step.differing([q, v], max(2, min(most, ROWS // len(start["pairs"]))))
+    number = step.differing([q, v], max(2, min(AGAIN, ROWS // len(start["pairs"]))))
     if number is None and report.steps < many:
         return None
     if report.steps > kept + 1 or number is None:
