@@ -29,7 +29,7 @@ DOUBLE = thrown(
         m=[2.0, 0.5],
     )
 )
-HANGING = make_system([[0.0, -0.7, 0.0]], row(1), m=3.0)
+HANGING = make_system([[0.0, -1.0, 0.0]], row(1))
 
 
 def before(line, text):
@@ -125,13 +125,13 @@ ERRORS = {  # the changes, and what they raise
 FIGURES = "energy_rel_max", "tension_max", "error"
 
 
-def taken(changes, plainly, system=DOUBLE):
+def taken(changes, plainly, system=DOUBLE, dt=DT, steps=STEPS):
     """A run under an edited file, and its row."""
     chapter = edited(*changes)
     with plain(plainly):
-        run = chapter.run_method(system, "baumgarte", "semi_implicit", DT, STEPS)
+        run = chapter.run_method(system, "baumgarte", "semi_implicit", dt, steps)
         known = Truth(1, "", system["q0"], 1e-12)
-        row = chapter.summary(system, run, chapter.make_methods(DT)["baumgarte"], known)
+        row = chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
         return run, report.completed(chapter.this_chapter(), system, run, row)
 
 
@@ -157,10 +157,15 @@ def test_what_a_step_reads_beside_its_arguments_is_found_if_it_changes(name):
     assert [row[key] for key in FIGURES] == [None] * 3
 
 
-def test_a_force_of_time_along_a_rod_that_moves_nothing_is_found():
+@pytest.mark.parametrize("plainly", [False, True])
+def test_a_force_of_a_tenth_of_the_time_along_a_rod_that_moves_nothing_is_found(plainly):
+    """So README loads a hanging rod: 200 N from 2 to 4 s of 20 s."""
     changes, word = CHANGED["a force of time"]
-    run, row = taken(changes, True, HANGING)
-    assert np.ptp(run.q) < 1.0 and word in run.unlike.split() and row["tension_max"] is None
+    *ready, (line, _) = changes
+    changes = [*ready, (line, f"{FORCE} + np.array([0.0, -200.0 * (2.0 <= t < 4.0), 0.0])")]
+    run, row = taken(changes, plainly, HANGING, 0.005, 4000)
+    assert np.array_equal(run.q[-1], HANGING["q0"]) and row["tension_max"] is None
+    assert word in run.unlike.split()
 
 
 def seen(changes, steps):
