@@ -2,7 +2,9 @@
 
 import __future__
 
+import re
 from itertools import product
+from textwrap import dedent
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +14,6 @@ from independent import smallest_pulls, weight
 from machines import make_system, row, thrown
 
 import constraints as c
-from curriculum.ch3_4_constraints import report
 from curriculum.ch3_4_constraints.rods.run import is_good
 from curriculum.ch3_4_constraints.rods.truth import Truth
 from curriculum.common.tracing import NotAState, StepChanged, plain
@@ -131,8 +132,7 @@ def taken(changes, plainly, system=DOUBLE, dt=DT, steps=STEPS):
     with plain(plainly):
         run = chapter.run_method(system, "baumgarte", "semi_implicit", dt, steps)
         known = Truth(1, "", system["q0"], 1e-12)
-        row = chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
-        return run, report.completed(chapter.this_chapter(), system, run, row)
+        return run, chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
 
 
 @pytest.mark.parametrize("name", UNLIKE)
@@ -269,6 +269,14 @@ if __name__ == "__main__":
 
 # --- the loop by hand ---
 BY_HAND = [*product(c.make_methods(), ["semi_implicit"]), ("baumgarte", "rk4"), ("none", "euler")]
+
+
+def test_the_comparison_by_hand_on_the_page_prints_what_stands_below_it(capsys):
+    source = (ROOT / "constraints.py").read_text(encoding="utf-8")
+    comment = re.search(r"by hand:\n(.*?)# It prints\n(.*?)# What is below", source, re.S)
+    code, said = (dedent(re.sub(r"(?m)^# ", "", x)) for x in comment.groups())
+    exec(code, vars(c).copy())
+    assert capsys.readouterr().out == said
 
 
 @pytest.mark.parametrize(("name", "integrator"), BY_HAND)

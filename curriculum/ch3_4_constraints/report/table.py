@@ -5,7 +5,7 @@ import textwrap
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import MOVES, conserves
+from curriculum.ch3_4_constraints.rods.run import MOVES
 from curriculum.ch3_4_constraints.rods.stability import grows, stability_limit
 from curriculum.common import words
 
@@ -51,10 +51,11 @@ def aligned(heads, rows):
     return lines
 
 
-def print_table(asked, runs, shown):
-    """Print what was run, and how; and a row for each run, of the columns that are `shown` of it.
+def print_table(chapter, asked, runs, results, truth, columns):
+    """Print what was run, and how; a row for each run; and a sentence for what is not known.
 
-    {name: [(upper head, lower head, words)]}
+    `runs` and `results` are {name: Run} and {name: row}; columns(run, row, truth) is a row's
+    [(upper head, lower head, words)].
     """
     seconds = asked.steps * asked.dt
     span = f"{seconds:.2f}" if seconds >= 1.0 else f"{seconds:.3g}"
@@ -63,27 +64,13 @@ def print_table(asked, runs, shown):
     how = "; ".join(dict.fromkeys(run.report.how for run in runs.values()))
     say(f"seed {asked.seed}; {how}")
     rows = []
-    for name, cells in shown.items():
-        lost = runs[name].lost
-        rows.append([name, lost] if lost else [name, *(words for _, _, words in cells)])
+    for name, run in runs.items():
+        cells = columns(run, results[name], truth)
+        rows.append([name, run.lost] if run.lost else [name, *(words for _, _, words in cells)])
     heads = [("", "method"), *((upper, lower) for upper, lower, _ in cells)]
     print()
     print("\n".join(aligned(heads, rows)))
-
-
-def completed(chapter, system, run, row):
-    """A row of what is known of a Run of a system, with what the pages and files need besides.
-
-    What would be of another run is None.
-    """
-    more = {
-        "conserves": conserves(system, chapter.external_force, chapter.energy, run.q, run.v),
-        "operations": run.operations,  # for a second of motion
-        "stopped": run.stopped,  # when and why, if it ended early
-    }
-    if run.unlike:
-        more |= {"energy_rel_max": None, "tension_max": None, "error": None, "unlike": run.unlike}
-    return row | more
+    print_notes(chapter, asked, runs, results, truth)
 
 
 def energy(row):
@@ -102,8 +89,8 @@ def force(row):
     return words.amount(most).replace(",", "")
 
 
-def print_notes(asked, runs, results, truth, step_fn):
-    """Print a sentence for what is missing or past its limit. `step_fn` took the steps."""
+def print_notes(chapter, asked, runs, results, truth):
+    """Print a sentence for what is missing or past its limit."""
     alive = {name: row for name, row in results.items() if not runs[name].lost}
     for name, run in runs.items():
         if run.stopped and not run.lost:
@@ -116,6 +103,7 @@ def print_notes(asked, runs, results, truth, step_fn):
     if asked.left_out:
         names = ", ".join(asked.left_out)
         say(f"left out, as not made for {asked.integrator}: {names}")
+    step_fn = chapter.integrators[asked.integrator]
     stiffness = asked.dt * asked.knobs["baumgarte"]
     if "baumgarte" in results and grows(step_fn, stiffness):
         print_limit(stiffness, stability_limit(step_fn))
