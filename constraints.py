@@ -15,8 +15,15 @@ from functools import partial
 
 import numpy as np
 
-from curriculum.ch3_4_constraints import report, rods  # table and files; scenes, the true motion
-from curriculum.common import cli, exact, tracing  # flags; cos and sin; compiled steps
+from curriculum.ch3_4_constraints import (
+    report,  # the table and the files
+    rods,  # scenes from files, closed loops, the true motion
+)
+from curriculum.common import (
+    cli,  # flags
+    exact,  # cos and sin, with the same last digit on any processor
+    tracing,  # compiled steps
+)
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
@@ -31,7 +38,7 @@ CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_system(name, rng=0, links=10):
-    """A chain: one of CHAINS, or "chain" with so many `links`. By other names, a scene from a file.
+    """A chain: one of CHAINS, or "chain" with so many `links`. Any other name is a scene's.
 
     A chain starts at rest along +x, tilted by a small random angle. `rng`: a Generator or a seed.
     """
@@ -40,7 +47,7 @@ def build_system(name, rng=0, links=10):
         return rods.load_scene(name, GRAVITY, CHAINS)
     length = 1.0  # m, of each rod
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
-    # The last digits of np.cos and np.sin depend on the processor, and a chain is chaotic.
+    # A chain is chaotic: so not even the last digit may depend on the processor.
     along = length * np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
     system = {
         "q0": np.array([PIVOT + (k + 1) * along for k in range(count)]),  # (N, 3) m
@@ -64,13 +71,13 @@ def external_force(system, q, v=None):
 # is its constraint, . being the dot product. Differentiate twice in time, with d_dot = v_i - v_j:
 #     gdot  = d . d_dot
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
-# Write the v of all particles below each other, 3N numbers, and so their a. Then gdot = J v. The
-# Jacobian J = dg/dq has a row per rod: d in the three columns of i, -d in those of j (PIVOT has
-# none), 0 elsewhere. With two rods, from PIVOT to particle 0 and on to 1, it is
+# Write the v of all particles below each other, 3N numbers, and their a likewise. Then gdot = J v,
+# and with two rods, from PIVOT to particle 0 and on to 1, J is
 #     J = ( d_0     0  )
 #         (-d_1    d_1 )
-# Jdot is J with d_dot in place of d, so a rod's row of it, times v, is d_dot . (v_i - v_j), that is
-# d_dot . d_dot. For all rods the line for gddot reads
+# This Jacobian, J = dg/dq, has a row per rod: d in the three columns of i, -d in those of j (PIVOT
+# has none), 0 elsewhere. Jdot is J with d_dot in place of d, so a rod's row of it, times v, is
+# d_dot . (v_i - v_j), that is d_dot . d_dot. For all rods the line for gddot reads
 #     gddot = J a + Jdot v
 # A rod without mass pulls or pushes its two ends equally, along d: lambda d on i, -lambda d on j.
 # That is lambda times its row of J; all rods together give J^T lambda. So each rod has one unknown,
@@ -80,9 +87,9 @@ def external_force(system, q, v=None):
 # If g and gdot start at 0 and gddot stays 0, a rod keeps its length. So set gddot = 0, and put in
 # a = M^-1 (f + J^T lambda):
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
-# As many equations as rods, and only lambda is unknown. That is the chapter. Call the matrix
-# A = J M^-1 J^T. For the two rods above, its entry off the diagonal is -d_0 . d_1 / m_0: one rod's
-# pull moves particle 0, an end of the other. So all rods are solved at once.
+# These are as many equations as rods, and only lambda is unknown. That is the chapter. Call the
+# matrix A = J M^-1 J^T. For the two rods above, its entry off the diagonal is -d_0 . d_1 / m_0: one
+# rod's pull moves particle 0, an end of the other. So all rods are solved at once.
 # Try it: a particle of 2 kg passes 1 m below PIVOT at 3 m/s. J = (0, -1, 0), J M^-1 J^T = 1/2,
 # J M^-1 f = 9.81 and Jdot v = 9, so lambda = -37.62 N/m, and J^T lambda = (0, 37.62, 0) N: its
 # weight, 19.62 N, and m v^2 / L = 18 N to bend its path.
@@ -116,7 +123,7 @@ def anchor(system, j):
 
 def solve(system, A, b, v=None):
     """lambda (C,), with A lambda = b."""
-    if rods.has_loop(system):  # A may be singular: see there
+    if rods.has_loop(system):  # which may have a rod too many, so that A is singular
         return rods.solve_loops(system, A, b, v)
     return np.linalg.solve(A, b)
 
@@ -125,11 +132,11 @@ def solve(system, A, b, v=None):
 # step is straight: d moves by dt u, u being the new d_dot. Let s = d . u. Then at the end of a step
 #     g has grown by dt s + dt^2 |u|^2 / 2
 #     gdot = (d + dt u) . u = s + dt |u|^2
-# The next solve sees gddot = 0 and Jdot v = |u|^2, and so asks for d . (a_i - a_j) = -|u|^2. In dt
-# that takes dt |u|^2 away from gdot: s is again what it was. If a rod starts at rest, s is 0 and
-# stays 0: each step goes along the tangent and ends outside the circle, and nothing takes that
-# error back. A rod is off by about g / L: after a fall of 1 m, with |u|^2 = 2 * 9.81 * 1 = 19.62
-# m^2/s^2, each step of 5 ms adds 0.245 mm to a rod of 1 m.
+# The next solve has Jdot v = |u|^2, and so gddot = 0 asks for d . (a_i - a_j) = -|u|^2, d being the
+# new d now. In dt that takes dt |u|^2 away from gdot: the next s is what s was. If a rod starts at
+# rest, s is 0 and stays 0: each step goes along the tangent and ends outside the circle, and
+# nothing takes that error back. A rod is off by about g / L: after a fall of 1 m |u|^2 is 19.62
+# m^2/s^2, and each step of 5 ms adds 0.245 mm to a rod of 1 m.
 #
 # What pulls it back. Instead of gddot = 0, ask for a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
@@ -143,8 +150,9 @@ def solve(system, A, b, v=None):
 # computes gdot with the new d: it is s + dt |u|^2 = +dt |u|^2 / 2, though g does not grow. So the
 # damper pulls, until the rod is so short that the spring pushes out as hard:
 #     w^2 g = -2 w gdot, so g = -dt |u|^2 / w
-# Here that is 5 mm too short. Half the dt or twice the w halves it. But if (w dt)^2 + 4 w dt > 4,
-# that is w dt > 0.83, each step overshoots more than the last, and the run explodes.
+# Here that is 5 mm too short. Half the dt or twice the w halves it. But a step takes (g, gdot) to
+# new ones by a matrix, and one of its eigenvalues is below -1 if (w dt)^2 + 4 w dt > 4, that is
+# w dt > 0.83. Then each step overshoots more than the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -209,13 +217,36 @@ INTEGRATORS = {
 
 # --- endregion ---
 # --- region: simulate ---
+def trajectory(step_fn, system, force, dt, steps):
+    """All states of `steps` steps of dt s from q0, v0: (steps + 1, N, 3) in m and in m/s."""
+    q = system["q0"].copy()
+    v = system["v0"].copy()
+    m = system["m"]
+    all_q = np.full((steps + 1, *q.shape), np.nan)  # rows stay NaN if you `break` the loop
+    all_v = np.full((steps + 1, *v.shape), np.nan)
+    all_q[0] = q
+    all_v[0] = v
+    for i in range(steps):
+        q, v = step_fn(q, v, m, force, dt)
+        all_q[i + 1] = q
+        all_v[i + 1] = v
+    return all_q, all_v
+
+
+def simulate(step_fn, system, force, dt, steps):
+    """Run, and measure every state: where the last particle is, (steps + 1, 3) in m, the worst rod
+    error, (steps + 1,) in m, and the energy, (steps + 1,) in joules."""
+    q, v = trajectory(step_fn, system, force, dt, steps)
+    return q[:, -1], constraint_violation(system, q), energy(system, q, v)
+
+
 def energy(system, q, v):
     """Kinetic plus potential energy, in joules, of one state or of many.
 
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
     kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
-    # Without drag, which has no potential. If you add a spring, add its energy.
+    # Drag has no potential, and is not here. If you add a spring, add its energy.
     force = system["m"] * GRAVITY + system.get("load", 0.0)
     potential = -np.sum(force * q, axis=(-2, -1))
     return kinetic + potential
@@ -236,49 +267,13 @@ def constraint_violation(system, q):
     return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
 
 
-def tensions(system, q, v, force):
-    """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
-
-    `force` is any method's. What it adds to external_force is J^T lambda: find that lambda.
-    """
-    jac, _, _, _ = constraint_terms(system, q, v)
-    everything = force(q, v).ravel()
-    others = external_force(system, q, v).ravel()
-    lam = rods.least_squares(jac.T, everything, others)  # J^T lambda = everything - others
-    lengths = rod_lengths(system, q)
-    return -lam[: len(lengths)] * lengths  # the rods' alone, if you add rows to J
-
-
-def simulate(step_fn, system, force, dt, steps):
-    """Run, and measure every state: where the last particle is, (steps + 1, 3) in m, the worst rod
-    error, (steps + 1,) in m, and the energy, (steps + 1,) in joules."""
-    q, v = trajectory(step_fn, system, force, dt, steps)
-    return q[:, -1], constraint_violation(system, q), energy(system, q, v)
-
-
-def trajectory(step_fn, system, force, dt, steps):
-    """All states of `steps` steps of dt s from q0, v0: (steps + 1, N, 3) in m and in m/s."""
-    q = system["q0"].copy()
-    v = system["v0"].copy()
-    m = system["m"]
-    all_q = np.full((steps + 1, *q.shape), np.nan)  # rows stay NaN if you `break` the loop
-    all_v = np.full((steps + 1, *v.shape), np.nan)
-    all_q[0] = q
-    all_v[0] = v
-    for i in range(steps):
-        q, v = step_fn(q, v, m, force, dt)
-        all_q[i + 1] = q
-        all_v[i + 1] = v
-    return all_q, all_v
-
-
 # --- endregion ---
 # --- region: methods ---
 # A second sitting: how engines hold rods. You have two ways, w = 0 and w > 0, and `none` and
 # `baumgarte` are their names. Here are three more. All five are one table, make_methods.
 # Game engines, and MuJoCo for the lengths of its tendons, take J as constant during a step: they
-# leave Jdot v out. A circle needs J a = -|d_dot|^2, which the solve then does not ask for. So only
-# a rod with an error bends a path: its g or gdot asks for it.
+# leave Jdot v out. A circle needs J a = -|d_dot|^2, and nothing asks for it now. But each straight
+# step leaves an error in gdot and g, and what takes that error back bends the path.
 # They may also make a rod soft, so that it gives way in proportion to lambda:
 #     J a = -damping gdot - stiffness g - R lambda
 # where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
@@ -300,12 +295,11 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
 
 
 # project puts the end of a step back onto the rods. semi_implicit has pulled along the rods as they
-# were at the start, J_start. The correction pulls along the same lines: q moves by
-# -M^-1 J_start^T mu, with mu such that g = 0. As g is not linear in mu, that takes rounds, of
-# Newton's method. A round adds dmu to mu, and so changes g by about -J M^-1 J_start^T dmu. Let this
-# be -g:
+# were at the start, J_start. The correction pulls along the same lines: q moves by -M^-1 J_start^T
+# mu, with mu such that g = 0. As g is not linear in mu, that takes rounds, of Newton's method. A
+# round adds dmu to mu, and so changes g by about -J M^-1 J_start^T dmu. It should change it by -g:
 #     J M^-1 J_start^T dmu = g
-# A step moves q by about dt v: so where q is moved by dq, v changes by dq / dt. Last, v loses what
+# A step moves q by about dt v: so if q is moved by dq, v changes by dq / dt. Last, v loses what
 # would change a rod's length. For v, nu does what lambda does for a:
 #     J M^-1 J^T nu = gdot, so that J (v - M^-1 J^T nu) = 0
 def project(system, q_start, q, v, dt):
@@ -358,14 +352,15 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     #     new g = g + dt J v_next + dt^2 |d_dot|^2 / 2
     # Drop the last term, and ask for new g = 0: J v_next = -g/dt. As v_next = v + dt a, that is
     #     J a = -gdot/dt - g/dt^2
-    # What was dropped stays, but does not accumulate: 0.245 mm at 4.4 m/s. (Engines take back part
+    # What was dropped stays, but does not accumulate: 0.245 mm at 4.43 m/s. (Engines take back part
     # of g only, and sweep over the rods instead of solving for all.)
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's rule, with a fixed impedance p; p = 1 is a hard rod. One rod has A + R = A/p:
+    # soft is MuJoCo's rule, with a fixed impedance p; p = 1 gives way to no load. One rod has
+    # A + R = A/p:
     #     J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f
     # Hanging at rest, J a and gdot are 0, and a rod of 1 m is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too
-    # long. Swinging at 4.4 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
+    # long. Swinging at 4.43 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
     # baumgarte, gdot = dt |d_dot|^2 / 2. Without the small (1 - p) term that makes
     #     g = tau^2 |d_dot|^2 - tau dt |d_dot|^2
     # and a rod of 1 m 8 mm - 2 mm too long.
@@ -398,52 +393,89 @@ def stabilized(step_fn, system, method):
     return step
 
 
+def tensions(system, q, v, force):
+    """How hard each rod pulls, -lambda |d|, (C,) in newtons; where that is below 0, it pushes.
+
+    `force` is any method's. What it adds to external_force is J^T lambda: find that lambda. What a
+    post_step does, as project's, is not in it.
+    """
+    jac, _, _, _ = constraint_terms(system, q, v)
+    everything = force(q, v).ravel()
+    others = external_force(system, q, v).ravel()
+    lam = rods.least_squares(jac.T, everything, others)  # J^T lambda = everything - others
+    lengths = rod_lengths(system, q)
+    return -lam[: len(lengths)] * lengths  # of rods alone: an exercise adds rows to J
+
+
 # --- endregion ---
 # --- region: report ---
-# The whole comparison, by hand:
-#     system = build_system("double")
-#     for name, method in make_methods(dt=0.005).items():
-#         step_fn = stabilized(semi_implicit_step, system, method)
-#         force = method.make_force(system)
-#         _, violations, energies = simulate(step_fn, system, force, dt=0.005, steps=4000)
-#         gained = energies[-1] - energies[0]
-#         print(f"{name:10}{1e3 * violations.max():6.1f} mm {gained:+7.2f} J")
-# It prints
+def compare(system, integrator="semi_implicit", dt=0.005, steps=4000):
+    """Run each method, and print its worst rod error and what it has added to the energy."""
+    for name, method in make_methods(dt).items():
+        if not method.fits(integrator):
+            continue
+        step_fn = stabilized(INTEGRATORS[integrator], system, method)
+        force = method.make_force(system)
+        _, violations, energies = simulate(step_fn, system, force, dt, steps)
+        added = energies[-1] - energies[0]
+        print(f"{name:10}{1e3 * violations.max():6.1f} mm {added:+7.2f} J")
+
+
+# compare(build_system("double")) prints
 #     none       384.0 mm  -16.76 J
 #     baumgarte   23.5 mm  +12.37 J
 #     impulse      1.3 mm   -0.12 J
 #     soft        29.6 mm  -10.63 J
 #     project      0.0 mm   -0.07 J
-# What is below does the same, with more that is measured. Read main first: it is in five parts.
+# Why so many mm? The formulas above are for 4.43 m/s. Here one end of rod 1 passes the other at up
+# to 11 m/s under baumgarte and at 10 under impulse and soft, and they go with the square of that:
+# 30, 1.3 and 31 mm, if it lasted.
+#
+# Why so many J, if rods do not change energy? They do while they change their lengths: as g changes
+# by dg, a rod does the work lambda dg, and lambda < 0, as it pulls. Under none g only grows: energy
+# is lost. Under baumgarte a rod is the shorter the faster, but about 2/w too late. So it is drawn
+# in while it pulls hardest, and let out when it pulls less: energy is gained, as on a swing. Under
+# soft it is the longer the faster, about 2 tau too late: energy is lost.
+
+
+# --- endregion ---
+# --- region: run ---
+# What `python constraints.py` does: compare, with more that is measured, a table, and files.
 def main(argv=None):
     """Run each method, print what became of the rods, and write it to files."""
     asked = parse_args(argv)
     system = asked.system
-    chapter = this_chapter()  # what other files call of this one, as you have edited it
+    chapter = this_chapter()  # the functions of this file, for report and rods to call
+    methods = make_methods(asked.dt, **asked.knobs)
     print(f"ch3.4 constraints | device {asked.device}")
-    with tracing.plain(asked.plain):  # compiles nothing, if so asked
+    with tracing.plain(asked.plain):  # with --plain each step is ordinary Python
+        # 1. Run each method.
         runs = {}
-        for name in cli.progress(asked.methods):  # as many as were asked for, with a bar
-            settings = asked.integrator, asked.dt, asked.steps
-            runs[name] = run_method(system, name, *settings, **asked.knobs)
+        for name in cli.progress(asked.methods):  # while a bar shows how far it is
+            runs[name] = run_method(
+                system, name, asked.integrator, asked.dt, asked.steps, **asked.knobs
+            )
 
-        # Rods can be right and the path wrong. So compare places with the true motion: that of a
-        # far better integrator, whose steps are shortened until two of its runs agree. After 2 s:
-        # later it is soon chaos that decides where the particles are, and no longer the method.
+        # 2. Measure. Rods can be right and the path wrong. So compare places with the true motion:
+        # that of a far better integrator, whose steps are shortened until two of its runs agree.
+        # At 2 s: later it is soon chaos that decides where the particles are, not the method.
         truth = rods.find_truth(chapter, system, runs.values())
-        methods = make_methods(asked.dt, **asked.knobs)
         results = {}
         for name, run in runs.items():
-            results[name] = summary(system, run, methods[name], truth)
+            row = summary(system, run, methods[name], truth)
+            results[name] = report.completed(chapter, system, run, row)  # for page and files
 
-        report.print_table(chapter, asked, runs, results, truth, columns)  # and why it has a "-"
-        report.print_verdict(runs, results)  # does baumgarte hold the rods three times as well?
+        # 3. Print a row for each method.
+        report.print_table(chapter, asked, runs, results, truth, columns)  # and why a figure is "-"
+        report.print_verdict(runs, results)  # is none's worst rod error over 3 times baumgarte's?
 
+        # 4. With --within: which integrator, method and step keep all errors below that?
         answer = None
-        if asked.within:  # which integrator, method and step keep all errors below that?
+        if asked.within:
             answer = report.find_answer(chapter, asked, runs, truth)
             report.print_answer(asked, answer)
-    # metrics.json has the results; play.html is a page to play with, constraints.rrd a recording.
+
+    # 5. Write metrics.json, with the results; play.html, to play with; and a recording.
     report.write_files(chapter, asked, runs, results, truth, answer)
     return 0
 
@@ -453,7 +485,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 
     Its Run has all states, `q` and `v`, and what is measured in them: `violations`, `energies`.
     """
-    system = rods.check_run(system, PIVOT, dt, steps, external_force)  # a checked copy
+    system = rods.check_run(system, PIVOT, dt, steps, external_force)  # it may be yours: check it
     method = make_methods(dt, **knobs)[name]
     if not method.fits(integrator):
         raise ValueError(f"{name} is not made for {integrator}")
@@ -465,10 +497,11 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 
 
 def summary(system, run, method, truth):
-    """What table, page and metrics.json say about a run; None is what is not known."""
+    """What table and metrics.json say about a run; None is what is not known."""
     force = method.make_force(system)
-    scale = rods.energy_scale(system, GRAVITY)  # J: all masses times g times all rods, or more
-    row = {
+    # J: all masses times g times all rods, 39.24 for double; more for a system that is thrown
+    scale = rods.energy_scale(system, GRAVITY)
+    return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / scale,
@@ -476,11 +509,7 @@ def summary(system, run, method, truth):
         "tension_max": rods.largest_force(system, run, tensions, force, external_force),
         "error": truth.error(run.q),  # m, of the worst particle, when places are compared
         "tip_final": run.tip[-1].tolist(),  # m
-        "conserves": rods.conserves(system, external_force, energy, run.q, run.v),  # without drag
-        "operations": run.operations,  # sums, products and the like for a second of motion
-        "stopped": run.stopped,  # when and why, if it ended early
     }
-    return rods.known(run, row)  # without figures of another run, if you have edited the loop
 
 
 def columns(run, row, truth):

@@ -418,3 +418,51 @@ REFUSED = [  # a method, an integrator, dt in s, steps, and what is named
 def test_from_python_too_what_cannot_run_is_refused(name, integrator, dt, steps, named):
     with pytest.raises(ValueError, match=f"^{named}"):
         c.run_method(c.build_system("double"), name, integrator, dt, steps)
+
+
+# --- what the report says of its numbers ---
+W, TAU, STEP = 20.0, 0.02, 0.005  # of baumgarte, of soft, of both
+SPEEDS = {"baumgarte": 11.0, "impulse": 10.0, "soft": 10.0}  # m/s, of one end past the other
+OFF = {"baumgarte": STEP / W, "impulse": STEP**2 / 2.0, "soft": TAU**2 - TAU * STEP}  # times |u|^2
+LAGS = {"none": 0.0, "baumgarte": -STEP / W, "soft": TAU**2 - TAU * STEP}  # g is this times |u|^2
+LATE = {"none": 0.0, "baumgarte": 2.0 / W, "soft": 2.0 * TAU}  # s
+
+
+def followed(name):
+    """Of a double pendulum for 20 s: the energy that it gained, lambda, g and |u|^2 of each rod."""
+    system = c.build_system("double")
+    run = c.run_method(system, name, "semi_implicit", STEP, 4000)
+    force = c.make_methods(STEP)[name].make_force(system)
+    terms = [c.constraint_terms(system, q, v) for q, v in zip(run.q, run.v, strict=True)]
+    _, g, _, square = (np.array(x) for x in zip(*terms, strict=True))
+    pulls = [c.tensions(system, q, v, force) for q, v in zip(run.q, run.v, strict=True)]
+    lam = -np.array(pulls) / c.rod_lengths(system, run.q)
+    return run.energies[-1] - run.energies[0], lam, g, square
+
+
+@pytest.mark.parametrize("name", LAGS)
+def test_energy_that_a_method_adds_is_the_work_of_rods_whose_lengths_follow_late(name):
+    added, lam, g, square = followed(name)
+
+    def work(g):
+        return np.sum(0.5 * (lam[:-1] + lam[1:]) * np.diff(g, axis=0))
+
+    assert abs(added) > 10.0 and work(g) == pytest.approx(added, rel=0.01)
+    if name == "none":
+        assert np.min(np.diff(g, axis=0)) > -1e-15
+        return
+    at_once = LAGS[name] * square
+    late = round(LATE[name] / STEP)
+    assert abs(work(at_once)) < 0.15 * abs(added)
+    then = np.concatenate([np.repeat(at_once[:1], late, axis=0), at_once[:-late]])
+    assert work(then) == pytest.approx(added, rel=0.1)
+
+
+@pytest.mark.parametrize("name", SPEEDS)
+def test_a_method_is_off_by_at_most_what_its_formula_says_at_the_greatest_speed(name):
+    system = c.build_system("double")
+    run = c.run_method(system, name, "semi_implicit", STEP, 4000)
+    u = np.diff(np.concatenate([0.0 * run.v[:, :1], run.v], axis=1), axis=1)
+    fastest = np.max(np.sum(u * u, axis=-1))
+    assert np.sqrt(fastest) == pytest.approx(SPEEDS[name], abs=0.5)
+    assert 0.7 < np.max(run.violations) / (OFF[name] * fastest) < 1.01

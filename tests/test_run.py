@@ -4,7 +4,6 @@ import __future__
 
 import re
 from itertools import product
-from textwrap import dedent
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +13,7 @@ from independent import smallest_pulls, weight
 from machines import make_system, row, thrown
 
 import constraints as c
+from curriculum.ch3_4_constraints import report
 from curriculum.ch3_4_constraints.rods.run import is_good
 from curriculum.ch3_4_constraints.rods.truth import Truth
 from curriculum.common.tracing import NotAState, StepChanged, plain
@@ -132,7 +132,8 @@ def taken(changes, plainly, system=DOUBLE, dt=DT, steps=STEPS):
     with plain(plainly):
         run = chapter.run_method(system, "baumgarte", "semi_implicit", dt, steps)
         known = Truth(1, "", system["q0"], 1e-12)
-        return run, chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
+        row = chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
+        return run, report.completed(chapter.this_chapter(), system, run, row)
 
 
 @pytest.mark.parametrize("name", UNLIKE)
@@ -250,6 +251,7 @@ def test_what_a_run_returns_goes_through_a_pool_of_processes(tmp_path):
     script = tmp_path / "pool.py"
     script.write_text("""
 import constraints as c
+from curriculum.ch3_4_constraints import report
 from multiprocessing import get_context
 def run(seed):
     return c.run_method(c.build_system("double", seed), "project", "rk4", 0.005, 40)
@@ -271,12 +273,11 @@ if __name__ == "__main__":
 BY_HAND = [*product(c.make_methods(), ["semi_implicit"]), ("baumgarte", "rk4"), ("none", "euler")]
 
 
-def test_the_comparison_by_hand_on_the_page_prints_what_stands_below_it(capsys):
+def test_what_the_page_says_that_compare_prints_is_what_it_prints(capsys):
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
-    comment = re.search(r"by hand:\n(.*?)# It prints\n(.*?)# What is below", source, re.S)
-    code, said = (dedent(re.sub(r"(?m)^# ", "", x)) for x in comment.groups())
-    exec(code, vars(c).copy())
-    assert capsys.readouterr().out == said
+    call, said = re.search(r"\n# (compare.*) prints\n((?:#     .*\n)+)", source).groups()
+    exec(call, vars(c).copy())
+    assert capsys.readouterr().out == said.replace("#     ", "")
 
 
 @pytest.mark.parametrize(("name", "integrator"), BY_HAND)

@@ -4,6 +4,7 @@ from curriculum.ch3_4_constraints.report.answer import find_answer, print_answer
 from curriculum.ch3_4_constraints.report.files import write_files
 from curriculum.ch3_4_constraints.report.request import request
 from curriculum.ch3_4_constraints.report.table import (
+    completed,
     energy,
     force,
     print_table,
@@ -13,6 +14,7 @@ from curriculum.ch3_4_constraints.rods.advice import distance
 from curriculum.common.words import length
 
 __all__ = [
+    "completed",
     "distance",
     "energy",
     "find_answer",

@@ -5,7 +5,7 @@ import textwrap
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import MOVES
+from curriculum.ch3_4_constraints.rods.run import MOVES, conserves
 from curriculum.ch3_4_constraints.rods.stability import grows, stability_limit
 from curriculum.common import words
 
@@ -71,6 +71,21 @@ def print_table(chapter, asked, runs, results, truth, columns):
     print()
     print("\n".join(aligned(heads, rows)))
     print_notes(chapter, asked, runs, results, truth)
+
+
+def completed(chapter, system, run, row):
+    """A row of what is known of a Run of a system, with what the pages and files need besides.
+
+    What would be of another run is None.
+    """
+    more = {
+        "conserves": conserves(system, chapter.external_force, chapter.energy, run.q, run.v),
+        "operations": run.operations,  # for a second of motion
+        "stopped": run.stopped,  # when and why, if it ended early
+    }
+    if run.unlike:
+        more |= {"energy_rel_max": None, "tension_max": None, "error": None, "unlike": run.unlike}
+    return row | more
 
 
 def energy(row):

@@ -3,7 +3,7 @@
 from curriculum.ch3_4_constraints.rods.chapter import Chapter
 from curriculum.ch3_4_constraints.rods.choice import choose
 from curriculum.ch3_4_constraints.rods.loops import least_squares, solve_loops
-from curriculum.ch3_4_constraints.rods.run import FastStep, Run, conserves, known, largest_force
+from curriculum.ch3_4_constraints.rods.run import FastStep, Run, largest_force
 from curriculum.ch3_4_constraints.rods.scenes import SHIPPED, load_scene
 from curriculum.ch3_4_constraints.rods.systems import (
     check_run,
@@ -22,11 +22,9 @@ __all__ = [
     "check_run",
     "check_system",
     "choose",
-    "conserves",
     "energy_scale",
     "find_truth",
     "has_loop",
-    "known",
     "largest_force",
     "least_squares",
     "load_scene",

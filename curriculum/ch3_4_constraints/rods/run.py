@@ -176,10 +176,3 @@ def largest_force(system, run, tensions, force, external_force):
         return None
     most = np.max(known)
     return most if most > NOTHING * np.max(np.abs(alone)) else 0.0
-
-
-def known(run, row):
-    """A row of figures of a Run; what would be figures of another run is None."""
-    if run.unlike:
-        row |= {"energy_rel_max": None, "tension_max": None, "error": None, "unlike": run.unlike}
-    return row
