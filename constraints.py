@@ -21,9 +21,9 @@ from curriculum.ch3_4_constraints import (
 )
 from curriculum.common import (
     cli,  # flags
-    exact,  # cos and sin, with the same last digit on any processor
-    tracing,  # compiled steps
+    tracing,  # steps that are compiled, so that they are faster
 )
+from curriculum.common.exact import cos, sin  # numpy's last digits depend on the processor
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
@@ -32,13 +32,15 @@ SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs by
 
 # --- endregion ---
 # --- region: systems ---
-# A system is a dict: N particles, and C rods that tie them. As in chapter 3.3 a state is q and v,
-# positions in m and velocities in m/s; now they are (N, 3) each, with a row per particle.
+# N particles, and C rods that tie them. As in chapter 3.3 a state is q and v, positions in m and
+# velocities in m/s; now they are (N, 3) each, with a row per particle. Masses are a column, (N, 1),
+# so that force / m divides row by row. A rod is a pair (i, j): it ties particle i to particle j,
+# or to PIVOT if j is -1. So the double pendulum has the pairs (0, -1) and (1, 0).
 CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_system(name, rng=0, links=10):
-    """A chain: one of CHAINS, or "chain" with so many `links`. Any other name is a scene's.
+    """A chain from PIVOT: one of CHAINS, or "chain" with so many `links`. Other names are scenes'.
 
     A chain starts at rest along +x, tilted by a small random angle. `rng`: a Generator or a seed.
     """
@@ -47,16 +49,15 @@ def build_system(name, rng=0, links=10):
         return rods.load_scene(name, GRAVITY, CHAINS)
     length = 1.0  # m, of each rod
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
-    # A chain is chaotic: so not even the last digit may depend on the processor.
-    along = length * np.array([exact.cos(tilt), -exact.sin(tilt), 0.0])
+    along = length * np.array([cos(tilt), -sin(tilt), 0.0])
     system = {
-        "q0": np.array([PIVOT + (k + 1) * along for k in range(count)]),  # (N, 3) m
+        "q0": np.array([PIVOT + (k + 1) * along for k in range(count)]),  # (N, 3) m, at the start
         "v0": np.zeros((count, 3)),  # (N, 3) m/s
-        "m": np.ones((count, 1)),  # (N, 1) kg: a column, so that force / m divides row by row
-        "pairs": [(k, k - 1) for k in range(count)],  # a rod (i, j) ties i to j; -1 is PIVOT
+        "m": np.ones((count, 1)),  # (N, 1) kg
+        "pairs": [(k, k - 1) for k in range(count)],  # C of them
         "lengths": np.full(count, length),  # (C,) m
     }
-    return rods.check_system(system, PIVOT)  # a checked copy
+    return rods.check_system(system, PIVOT)  # the same; an error where something does not fit
 
 
 def external_force(system, q, v=None):
@@ -71,7 +72,7 @@ def external_force(system, q, v=None):
 # is its constraint, . being the dot product. Differentiate twice in time, with d_dot = v_i - v_j:
 #     gdot  = d . d_dot
 #     gddot = d . (a_i - a_j) + d_dot . d_dot
-# Write the v of all particles below each other, 3N numbers, and their a likewise. Then gdot = J v,
+# Write the v of all particles into one column, 3N numbers, and their a likewise. Then gdot = J v,
 # and with two rods, from PIVOT to particle 0 and on to 1, J is
 #     J = ( d_0     0  )
 #         (-d_1    d_1 )
@@ -88,10 +89,10 @@ def external_force(system, q, v=None):
 # a = M^-1 (f + J^T lambda):
 #     J M^-1 J^T lambda = -(J M^-1 f + Jdot v)
 # These are as many equations as rods, and only lambda is unknown. That is the chapter. Call the
-# matrix A = J M^-1 J^T. For the two rods above, its entry off the diagonal is -d_0 . d_1 / m_0: one
-# rod's pull moves particle 0, an end of the other. So all rods are solved at once.
-# Try it: a particle of 2 kg passes 1 m below PIVOT at 3 m/s. J = (0, -1, 0), J M^-1 J^T = 1/2,
-# J M^-1 f = 9.81 and Jdot v = 9, so lambda = -37.62 N/m, and J^T lambda = (0, 37.62, 0) N: its
+# matrix A = J M^-1 J^T. For the two rods above, its entry off the diagonal is -d_0 . d_1 / m_0:
+# both end at particle 0, so the pull of one moves an end of the other. So all rods are solved at
+# once. Try it: a particle of 2 kg passes 1 m below PIVOT at 3 m/s. J = (0, -1, 0), J M^-1 J^T =
+# 1/2, J M^-1 f = 9.81 and Jdot v = 9, so lambda = -37.62 N/m, and J^T lambda = (0, 37.62, 0) N: its
 # weight, 19.62 N, and m v^2 / L = 18 N to bend its path.
 def constraint_terms(system, q, v):
     """Of C rods: J (C, 3N) in m; g in m^2, gdot in m^2/s and Jdot v in m^2/s^2, (C,) each."""
@@ -122,37 +123,47 @@ def anchor(system, j):
 
 
 def solve(system, A, b, v=None):
-    """lambda (C,), with A lambda = b."""
-    if rods.has_loop(system):  # which may have a rod too many, so that A is singular
+    """lambda (C,), so that A lambda = b: A (C, C), b (C,). `v`, (N, 3) in m/s, is for loops only.
+
+    A loop may have a rod too many. Then A is singular, and many lambda give one J^T lambda.
+    """
+    if rods.has_loop(system):
         return rods.solve_loops(system, A, b, v)
     return np.linalg.solve(A, b)
 
 
-# Why rods drift, under semi_implicit; the others err differently. gddot = 0 never looks at g, and a
-# step is straight: d moves by dt u, u being the new d_dot. Let s = d . u. Then at the end of a step
-#     g has grown by dt s + dt^2 |u|^2 / 2
-#     gdot = (d + dt u) . u = s + dt |u|^2
-# The next solve has Jdot v = |u|^2, and so gddot = 0 asks for d . (a_i - a_j) = -|u|^2, d being the
-# new d now. In dt that takes dt |u|^2 away from gdot: the next s is what s was. If a rod starts at
-# rest, s is 0 and stays 0: each step goes along the tangent and ends outside the circle, and
-# nothing takes that error back. A rod is off by about g / L: after a fall of 1 m |u|^2 is 19.62
-# m^2/s^2, and each step of 5 ms adds 0.245 mm to a rod of 1 m.
+# Why rods drift, under semi_implicit; other integrators err by other amounts. A step changes v, so
+# that d_dot becomes, say, u, and goes straight on with that. A prime marks what the next solve
+# will find:
+#     d' = d + dt u
+#     g' = g + dt s + dt^2 |u|^2 / 2, where s = d . u
+#     gdot' = d' . u = s + dt |u|^2
+# It will ask for gddot = 0, that is d' . (a_i - a_j) = -|u|^2. So the next u, u', has
+#     s' = d' . u' = gdot' - dt |u|^2 = s
+# From rest s is 0, and stays 0. Then each step goes along the tangent and ends outside the circle,
+# and nothing takes that back, as gddot = 0 never looks at g. A rod is off by about g / L: after a
+# fall of 1 m |u|^2 is 19.62 m^2/s^2, and each step of 5 ms adds 0.245 mm to a rod of 1 m.
 #
 # What pulls it back. Instead of gddot = 0, ask for a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
 # Its two terms join the right side of the linear system. Try g = exp(rt): (r + w)^2 = 0, so r = -w.
-# As this root is double, t exp(-wt) is a solution, too. From gdot = 0 on, g is what it was, times
-# (1 + wt) exp(-wt): with w = 20 rad/s, 1 % is left after 1/3 s. Less damping would overshoot, more
-# would take longer.
+# As this root is double, t exp(-wt) is a solution, too. If gdot is 0 at first, g becomes what it
+# was, times (1 + wt) exp(-wt): with w = 20 rad/s, 1 % is left after 1/3 s. Less damping would
+# overshoot, more would take longer: this is critical.
 #
-# What is left, again under semi_implicit. At constant speed g stays if dt s + dt^2 |u|^2 / 2 = 0:
-# so s = -dt |u|^2 / 2, a little inward, to make up for the straight step. But the next force(q, v)
-# computes gdot with the new d: it is s + dt |u|^2 = +dt |u|^2 / 2, though g does not grow. So the
-# damper pulls, until the rod is so short that the spring pushes out as hard:
-#     w^2 g = -2 w gdot, so g = -dt |u|^2 / w
-# Here that is 5 mm too short. Half the dt or twice the w halves it. But a step takes (g, gdot) to
-# new ones by a matrix, and one of its eigenvalues is below -1 if (w dt)^2 + 4 w dt > 4, that is
-# w dt > 0.83. Then each step overshoots more than the last, and the run explodes.
+# What is left, again under semi_implicit. At constant speed g stays as it is if
+#     s = -dt |u|^2 / 2
+# which is a little inward, to make up for the straight step. But then the next solve finds
+#     gdot' = s + dt |u|^2 = +dt |u|^2 / 2
+# and takes it for a rod that grows. The damper pulls, until the rod is so short that the spring
+# pushes out as hard:
+#     w^2 g = -2 w gdot', so g = -dt |u|^2 / w
+# For 19.62 m^2/s^2 it is 5 mm too short. Half the dt or twice the w halves that. But without speed
+# a step makes, with x = w dt,
+#     (    g'   ) = ( 1 - x^2   1 - 2x ) (    g    )
+#     ( dt gdot')   (    -x^2   1 - 2x ) ( dt gdot )
+# An eigenvalue is below -1 if x^2 + 4x > 4, that is x > 0.83. Then each step overshoots more than
+# the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -240,8 +251,12 @@ def simulate(step_fn, system, force, dt, steps):
     return q[:, -1], constraint_violation(system, q), energy(system, q, v)
 
 
+# For the double pendulum, simulate(semi_implicit_step, system, make_force(system, w), 0.005, 4000)
+# finds a rod 384 mm off with w = 0, and 23.5 mm with w = 20. That ends a first sitting.
+
+
 def energy(system, q, v):
-    """Kinetic plus potential energy, in joules, of one state or of many.
+    """Kinetic plus potential energy in J, of one state, q and v (N, 3), or of each of many.
 
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
@@ -263,23 +278,26 @@ def rod_lengths(system, q):
 
 
 def constraint_violation(system, q):
-    """The largest rod error, in m, whatever its sign."""
+    """The largest rod error, whatever its sign, in m: in one state, q (N, 3), or in each of many."""
     return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
 
 
 # --- endregion ---
 # --- region: methods ---
-# A second sitting: how engines hold rods. You have two ways, w = 0 and w > 0, and `none` and
-# `baumgarte` are their names. Here are three more. All five are one table, make_methods.
-# Game engines, and MuJoCo for the lengths of its tendons, take J as constant during a step: they
-# leave Jdot v out. A circle needs J a = -|d_dot|^2, and nothing asks for it now. But each straight
-# step leaves an error in gdot and g, and what takes that error back bends the path.
-# They may also make a rod soft, so that it gives way in proportion to lambda:
+# How engines hold rods. You have two ways, w = 0 and w > 0, and `none` and `baumgarte` are their
+# names. Here are three more. All five are one table, make_methods. Game engines take J as constant
+# during a step: they leave Jdot v out. (So does MuJoCo, for the lengths of cables, its tendons.) A
+# circle needs J a = -|d_dot|^2, and nothing asks for it now. But each straight step leaves an error
+# in gdot and g, and what takes that error back bends the path. They may also make a rod soft, so
+# that it gives way in proportion to lambda:
 #     J a = -damping gdot - stiffness g - R lambda
-# where R is A's diagonal times `softness`. With M a = f + J^T lambda that is
+# where R, CFM in some engines, is A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
 def make_engine_force(system, damping, stiffness, softness=0.0):
-    """make_force for what engines ask; `damping` in 1/s, `stiffness` in 1/s^2."""
+    """force(q, v), (N, 3) in newtons, as in engines: make_force with that linear system.
+
+    `damping` in 1/s, `stiffness` in 1/s^2; `softness` is a share of A.
+    """
 
     def force(q, v):
         m = np.repeat(system["m"], 3)
@@ -294,10 +312,10 @@ def make_engine_force(system, damping, stiffness, softness=0.0):
     return force
 
 
-# project puts the end of a step back onto the rods. semi_implicit has pulled along the rods as they
-# were at the start, J_start. The correction pulls along the same lines: q moves by -M^-1 J_start^T
-# mu, with mu such that g = 0. As g is not linear in mu, that takes rounds, of Newton's method. A
-# round adds dmu to mu, and so changes g by about -J M^-1 J_start^T dmu. It should change it by -g:
+# project puts the end of a step back onto the rods. It corrects the pull that the step has had, so
+# it pulls along the same lines, those of the rods at the start, J_start: q moves by -M^-1 J_start^T
+# mu, with mu such that g = 0. As g is not linear in mu, that takes rounds of Newton's method. A
+# round adds dmu to mu, and so changes g by about -J M^-1 J_start^T dmu. That is to be -g:
 #     J M^-1 J_start^T dmu = g
 # A step moves q by about dt v: so if q is moved by dq, v changes by dq / dt. Last, v loses what
 # would change a rod's length. For v, nu does what lambda does for a:
@@ -363,7 +381,7 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     # long. Swinging at 4.43 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
     # baumgarte, gdot = dt |d_dot|^2 / 2. Without the small (1 - p) term that makes
     #     g = tau^2 |d_dot|^2 - tau dt |d_dot|^2
-    # and a rod of 1 m 8 mm - 2 mm too long.
+    # and a rod of 1 m is 8 mm - 2 mm = 6 mm too long.
     p = impedance
     tau = np.maximum(time_constant, 2.0 * dt)  # MuJoCo keeps it at two steps or more
     soft = partial(
@@ -382,7 +400,7 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
 
 
 def stabilized(step_fn, system, method):
-    """step_fn, followed by the method's post_step if it has one."""
+    """step_fn, (q, v, m, force, dt) -> (q, v), followed by the method's post_step if it has one."""
 
     def step(q, v, m, force, dt):
         q_end, v_end = step_fn(q.copy(), v.copy(), m, force, dt)  # copies: step_fn may edit them
@@ -427,20 +445,27 @@ def compare(system, integrator="semi_implicit", dt=0.005, steps=4000):
 #     impulse      1.3 mm   -0.12 J
 #     soft        29.6 mm  -10.63 J
 #     project      0.0 mm   -0.07 J
-# Why so many mm? The formulas above are for 4.43 m/s. Here one end of rod 1 passes the other at up
-# to 11 m/s under baumgarte and at 10 under impulse and soft, and they go with the square of that:
-# 30, 1.3 and 31 mm, if it lasted.
+# Why so many mm? Under none nothing takes an error back: in 4000 steps 384 mm add up, 0.1 mm a
+# step. The formulas for three others go with |u|^2, and their figures above are for 4.43 m/s. Here
+# one end of the outer rod moves relative to the other at up to 11 m/s. If it kept its greatest
+# speed:
+#     baumgarte  dt |u|^2 / w              11.0 m/s   30 mm too short
+#     impulse    dt^2 |u|^2 / 2            10.2 m/s  1.3 mm too long
+#     soft       (tau^2 - tau dt) |u|^2    10.1 m/s   31 mm too long
+# impulse gets there in one step. The others are late by about 2/w = 0.1 s and 2 tau = 0.04 s, and
+# by then it is slower. (As g changes slowly, w^2 g + 2 w gdot = F is nearly w^2 g(t) = F(t - 2/w).)
 #
-# Why so many J, if rods do not change energy? They do while they change their lengths: as g changes
-# by dg, a rod does the work lambda dg, and lambda < 0, as it pulls. Under none g only grows: energy
-# is lost. Under baumgarte a rod is the shorter the faster, but about 2/w too late. So it is drawn
-# in while it pulls hardest, and let out when it pulls less: energy is gained, as on a swing. Under
-# soft it is the longer the faster, about 2 tau too late: energy is lost.
+# Why so many J? As g changes by dg, a rod does the work lambda dg. Most of the time rods pull, and
+# lambda < 0: one that gets longer takes energy, one that gets shorter gives it.
+#     none       only gets longer: energy is lost.
+#     baumgarte  is shorter if it is fast, but late. So where it pulls hardest it is still getting
+#                shorter, and where it pulls less, longer: energy is gained, as on a swing.
+#     soft       is longer if it is fast, and late, too: energy is lost.
 
 
 # --- endregion ---
 # --- region: run ---
-# What `python constraints.py` does: compare, with more that is measured, a table, and files.
+# No mechanics from here on: what `python constraints.py` measures besides, prints, and writes.
 def main(argv=None):
     """Run each method, print what became of the rods, and write it to files."""
     asked = parse_args(argv)
@@ -451,7 +476,7 @@ def main(argv=None):
     with tracing.plain(asked.plain):  # with --plain each step is ordinary Python
         # 1. Run each method.
         runs = {}
-        for name in cli.progress(asked.methods):  # while a bar shows how far it is
+        for name in cli.progress(asked.methods):  # with a bar that shows how far it is
             runs[name] = run_method(
                 system, name, asked.integrator, asked.dt, asked.steps, **asked.knobs
             )
@@ -499,7 +524,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 def summary(system, run, method, truth):
     """What table and metrics.json say about a run; None is what is not known."""
     force = method.make_force(system)
-    # J: all masses times g times all rods, 39.24 for double; more for a system that is thrown
+    # J: all masses times 9.81 m/s^2 times all rods, 39.24 for double; more if it starts faster
     scale = rods.energy_scale(system, GRAVITY)
     return {
         "max_violation": np.max(run.violations),  # m, over all states
@@ -515,7 +540,7 @@ def summary(system, run, method, truth):
 def columns(run, row, truth):
     """What the table shows of a run: a head in two lines, and words. A new column is a line here.
 
-    What it shows is a key in summary, and so it is in metrics.json, too.
+    What it shows is a key in summary, and so it is in metrics.json, too, but for times.
     """
     return [
         ("rods off", "at worst", report.length(row["max_violation"])),  # 0.384 m is "38 cm"
@@ -532,7 +557,8 @@ def columns(run, row, truth):
 def choose(system, within, dt=0.005, steps=4000, **knobs):
     """The answer to --within: which integrator, method and step are right to `within` m.
 
-    It has a `verdict` and `rows`, one for each integrator, whose `rung` has the scheme and its dt.
+    dt in s. It has a `verdict` and `rows`, one for each integrator. Each has a `rung`: its scheme,
+    which is an integrator and a method, and the step, dt.
     """
     system = rods.check_run(system, PIVOT, dt, steps, external_force)
     return rods.choose(this_chapter(), system, within, dt, steps, knobs)

@@ -422,7 +422,7 @@ def test_from_python_too_what_cannot_run_is_refused(name, integrator, dt, steps,
 
 # --- what the report says of its numbers ---
 W, TAU, STEP = 20.0, 0.02, 0.005  # of baumgarte, of soft, of both
-SPEEDS = {"baumgarte": 11.0, "impulse": 10.0, "soft": 10.0}  # m/s, of one end past the other
+SPEEDS = {"baumgarte": 11.0, "impulse": 10.2, "soft": 10.1}  # m/s, of one end past the other
 OFF = {"baumgarte": STEP / W, "impulse": STEP**2 / 2.0, "soft": TAU**2 - TAU * STEP}  # times |u|^2
 LAGS = {"none": 0.0, "baumgarte": -STEP / W, "soft": TAU**2 - TAU * STEP}  # g is this times |u|^2
 LATE = {"none": 0.0, "baumgarte": 2.0 / W, "soft": 2.0 * TAU}  # s
@@ -464,5 +464,5 @@ def test_a_method_is_off_by_at_most_what_its_formula_says_at_the_greatest_speed(
     run = c.run_method(system, name, "semi_implicit", STEP, 4000)
     u = np.diff(np.concatenate([0.0 * run.v[:, :1], run.v], axis=1), axis=1)
     fastest = np.max(np.sum(u * u, axis=-1))
-    assert np.sqrt(fastest) == pytest.approx(SPEEDS[name], abs=0.5)
+    assert np.sqrt(fastest) == pytest.approx(SPEEDS[name], abs=0.05)
     assert 0.7 < np.max(run.violations) / (OFF[name] * fastest) < 1.01

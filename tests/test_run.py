@@ -277,7 +277,10 @@ def test_what_the_page_says_that_compare_prints_is_what_it_prints(capsys):
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
     call, said = re.search(r"\n# (compare.*) prints\n((?:#     .*\n)+)", source).groups()
     exec(call, vars(c).copy())
-    assert capsys.readouterr().out == said.replace("#     ", "")
+    printed = capsys.readouterr().out
+    assert printed == said.replace("#     ", "")
+    earlier = re.search(r"rod ([\d.]+) mm off with w = 0, and ([\d.]+) mm", source).groups()
+    assert [*map(float, earlier)] == [float(x.split()[1]) for x in printed.splitlines()[:2]]
 
 
 @pytest.mark.parametrize(("name", "integrator"), BY_HAND)
