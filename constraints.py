@@ -278,7 +278,7 @@ def rod_lengths(system, q):
 
 
 def constraint_violation(system, q):
-    """The largest rod error, whatever its sign, in m: in one state, q (N, 3), or in each of many."""
+    """The largest rod error, in m, without its sign: of one state, q (N, 3), or of each of many."""
     return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
 
 
