@@ -151,6 +151,20 @@ def chaos(times, double, tip):
     return chart(curves, TIMES, ticks, "distance between the tips")
 
 
+def flat_pose():
+    """Peaucellier's linkage under each method beyond its flat pose, and where it should be."""
+    system = c.build_system("peaucellier")
+    steps = np.array([800])  # 4 s
+    runs = {method: run(system, method, steps=800) for method in METHODS}
+    tiles = gallery.tiles(system, runs, steps, steps)
+    right = system["q0"][-1, 0]  # m: x of its last joint, which should stay so
+    for method, tile in tiles.items():
+        x, y, _ = runs[method].tip[-1]
+        tile.line([(right, -3.0), (right, 2.4)], "ink", 3, "4 12")
+        tile.line([(x, y), (right, y)], "long", 5)
+    return gallery.board(tiles, ["peaucellier", "at 4 s"])
+
+
 def drawn():
     """Yield (name, text) of each: those of the chapter, then those of the gallery."""
     double = c.build_system("double")
@@ -165,6 +179,5 @@ def drawn():
         yield f"step_{method}", one_step((0.0, -1.12), (2.0, -1.0), ("none", method))
     yield "chaos", chaos(times, double, runs["baumgarte"].tip)
     yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
-    peaucellier = c.build_system("peaucellier")
-    yield "flat_pose", gallery.tiles("peaucellier", peaucellier, gallery.Film(4.0, 4.0))
+    yield "flat_pose", flat_pose()
     yield from gallery.drawn()

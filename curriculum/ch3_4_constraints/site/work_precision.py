@@ -63,8 +63,7 @@ def diagram(measured):
             sheet.line(points, colour, 5, dash)
             ends.append((points[-1], scheme, colour))
         else:
-            style = "stroke-linecap:round;opacity:0.4"
-            sheet.path(["M" + "L".join(map(sheet.at, points))], "reference", 2, style)
+            sheet.lines([points], "reference", 2, "stroke-linecap:round;opacity:0.4")
     draw_names(sheet, ends)
     draw_words(sheet, measured, at)
     return sheet.text(450)
