@@ -25,6 +25,7 @@ MISTAKES = [
     ("ex1_drift", "expected_g", lambda speeds, dt: [0.5 * dt**2 * np.sum(speeds**2)] * 2),
     ("ex2_solve", "jdotv", lambda d, d_dot: d @ d_dot),
     ("ex2_solve", "target", lambda g, gdot, w: -w * gdot - w**2 * g),
+    ("ex2_solve", "target", lambda g, gdot, w: -2.0 * w * gdot - w * g),
     ("ex3_chaos", "guess", lambda: {1e-12: 27.2, 1e-24: 60.0}),
     ("ex3_chaos", "guess", lambda: {1e-12: 34.4, 1e-24: 120.0}),
     ("ex4_cliff", "guess", lambda: dict.fromkeys(("euler", "semi_implicit", "rk4"), "earlier")),

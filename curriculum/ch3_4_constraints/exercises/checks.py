@@ -14,7 +14,6 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.solutions import ex4_cliff
-from curriculum.ch3_4_constraints.studies.real_thing import random_chain
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common.cli import Parser, run_script
 
@@ -23,6 +22,14 @@ def blank(what):
     """Stands where an answer belongs: replace the whole call."""
     caller, _ = traceback.extract_stack(limit=2)
     raise NotImplementedError(f"{Path(caller.filename).name}, line {caller.lineno}: {what}")
+
+
+def random_chain():
+    """A chain of five rods of 1 m, none of which is right, and whose particles move anyhow."""
+    rng = np.random.default_rng(0)
+    q, v = rng.normal(size=(2, 5, 3))
+    m = rng.uniform(0.3, 3.0, (5, 1))
+    return c.build_system("chain", links=5) | {"q0": q, "v0": v, "m": m}
 
 
 # A check takes the module of an exercise and yields, for one answer after the other, what it is,
@@ -43,7 +50,7 @@ def drift(exercise):
 
 
 def solve(exercise):
-    chain = random_chain(np.random.default_rng(0), 5)
+    chain = random_chain()
     q = chain["q0"]
     v = chain["v0"]
     f = c.external_force(chain, q, v)
@@ -86,7 +93,7 @@ def cliff(exercise):
 
 
 def xpbd(exercise):
-    chain = random_chain(np.random.default_rng(0), 5)
+    chain = random_chain()
     mine = exercise.substep(chain, chain["q0"], chain["v0"], 0.01)
     right = np.array(xpbd_step(chain, chain["q0"], chain["v0"], 0.01))
     hint = "each rod begins where those before it have left its ends; in the end, v = move / h"
