@@ -44,6 +44,10 @@ class Sheet:
         style = f"stroke-dasharray:{dash}" if dash else "stroke-linecap:round"
         self.lines([points], colour, width, style)
 
+    def dot(self, point, colour, width):
+        """A disc so many units wide."""
+        self.line([point, point], colour, width)
+
     def lines(self, lines, *style):
         """Several lines of points, in the style of `path`."""
         self.parts.append(path(self.outline(lines), *style))

@@ -18,7 +18,7 @@ SPANS = {"double": (14.0, 20.0), "triple": (14.0, 20.0), "spin": (0.0, 1.0)}  # 
 USUAL = 0.0, SECONDS  # and of other scenes
 FRAMES = 90  # of a picture, at most,
 RODS = 3000  # and so many rods in all frames of a tile
-WAY = 240  # points of the last particle's way
+WAY = 150  # points of the last particle's way
 WIDTH = 1500  # units of a sheet, two to a pixel
 HIGHEST = 560  # units of what moves in a tile, from top to bottom
 HEAD = 120  # units: two lines of words above it
@@ -77,7 +77,7 @@ def tiles(system, runs, frames, way):
         tile.lines([run.tip[np.minimum(way, far)]], colour, 3, "stroke-opacity:0.3")
         draw_rods(tile, system, run.q[np.minimum(frames, far)], colour, ball)
         for anchor in system["anchors"]:
-            tile.line([anchor, anchor], "reference", 1.4 * ball)
+            tile.dot(anchor, "reference", 1.4 * ball)
         off = f"rods off by {length(run.violations.max())}"
         said = run.lost.partition(":")[0] if run.lost else off
         top = 0.5 * (low[0] + high[0]), high[1]

@@ -88,7 +88,7 @@ def draw_words(sheet, measured, at):
         row = min((x for x in answer.rows if x.rung.scheme.integrator in c.INTEGRATORS), key=cost)
         rung = row.rung
         point = at(rung.places, rung.operations * row.pace)
-        sheet.line([point, point], look(rung.scheme)[0], 26)
+        sheet.dot(point, look(rung.scheme)[0], 26)
         said = f"right to {tolerance(MAIN)}: {rung.scheme}, {milliseconds(rung.dt)}"
         sheet.words((30, HIGH - 92), said, "ink", "start")
     how = f"to the right: nearer, at worst, to {measured.seconds:g} s"
