@@ -139,14 +139,6 @@ def test_the_teachers_plan_is_ninety_minutes_of_figures_and_exercises_that_there
         assert f"({rows[name[2]]} minutes)" in about
 
 
-def test_a_launch_angle_that_is_higher_is_higher():
-    turned = import_module(f"{PACKAGE}.ex3_chaos").turned
-    up = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
-    for angle in 0.5, 1.0, 1.5:
-        up = turned(up, 0.5)
-        assert np.allclose(up["q0"], [[np.cos(angle), np.sin(angle), 0.0]])
-
-
 @pytest.mark.parametrize(("name", "blank", "mistake"), MISTAKES)
 def test_a_mistake_is_wrong_by_so_much_and_has_a_hint(
     name, blank, mistake, solved, monkeypatch, capsys

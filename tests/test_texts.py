@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-import constraints as c
 from curriculum.make import __main__ as make
 from curriculum.make import texts
 
@@ -251,9 +250,3 @@ def test_an_extra_that_is_missing_is_told_and_how_to_get_it(toy, monkeypatch, ca
     with pytest.raises(SystemExit, match="2"):
         make.main([])
     assert re.search("pictures needs pygments: pip install .*site", capsys.readouterr().err)
-
-
-def test_a_table_of_methods_has_their_own_words():
-    (chapter,) = make.chapters()
-    rows = chapter.tables["methods"]().splitlines()[2:]
-    assert rows == [f"| `{name}` | {x.words} |" for name, x in c.make_methods().items()]
