@@ -149,10 +149,9 @@ def toy(monkeypatch, tmp_path):
     another = "python -c 'print(5)'"
     write("studies/README.md", study + BLOCK.format(f"printed by: {another}", f"$ {another}\n5"))
     script = write("script.py", SCRIPT)
-    tables = {"rows": lambda: "| new |\n"}
     passages = {"words": lambda: "new words"}
     quick = {"pictures": dict}
-    chapter = make.Chapter(folder, script, tables, passages, quick, {"slow": slow})
+    chapter = make.Chapter(folder, script, passages, quick, {"slow": slow})
     monkeypatch.setattr(texts, "ROOT", tmp_path)
     monkeypatch.setattr(make, "README", write("../../README.md", "nothing is made\n"))
     monkeypatch.setattr(make, "SAID", tmp_path / "said")
@@ -173,17 +172,16 @@ def made(path):
 def test_each_kind_of_block_is_made(toy):
     script = toy("prints.py", "import sys; print(f'{sys.argv[1]} 12.5 µs')")
     region = "<!-- region: one -->\n```python\n{}\n```\n"
-    table = "<!-- table: rows -->\n{}\n\nafter\n"
     passage = "<!-- passage: words -->\n{}\n<!-- end of passage -->\n\nafter\n"
     python = "```python\nx = 1\nprint(x)\n```\n\n```python\nprint(x + 1)\n```\n"
     command = f"python {script} 'a b'"
     printed = BLOCK.format(f"printed by: {command}", f"$ {command}\n{{}} µs")
     path = toy("A.md", "")
     above = "printed by: lines above"
-    text = "\n".join([region, table, passage, python, BLOCK, printed]).format
-    path.write_text(text("old", "| old |", "old", above, 3, "a c 9"), encoding="utf-8")
+    text = "\n".join([region, passage, python, BLOCK, printed]).format
+    path.write_text(text("old", "old", above, 3, "a c 9"), encoding="utf-8")
     found = made(path)
-    assert found.split() == text("x = 1", "| new |", "new words", above, 2, "a b 12.5").split()
+    assert found.split() == text("x = 1", "new words", above, 2, "a b 12.5").split()
     path.write_text(found.replace("12.5 µs", "9 µs"), encoding="utf-8")
     assert make.main(["--check", make.short(path)]) == 0  # which differs in a time only
 

@@ -26,7 +26,6 @@ class Chapter(NamedTuple):
 
     folder: Path
     script: Path
-    tables: dict  # {name: function() -> a table of Markdown}
     passages: dict  # {name: function() -> Markdown}
     made: dict  # {name: function() -> {path: text}}
     slow: dict  # {study: function(its commands) -> ({command: what it prints}, {path: text})}
@@ -39,7 +38,7 @@ def chapters():
         folder = path.parents[1]
         made = import_module(f"curriculum.{folder.name}.site.made")
         script = texts.ROOT / made.SCRIPT
-        parts = made.TABLES, made.PASSAGES, made.MADE, made.SLOW
+        parts = made.PASSAGES, made.MADE, made.SLOW
         found.append(Chapter(folder, script, *parts))
     return found
 
