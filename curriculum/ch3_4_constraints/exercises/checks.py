@@ -35,6 +35,7 @@ def random_chain():
 # A check takes the module of an exercise and yields, for one answer after the other, what it is,
 # the answer, what is right, how far off it may be (a share of what is right), and a hint.
 def drift(exercise):
+    """Of exercise 1: both guesses, and the line that gives g in m^2."""
     guess = exercise.guess()
     let_go, thrown, coarse, fine = exercise.main()
     pendulum = c.build_system("pendulum")
@@ -50,6 +51,7 @@ def drift(exercise):
 
 
 def solve(exercise):
+    """Of exercise 2: the force (N, 3) in N with each of its two blanks."""
     chain = random_chain()
     q = chain["q0"]
     v = chain["v0"]
@@ -66,6 +68,7 @@ def solve(exercise):
 
 
 def chaos(exercise):
+    """Of exercise 3: both guesses, in s."""
     guess = exercise.guess()
     times = exercise.main()
     wide = times[1e-3]
@@ -77,6 +80,7 @@ def chaos(exercise):
 
 
 def cliff(exercise):
+    """Of exercise 4, for each integrator: its matrix (2, 2), its guess, and its cliff as dt w."""
     guess = exercise.guess()
     hint = "its first column is a step from g = 1, gdot = 0; its second from g = 0, gdot = 1"
     for name in exercise.NAMES:
@@ -93,6 +97,7 @@ def cliff(exercise):
 
 
 def xpbd(exercise):
+    """Of exercise 5: q and v (2, N, 3) after a sub-step."""
     chain = random_chain()
     mine = exercise.substep(chain, chain["q0"], chain["v0"], 0.01)
     right = np.array(xpbd_step(chain, chain["q0"], chain["v0"], 0.01))

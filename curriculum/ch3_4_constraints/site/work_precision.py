@@ -85,7 +85,7 @@ def draw_words(sheet, measured, at):
     answer = measured.answers.get(MAIN)
     sheet.words((30, HIGH - 50), measured.scene, "ink", "start", style="font-weight:bold;")
     if answer and answer.rows:
-        row = min((x for x in answer.rows if x.rung.scheme.integrator in c.INTEGRATORS), key=cost)
+        row = next(x for x in answer.rows if x.rung.scheme.integrator in c.INTEGRATORS)
         rung = row.rung
         point = at(rung.places, rung.operations * row.pace)
         sheet.dot(point, look(rung.scheme)[0], 26)
@@ -94,8 +94,3 @@ def draw_words(sheet, measured, at):
     how = f"to the right: nearer, at worst, to {measured.seconds:g} s"
     sheet.words((30, 66), how, "reference", "start")
     sheet.words((30, 28), "up: more computing, for a second of motion", "reference", "start")
-
-
-def cost(row):
-    """The work of a Row."""
-    return row.rung.operations
