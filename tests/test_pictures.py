@@ -179,7 +179,7 @@ def test_an_arrow_is_drawn_of_each_method_that_moves_the_bob_after_its_step(monk
         "moves": c.Method(c.make_force, "", lambda system, q_start, q, v, dt: (0.9 * q, v)),
         "slows": c.Method(c.make_force, "", lambda system, q_start, q, v, dt: (q, 0.9 * v)),
     }
-    monkeypatch.setattr(c, "make_methods", lambda *args: usual(*args) | own)
+    monkeypatch.setattr(c, "make_methods", lambda *args, **knobs: usual(*args, **knobs) | own)
     monkeypatch.setattr(pictures, "METHODS", dict.fromkeys(c.make_methods(), "m0"))
     text = pictures.one_step(tuple(c.make_methods()))
     moving = [name for name, method in usual().items() if method.post_step]
