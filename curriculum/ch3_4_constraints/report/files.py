@@ -13,7 +13,6 @@ from curriculum.ch3_4_constraints.report.table import say
 from curriculum.common.errors import Refused
 from curriculum.common.files import check_writable, write_together
 
-DECIMALS = {"tip_final": 6}  # of a row's numbers: others have 12
 METRICS = "metrics.json"
 PAGE = "play.html"
 RECORDING = "constraints.rrd"
@@ -25,7 +24,6 @@ MARKS = {  # what is in the head of a file that a run has written, or an earlier
     PAGE: [(play.MARK.encode(),), (b"<!doctype html>", b"which method holds its rods?</title>")],
     RECORDING: [(b"RRF", b"constraints*")],
 }
-OFF = ("0", "off", "false")  # what the variable RERUN is where rerun is to do nothing
 
 
 def check(folder):
@@ -84,8 +82,6 @@ def recorded(chapter, asked, runs, results, text):
 
     Whatever rerun does, a run is not lost with it.
     """
-    if os.environ.get("RERUN", "").lower() in OFF:
-        return None, f"RERUN={os.environ['RERUN']} switches rerun off"
     try:
         from curriculum.ch3_4_constraints.report import recording  # here: it loads for long
 
@@ -97,7 +93,7 @@ def recorded(chapter, asked, runs, results, text):
         return None, f"{said}; pip install --upgrade rerun-sdk may help"
 
 
-def metrics(asked, results, truth, answer=None):
+def metrics(asked, results, truth, answer):
     """The text of metrics.json. It has no times, and nothing about the machine: equal arguments
     give equal bytes. So does the page; recordings are equal but for a header."""
     found = {
@@ -111,24 +107,19 @@ def metrics(asked, results, truth, answer=None):
         "rods": len(asked.system["pairs"]),
         "error_at": truth.step * asked.dt,
         "reference_uncertainty": truth.uncertainty if truth.q is not None else None,
-        "results": {name: rounded_row(row) for name, row in results.items()},
-        "choice": finite(answers.as_metrics(answer)),
+        "results": {
+            name: {key: rounded(x) for key, x in row.items()} for name, row in results.items()
+        },
+        "choice": answers.as_metrics(answer) if answer else None,
     }
-    return json.dumps(found, indent=2, sort_keys=True, allow_nan=False) + "\n"
+    return json.dumps(finite(found), indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
-def rounded_row(row):
-    """A row of the results, whose numbers have as many decimals as DECIMALS says."""
-    return {key: rounded(x, DECIMALS.get(key, 12)) for key, x in row.items()}
-
-
-def rounded(x, digits):
-    """A number, or each of a list, with so many decimals, None if it is not finite; else x."""
+def rounded(x):
+    """A figure with 12 decimals, or a list of places in m with 6; else x."""
     if isinstance(x, list):
-        return [rounded(y, digits) for y in x]
-    if isinstance(x, float):
-        return round(float(x), digits) if math.isfinite(x) else None
-    return x
+        return [round(place, 6) for place in x]
+    return round(float(x), 12) if isinstance(x, float) else x
 
 
 def finite(x):

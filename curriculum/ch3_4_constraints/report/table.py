@@ -5,7 +5,7 @@ import textwrap
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import MOVES, conserves
+from curriculum.ch3_4_constraints.rods.run import conserves, moves
 from curriculum.ch3_4_constraints.rods.stability import grows, stability_limit
 from curriculum.common import words
 
@@ -33,20 +33,18 @@ def aligned(heads, rows):
     The first column begins at its left, others end at their right, as wide as they need. What
     stands alone after the first is a sentence.
     """
-    upper = [x for x, _ in heads]
-    table = [upper, [x for _, x in heads], *rows]
+    table = [*zip(*heads, strict=True), *rows]
     full = [row for row in table if len(row) == len(heads)]
-    widths = [max(len(row[k]) for row in full) for k in range(len(heads))]
+    widths = [max(map(len, column)) for column in zip(*full, strict=True)]
     widths[0] = max(len(row[0]) for row in table)
     lines = []
     for row in table:
-        first, *others = row
+        line = row[0].ljust(widths[0])
         if len(row) < len(heads):
-            lines.append("  ".join([first.ljust(widths[0]), *others]).rstrip())
-            continue
-        line = first.ljust(widths[0])
-        for x, width in zip(others, widths[1:], strict=True):
-            line += x.rjust(width + GAP)
+            line += " " * GAP + row[1]
+        else:
+            for x, width in zip(row[1:], widths[1:], strict=True):
+                line += x.rjust(width + GAP)
         lines.append(line.rstrip())
     return lines
 
@@ -152,10 +150,9 @@ def print_verdict(runs, results):
     run = runs["baumgarte"]
     worst = results["none"]["max_violation"]
     kept = results["baumgarte"]["max_violation"]
-    shortest = run.shortest
-    if np.max(np.abs(run.q - run.q[0])) < MOVES * shortest:
+    if not moves(run.q, run.start):
         say("largest rod error: nothing moves, so none and baumgarte have nothing to hold")
-    elif max(worst, kept) < ROUNDING * shortest:
+    elif max(worst, kept) < ROUNDING * np.min(run.start["lengths"]):
         say("largest rod error: none and baumgarte differ by rounding only")
     elif worst > FEW * kept:
         times = f"{words.in_digits(worst / kept, 2):g} x" if kept > 0.0 else "which has none"

@@ -48,9 +48,8 @@ class Run:
         check_measure("energy", energies, len(q))
         self.report = step.done()  # how its steps were taken: a Report
         self.dt = dt  # s
-        self.shortest = float(np.min(step.start["lengths"]))  # m
-        good = is_good(system, violations, energies)
-        count = len(q) if good.all() else max(1, int(np.argmin(good)))
+        self.start = step.start  # its system, as it was before it
+        count = how_many_good(system, violations, energies)
         self.q = q[:count]  # (steps + 1, N, 3) in m
         self.v = v[:count]  # (steps + 1, N, 3) in m/s
         self.tip = self.q[:, -1]  # (steps + 1, 3) in m: the path of the last particle
@@ -84,12 +83,13 @@ class Run:
         return average(Counter(self.report.program), self.q, self.v, self.dt)
 
 
-def is_good(system, violations, energies):
-    """Which states are of a run that is not lost, (steps + 1,): the one test of that.
+def how_many_good(system, violations, energies):
+    """Up to which state a run is not lost: the one test of that. The first state always counts.
 
     `violations` in m and `energies` in J are (steps + 1,).
     """
-    return np.isfinite(energies) & (violations < FAR * np.sum(system["lengths"]))
+    good = np.isfinite(energies) & (violations < FAR * np.sum(system["lengths"]))
+    return len(good) if good.all() else max(1, int(np.argmin(good)))
 
 
 def why_unlike(step, force, dt, q, v, many):

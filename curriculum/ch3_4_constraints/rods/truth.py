@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from curriculum.ch3_4_constraints.rods.singular import is_undecided
-from curriculum.ch3_4_constraints.rods.systems import EARTH, differences, distances, tolerance
+from curriculum.ch3_4_constraints.rods.systems import EARTH, distances, rod_rates, rod_vectors, tolerance
 from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps, Untraceable
 from curriculum.common.words import length, milliseconds
@@ -25,7 +25,7 @@ FITS = 1e-3  # of the shortest rod: so far places may be off as rods do not fit 
 DIVIDED = 16  # parts of a step, at most: shorter steps come anyway
 PARTS = 1, 2, 3, 4, 6, 8  # steps from one time of a path to the next
 WHOLE = Fraction(1)
-MAX_RODS = 40  # of a run: for more its true motion takes longer than itself
+MAX_RODS = 60  # for more it takes long
 
 
 class Truth(NamedTuple):
@@ -78,7 +78,7 @@ def last_step(chapter, system, dt, steps):
     return max(1, round(horizon(chapter, system, steps * dt) / dt))
 
 
-def true_motion(chapter, system, dt, last, why="", most_rods=MAX_RODS):
+def true_motion(chapter, system, dt, last, why=""):
     """The Truth after the `last` step of dt s; unknown if there is a reason `why`.
 
     The steps get shorter until two ends agree, or until rounding keeps them apart.
@@ -87,9 +87,8 @@ def true_motion(chapter, system, dt, last, why="", most_rods=MAX_RODS):
     shortest = float(np.min(system["lengths"]))
     unknown = Truth(last, f"at {seconds:.3g} s")
     counts = []
-    rods = len(system["pairs"])
-    if not why and rods > most_rods:
-        why = f"it would take long for more than {most_rods} rods"
+    if not why and len(system["pairs"]) > MAX_RODS:
+        why = f"it would take long for more than {MAX_RODS} rods"
     if not why:
         counts, why = step_counts(system, chapter.make_force(system), seconds)
     if why:
@@ -276,18 +275,16 @@ def time_scales(system, force):
     g is what accelerates a rod's ends apart across it, or that of the Earth. As a particle moves
     its acceleration changes by the square of a frequency, which may be much higher.
     """
-    pairs = system["pairs"]
     lengths = system["lengths"]
-    fixed = np.zeros_like(system["anchors"])  # of what moves, at an anchor
     q = system["q0"]
     v = system["v0"]
     m = system["m"]
-    along = differences(q, system["anchors"], pairs) / lengths[:, None]
+    along = rod_vectors(system, q) / lengths[:, None]
     a = force(q, v) / m
-    apart = differences(a, fixed, pairs)
+    apart = rod_rates(system, a)
     across = apart - np.sum(apart * along, axis=1)[:, None] * along
     g = np.maximum(EARTH, np.linalg.norm(across, axis=1))
-    rates = [np.max(np.linalg.norm(differences(v, fixed, pairs), axis=1) / lengths)]
+    rates = [np.max(np.linalg.norm(rod_rates(system, v), axis=1) / lengths)]
     near = NEAR * np.min(lengths)
     for way in (a, v):
         size = np.max(np.abs(way))
