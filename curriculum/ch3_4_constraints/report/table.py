@@ -6,7 +6,7 @@ import textwrap
 import numpy as np
 
 from curriculum.ch3_4_constraints.rods.run import conserves, moves
-from curriculum.ch3_4_constraints.rods.stability import grows, stability_limit
+from curriculum.ch3_4_constraints.rods.stability import stability_limit
 from curriculum.common import words
 
 ROUNDING = 1e-9  # of the shortest rod: errors below are not of a method
@@ -102,7 +102,6 @@ def force(row):
 
 def print_notes(asked, runs, results, truth, step_fn):
     """Print a sentence for what is missing or past its limit. `step_fn` took the steps."""
-    alive = {name: row for name, row in results.items() if not runs[name].lost}
     for name, run in runs.items():
         if run.stopped and not run.lost:
             say(f"{name}: {run.stopped}")
@@ -110,13 +109,11 @@ def print_notes(asked, runs, results, truth, step_fn):
     for why in unlike:
         say(f"- places, energy and forces are not known: {why}")
     if not unlike:
-        print_unknown(alive, truth)
+        print_unknown({name: row for name, row in results.items() if not runs[name].lost}, truth)
     if asked.left_out:
-        names = ", ".join(asked.left_out)
-        say(f"left out, as not made for {asked.integrator}: {names}")
-    stiffness = asked.dt * asked.knobs["baumgarte"]
-    if "baumgarte" in results and grows(step_fn, stiffness):
-        print_limit(stiffness, stability_limit(step_fn))
+        say(f"left out, as not made for {asked.integrator}: {', '.join(asked.left_out)}")
+    if "baumgarte" in results:
+        print_limit(asked.dt * asked.knobs["baumgarte"], stability_limit(step_fn))
 
 
 def print_unknown(alive, truth):
@@ -125,20 +122,17 @@ def print_unknown(alive, truth):
         say("- energy off: external_force does work that energy does not count")
     hidden = [name for name, row in alive.items() if row["tension_max"] is None]
     if hidden:
-        say(f"- largest force: {FORCES} ({', '.join(hidden)})")
+        why = "all in what is done after a step, or rods so nearly in line that it is not known"
+        say(f"- largest force: {why} ({', '.join(hidden)})")
     if truth.q is None:
         say(f"- places off: the true motion is not known: {truth.why}")
 
 
-FORCES = "all in what is done after a step, or rods so nearly in line that it is not known"
-
-
 def print_limit(stiffness, limit):
     """Print by how much dt w is past its limit; at the limit itself an error stays as it is."""
-    digits = 3 if stiffness > 1.01 * limit else 6
     if stiffness > limit * (1.0 + 1e-6):
-        found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
-        say(f"baumgarte: {found}")
+        digits = 3 if stiffness > 1.01 * limit else 6
+        say(f"baumgarte: dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}")
 
 
 def print_verdict(runs, results):

@@ -12,7 +12,6 @@ from curriculum.common.tracing import ordered
 
 ROUGH = 0.1  # by this share a length may be off: on purpose, but not by a slip
 FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
-EARTH = 9.81  # m/s^2: the scale of what is fast, whatever GRAVITY is
 HUGE = 1e12  # larger numbers, those below 1 / HUGE, and masses so far apart leave no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"

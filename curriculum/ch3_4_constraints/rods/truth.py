@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from curriculum.ch3_4_constraints.rods.singular import is_undecided
-from curriculum.ch3_4_constraints.rods.systems import EARTH, distances, rod_rates, rod_vectors, tolerance
+from curriculum.ch3_4_constraints.rods.systems import distances, rod_rates, rod_vectors, tolerance
 from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps, Untraceable
 from curriculum.common.words import length, milliseconds
 
 HORIZON = 2.0  # s; of short rods, which swing faster, at most 20 sqrt(L/g): chaos is as fast
+EARTH = 9.81  # m/s^2: the scale of what is fast, whatever GRAVITY is
 FIRST = 0.15  # of sqrt(L/g): the longest first step
 TURN = 0.5  # rad: nor does anything turn by more in it
 COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # times half the first
