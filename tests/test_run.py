@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from conftest import BEGIN, FORCE, KEEP, ROOT, STEP, edited, python
 from independent import smallest_pulls, weight
-from machines import make_system, row, thrown
+from machines import make_system, row, thrown, torn
 
 import constraints as c
 from curriculum.ch3_4_constraints import report
-from curriculum.ch3_4_constraints.rods.run import is_good
+from curriculum.ch3_4_constraints.rods.run import how_many_good
 from curriculum.ch3_4_constraints.rods.truth import Truth
 from curriculum.common.tracing import NotAState, StepChanged, plain
 
@@ -215,15 +215,15 @@ def test_what_is_no_step_is_an_error(name, plainly):
 # --- where it ends ---
 def test_states_are_good_while_they_are_finite_and_rods_below_a_hundred_times_all_of_them():
     system = {"lengths": np.array([0.5, 1.5])}
-    worst = np.array([0.0, 199.0, 201.0, 0.1, np.nan])
-    assert is_good(system, worst, np.zeros(5)).tolist() == [True, True, False, True, False]
-    energies = np.array([0.0, np.inf, np.nan])
-    assert is_good(system, np.zeros(3), energies).tolist() == [True, False, False]
-
-
-def torn(system, q_start, q, v, dt):
-    low = {"most": 5, "failure": "it is torn"}
-    return c.tracing.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
+    still = np.zeros(4)
+    for worst, energies, good in (
+        ([0.0, 199.0, 201.0, 0.1], still, 2),
+        ([0.0, 0.1, 0.1, np.nan], still, 3),
+        (still, [0.0, np.inf, 0.0, 0.0], 1),
+        ([np.nan, 0.0, 0.0, 0.0], still, 1),  # the start
+        (still, still, 4),
+    ):
+        assert how_many_good(system, np.array(worst), np.array(energies)) == good
 
 
 def test_a_run_is_kept_to_where_it_is_good_and_says_whether_its_loop_ended_or_a_step_failed(
@@ -239,7 +239,8 @@ def test_a_run_is_kept_to_where_it_is_good_and_says_whether_its_loop_ended_or_a_
     assert lost.q[-1, 0, 1] >= -0.5 > lost.q[-1, 0, 1] + DT * lost.v[-1, 0, 1] - 1e-3
     monkeypatch.undo()
     wild = c.run_method(system, "baumgarte", "euler", 0.1, 400, baumgarte=500.0)
-    assert wild.lost and is_good(system, wild.violations, wild.energies).all()
+    assert wild.lost
+    assert how_many_good(system, wild.violations, wild.energies) == len(wild.violations)
     kept, _ = taken(TRUE["a break"], False)
     assert kept.stopped and not kept.lost
     whole, _ = taken([], False)

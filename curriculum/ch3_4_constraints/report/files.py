@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.page import play
+from curriculum.ch3_4_constraints.page.scene import NoPage
 from curriculum.ch3_4_constraints.report import answer as answers
 from curriculum.ch3_4_constraints.report.table import say
 from curriculum.common.errors import Refused
@@ -58,7 +59,7 @@ def write_files(chapter, asked, runs, results, truth, answer):
     elif asked.page:
         try:
             files[PAGE] = play.page(chapter, asked, results, truth, answer)
-        except play.NoPage as why:
+        except NoPage as why:
             left_out[PAGE] = why
     if asked.rerun:
         files[RECORDING], why = recorded(chapter, asked, runs, results, text)
