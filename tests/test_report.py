@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import BARE, FILES, FORCE, STEP, UNIX, contents, edited, python
-from independent import incidence_and_rods, motion, smallest_pulls, weight
+from independent import energy_off, incidence_and_rods, motion, smallest_pulls, weight
 from machines import as_scene, at_random, row, thrown, torn
 
 import constraints as c
@@ -43,9 +43,6 @@ SYSTEM = thrown(at_random(row(3))) | {"load": np.array([[3.0, 0, -1], [0, 8, 0],
 
 def by_hand(system, name, dt, done):
     """max_violation, final_violation, energy_rel_max and tension_max of a run's states."""
-    kinetic = np.sum(0.5 * system["m"] * done.v**2, axis=(1, 2))
-    energy = kinetic - np.sum(weight(system) * done.q, axis=(1, 2))
-    scale = max(np.sum(system["m"]) * 9.81 * np.sum(system["lengths"]), kinetic[0])
     force = c.make_methods(dt, time_constant=0.03)[name].make_force(system)
     off = []
     pulls = []
@@ -54,7 +51,7 @@ def by_hand(system, name, dt, done):
         _, d = incidence_and_rods(now)
         off.append(np.max(np.abs(np.linalg.norm(d, axis=1) - system["lengths"])))
         pulls.append(smallest_pulls(now, force(q, v) - weight(system)))
-    return max(off), off[-1], np.max(np.abs(energy - energy[0])) / scale, np.max(np.abs(pulls))
+    return max(off), off[-1], energy_off(system, done.q, done.v), np.max(np.abs(pulls))
 
 
 KEYS = "max_violation", "final_violation", "energy_rel_max", "tension_max"
@@ -113,29 +110,6 @@ def test_a_place_is_no_finer_than_it_is_known():
 )
 def test_a_force_has_three_digits(most, shown):
     assert table.force({"tension_max": most}) == shown
-
-
-def test_energy_is_shown_where_it_is_an_error():
-    shown = [
-        table.energy({"energy_rel_max": share, "conserves": conserves})
-        for share, conserves in ((0.384, True), (0.384, False), (None, True), (2.44e-5, True))
-    ]
-    assert shown == ["38 %", "-", "-", "0.0024 %"]
-
-
-def test_columns_end_below_each_other_and_a_sentence_may_run_over():
-    heads = [("", "method"), ("rods off", "mm"), ("", "a longer head")]
-    rows = [["none", "12.5", "7"], ["a method", "lost at 3 s: and a long reason why"]]
-    rows.append(["soft", "1,234,567.5", "-"])
-    lines = table.aligned(heads, rows)
-    method, rods, other = "method  ", "1,234,567.5", "a longer head"
-    width = len(method) + 2 + len(rods) + 2 + len(other)
-    assert [len(line) for line in lines] == [21, width, width, 44, width]
-    assert [line[:21].split() for line in (lines[0], lines[2])] == [
-        ["rods", "off"],
-        ["none", "12.5"],
-    ]
-    assert lines[3] == "a method  lost at 3 s: and a long reason why"
 
 
 def test_figures_have_twelve_decimals_places_six_and_what_is_not_finite_is_null():
