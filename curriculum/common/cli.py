@@ -19,6 +19,7 @@ ERRORS = OSError, Refused, NotAState, StepChanged  # such as a full disk
 SOON = 0.5  # s: what is done sooner needs no word
 COMMON = Path(__file__).parent
 LEAST = 1e-12  # of a length in m, or a time in s
+LARGEST = 1e12  # a number is below it
 MOST = 1e6  # m: a length is below it
 
 
@@ -79,9 +80,9 @@ def checked(read, low, high, allowed):
     return parse
 
 
-def number(low, high=1e12):
-    """An argparse type: a finite number, at least `low` and below `high`."""
-    return checked(float, low, high, f"a finite number >= {low:g} and < {high:g}")
+def number(low):
+    """An argparse type: a finite number, at least `low`."""
+    return checked(float, low, LARGEST, f"a finite number >= {low:g} and < {LARGEST:g}")
 
 
 def whole(low, high=10**12):
@@ -99,8 +100,8 @@ length = checked(  # metres, from a length such as 0.5mm or 2 cm, or from a numb
 seconds = checked(  # from a time such as 5ms or 200us, or from a number
     partial(parsed, units=TIMES),
     LEAST,
-    1.0 / LEAST,
-    f"a finite number >= {LEAST:g} and < {1.0 / LEAST:g}, or a time such as 5ms",
+    LARGEST,
+    f"a finite number >= {LEAST:g} and < {LARGEST:g}, or a time such as 5ms",
 )
 
 

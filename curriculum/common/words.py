@@ -49,8 +49,8 @@ def amount(x, digits=3):
 
 
 def sentence(clause):
-    """A clause as a sentence; "" of ""."""
-    return f"{clause[0].upper()}{clause[1:]}." if clause else ""
+    """A clause as a sentence."""
+    return f"{clause[0].upper()}{clause[1:]}."
 
 
 def parsed(text, units):

@@ -42,7 +42,7 @@ class Missing(NamedTuple):
     """What is known of an integrator none of whose steps is right."""
 
     integrator: str
-    best: Rung | None  # the one that is least off
+    best: Rung  # the one that is least off
     shortest: float  # s: the shortest step that was tried
 
 

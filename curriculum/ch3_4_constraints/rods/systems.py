@@ -153,19 +153,14 @@ def checked_column(key, table, name):
     is_array = isinstance(table, np.ndarray) and table.ndim
     need(is_array or isinstance(table, list | tuple), key, table, "a list or an array")
     for k, row in enumerate(table):
-        check_row(row, name(key, k), kind, shape, low, allowed)
+        row = np.array(row, object)  # as it stands there: true is no number
+        right = row.size == math.prod(shape)
+        for x in row.ravel().tolist():
+            right = right and isinstance(x, kind) and not isinstance(x, bool) and low < x < HUGE
+        need(right, name(key, k), np.squeeze(row), allowed)
+        need(row.shape == shape, f"the shape of {name(key, k)}", row.shape, shape)
     column = np.array(table, int if kind is Integral else float).reshape(-1, *shape)
     return ordered(column) if key in PARTICLES else column
-
-
-def check_row(row, field, kind, shape, low, allowed):
-    """Raise Refused unless a row has numbers of a kind, above low, in that shape."""
-    row = np.array(row, object)  # as it stands there: true is no number
-    right = row.size == math.prod(shape)
-    for x in row.ravel().tolist():
-        right = right and isinstance(x, kind) and not isinstance(x, bool) and low < x < HUGE
-    need(right, field, np.squeeze(row), allowed)
-    need(row.shape == shape, f"the shape of {field}", row.shape, shape)
 
 
 def refuse(bad, key, system, name, allowed, beside=None):
