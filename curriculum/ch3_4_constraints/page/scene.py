@@ -37,8 +37,9 @@ def palette_css():
     colors = {f"m{k}": pair for k, pair in enumerate(palette.METHODS)}
     colors |= {"reference": palette.REFERENCE, "ink": palette.INK, "paper": palette.PAPER}
     colors |= {"long": palette.TOO_LONG, "short": palette.TOO_SHORT}
-    light = "".join(f"--{name}: {color}; " for name, (color, _) in colors.items())
-    dark = "".join(f"--{name}: {color}; " for name, (_, color) in colors.items())
+    light, dark = (
+        "".join(f"--{name}: {pair[side]}; " for name, pair in colors.items()) for side in (0, 1)
+    )
     at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
     classes = [f".m{k} {{ color: var(--m{k}); }}" for k in range(len(palette.METHODS))]
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])

@@ -24,7 +24,7 @@ ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
 FITS = 1e-3  # of the shortest rod: so far places may be off as rods do not fit them
 DIVIDED = 16  # parts of a step, at most: shorter steps come anyway
-PARTS = 1, 2, 3, 4, 6, 8  # steps from one time of a path to the next
+PARTS = 2, 3, 4, 6, 8  # steps, after one, from a time of a path to the next
 WHOLE = Fraction(1)
 MAX_RODS = 60  # for more it takes long
 
@@ -167,16 +167,16 @@ class Exact:
     def states(self, seconds, count, q=None):
         """All places of `count` steps, (count + 1, N, 3) in m, from q or the start's.
 
-        They are fewer where a step fails.
+        They are NaN from a step on that fails.
         """
         at, v = self.start
         found, _ = self.run([at if q is None else q, v], count, seconds / count)
-        return found
+        failed = np.full((count + 1 - len(found), *at.shape), np.nan)
+        return np.concatenate([found, failed])
 
     def end(self, seconds, count, q=None):
         """The last places, (N, 3) in m; NaN where a step fails."""
-        found = self.states(seconds, count, q)
-        return found[-1] if len(found) > count else np.full_like(found[0], np.nan)
+        return self.states(seconds, count, q)[-1]
 
 
 def agreed(exact, seconds, counts, enough):
@@ -257,16 +257,13 @@ def true_path(chapter, system, grid, count, uncertainty):
     It is not known where finer steps do not agree with coarser ones at all of these times.
     """
     exact = Exact(chapter, system, count)
-    best = None
+    coarse = exact.states(count * grid, count)
     for parts in PARTS:
-        before = best
-        found = exact.states(count * grid, count * parts)
-        best = found[::parts] if len(found) > count * parts else None
-        if before is None or best is None:
-            continue
-        apart = distance(best, before)
+        fine = exact.states(count * grid, count * parts)[::parts]
+        apart = distance(fine, coarse)
         if apart < limit(system):
-            return Path(grid, best, apart + uncertainty)
+            return Path(grid, fine, apart + uncertainty)
+        coarse = fine
     return Path(grid)
 
 
