@@ -27,6 +27,7 @@ WRONG = {  # flags: what the line names
     "--links 301": ("--links", "'301'", "300"),
     "--out=": ("--out", "''"),
     "--out=a\udcff": ("--out", r"'a\udcff'"),
+    f"--out={1990 * 'a/'}": ("--out", "100"),
     "--system=\x1b[31m": ("--system", r"'\x1b[31m'"),
     "--sys double": ("--sys",),
     "--system doubel": ("--system", "'doubel'", "'double'"),

@@ -112,6 +112,19 @@ def test_a_force_has_three_digits(most, shown):
     assert table.force({"tension_max": most}) == shown
 
 
+def test_columns_end_below_each_other_and_a_sentence_may_run_over():
+    heads = [("", "method"), ("rods off", "mm"), ("", "a longer head")]
+    rows = [["none", "12.5", "7"], ["a method", "lost at 3 s: and a long reason why"]]
+    rows.append(["soft", "1,234,567.5", "-"])
+    assert table.aligned(heads, rows) == [
+        "             rods off",
+        "method             mm  a longer head",
+        "none             12.5              7",
+        "a method  lost at 3 s: and a long reason why",
+        "soft      1,234,567.5              -",
+    ]
+
+
 def test_figures_have_twelve_decimals_places_six_and_what_is_not_finite_is_null():
     row = {"stopped": "lost", "error": 1e-13, "operations": 7, "tip_final": [1.23456789, -np.inf]}
     row |= {"energy_rel_max": np.float64(np.nan), "conserves": True}

@@ -17,6 +17,7 @@ from curriculum.common.words import LENGTHS, TIMES, parsed
 Switch = argparse.BooleanOptionalAction  # an action: --page or --no-page
 ERRORS = OSError, Refused, NotAState, StepChanged  # such as a full disk
 SOON = 0.5  # s: what is done sooner needs no word
+DEEP = 100  # folders: Python makes a thousand at once, and no more
 COMMON = Path(__file__).parent
 LEAST = 1e-12  # of a length in m, or a time in s
 LARGEST = 1e12  # a number is below it
@@ -27,6 +28,7 @@ class Parser(argparse.ArgumentParser):
     """argparse, except that an error is one line. Its help begins with `text`'s first paragraph."""
 
     def __init__(self, text, epilog=None):
+        self.words = []  # of the command line
         started = Path(sys.argv[0])
         package = started.name == "__main__.py"
         super().__init__(
@@ -46,13 +48,18 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, words=None, namespace=None):
         """The flags; and, as `command`, how the program was called."""
+        self.words = sys.argv[1:] if words is None else list(words)
         args = super().parse_args(words, namespace)
         started = ["python", self.prog] if self.prog.endswith(".py") else [self.prog]
-        args.command = [*started, *(sys.argv[1:] if words is None else words)]
+        args.command = started + self.words
         return args
 
     def error(self, message):
         """End the program, with status 2, in a line that has the message."""
+        flag = message.removeprefix("argument ").removesuffix(": expected one argument")
+        k = self.words.index(flag) + 1 if flag in self.words else 0
+        if 0 < k < len(self.words):  # argparse takes what begins with - for a flag
+            message = f"argument {flag}: expected a value, and not {self.words[k]!r}"
         self.exit(2, f"{self.prog}: error: {' '.join(message.split())}\n")
 
     @contextlib.contextmanager
@@ -107,10 +114,11 @@ seconds = checked(  # from a time such as 5ms or 200us, or from a number
 
 def folder(text):
     """An argparse type: a Path that a folder may have."""
-    if not text or not text.isprintable():
-        allowed = "a name in characters that can be printed"
-        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
-    return Path(text)
+    path = Path(text)
+    if not text or not text.isprintable() or len(path.parts) > DEEP:
+        allowed = f"a name in characters that can be printed, at most {DEEP} folders deep"
+        raise argparse.ArgumentTypeError(f"{text[:80]!r} must be {allowed}")
+    return path
 
 
 def progress(names):
