@@ -9,9 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import has_loop, rod_vectors, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import LOST, has_loop, rod_vectors, unit_rows
 
-LOST = 1e-6  # of the largest singular value: what is less is 0
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
 LEVELS = 3  # of looking closer,
 PARTS = 16  # each time with so many steps for one

@@ -2,10 +2,15 @@
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import has_loop, rod_rates, rod_vectors, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import (
+    LOST,
+    has_loop,
+    rod_rates,
+    rod_vectors,
+    unit_rows,
+)
 
 STILL = 1e-6  # relative: how exactly velocities must keep the lengths; below, a rod is at rest
-LOST = 1e-6  # singular values of J by the largest: A has their squares, which SLACK hides
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
 
 
@@ -46,7 +51,8 @@ def impossible_stress(system, pull, rate, slow):
     asks for sum_k u_k |rate_k|^2 = 0: else J a + Jdot v = 0 has no solution. If the rods of u are
     at rest, finite and continuous tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0
     is left, though the linear system then has a solution: a level cable falls, which no rigid one
-    can. One that sags by over LOST of its span has no self-stress, but a large tension.
+    can. One that sags by over LOST of its span has no self-stress, but a large tension. (A has the
+    squares of singular values, and SLACK would hide them.)
     """
     lengths = system["lengths"]
     m = system["m"]

@@ -12,6 +12,7 @@ from curriculum.common.tracing import ordered
 
 ROUGH = 0.1  # by this share a length may be off: on purpose, but not by a slip
 FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
+LOST = 1e-6  # singular values of unit_rows by the largest: below, they count as 0
 HUGE = 1e12  # larger numbers, those below 1 / HUGE, and masses so far apart leave no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
