@@ -126,11 +126,16 @@ def test_columns_end_below_each_other_and_a_sentence_may_run_over():
 
 
 def test_figures_have_twelve_decimals_places_six_and_what_is_not_finite_is_null():
-    row = {"stopped": "lost", "error": 1e-13, "operations": 7, "tip_final": [1.23456789, -np.inf]}
+    row = {
+        "stopped": "lost",
+        "error": 0.1234567890126,
+        "operations": 7,
+        "tip_final": [1.23456789, -np.inf],
+    }
     row |= {"energy_rel_max": np.float64(np.nan), "conserves": True}
     shown = {key: files.rounded(x) for key, x in row.items()}
     assert files.finite(shown) == row | {
-        "error": 0.0,
+        "error": 0.123456789013,
         "tip_final": [1.234568, None],
         "energy_rel_max": None,
     }

@@ -78,6 +78,10 @@ TYPED = {  # what is named of a typed system, and what is wrong in it
     "load[1] is [0.0, NaN, 0.0]": {"load": [[0, 0, 0], [0.0, math.nan, 0.0]]},
     "pairs[0] is [-1, 0]": {"pairs": [(-1, 0), (1, 0)]},
     "v0[0] is [NaN, NaN, NaN]": {"v0": np.full((2, 3), np.nan)},
+    "pairs[2] is [1, 0]; must be given once; rods[1] ties": {
+        "pairs": [(0, -1), (1, 0), (1, 0)],
+        "lengths": [1.0, 1.0, 1.0],
+    },
     "pairs[0] is [0.0, -1]": {"pairs": [[0.0, -1], [1, 0]]},
     "the number of particles and rods is [2, 0]": {"pairs": np.zeros((0, 2), int)},
     "must be 10000 at most": c.build_system("chain", links=101) | STAR,
