@@ -9,9 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import differences, has_loop, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import LOST, has_loop, rod_vectors, unit_rows
 
-LOST = 1e-6  # of the largest singular value: what is less is 0
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
 LEVELS = 3  # of looking closer,
 PARTS = 16  # each time with so many steps for one
@@ -67,28 +66,20 @@ def least_sizes(system, q):
 
 def closes_exactly(system, q):
     """Whether rods that lie along x or y in a pose q (N, 3) close their loops to the last digit."""
-    d = differences(q, system["anchors"], system["pairs"])
+    d = rod_vectors(system, q)
     along = d / np.linalg.norm(d, axis=1, keepdims=True)
     axis = int(np.argmax(np.abs(along[0])))
     signs = np.sign(along[:, axis])
     if np.max(np.abs(along - signs[:, None] * np.eye(3)[axis])) > FLAT:
         return False
+    reaches = [int(sign) * Fraction(x) for sign, x in zip(signs, system["lengths"], strict=True)]
+    rods = list(zip(system["pairs"], reaches, strict=True))
     places = {-1 - k: Fraction(x[axis]) for k, x in enumerate(system["anchors"])}
-    rods = list(zip(system["pairs"], signs, system["lengths"], strict=True))
-    while rods:  # each tells where its other end is, or has to fit
-        later = []
-        for (i, j), sign, length in rods:
-            reach = int(sign) * Fraction(length)
-            if i in places and j in places:
-                if places[i] - places[j] != reach:
-                    return False
-            elif j in places:
-                places[i] = places[j] + reach
+    for _ in system["m"]:  # each time at least one more place, of those tied to what stands still
+        for (i, j), reach in rods:
+            if j in places:
+                places.setdefault(i, places[j] + reach)
             elif i in places:
                 places[j] = places[i] - reach
-            else:
-                later.append(((i, j), sign, length))
-        if len(later) == len(rods):
-            break  # what is tied to nothing that stands still
-        rods = later
-    return True
+    tied = [(i, j, reach) for (i, j), reach in rods if i in places]
+    return all(places[i] - places[j] == reach for i, j, reach in tied)
