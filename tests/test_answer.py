@@ -200,6 +200,19 @@ def test_what_is_right_by_luck_is_not_advised(name):
     assert missing.best.dt == 0.04 and missing.shortest < 0.01
 
 
+def test_of_an_integrator_whose_rungs_are_right_by_luck_only_that_is_said():
+    """With drag, so that no energy is to blame."""
+
+    def drag(system, q, v=None):
+        return c.external_force(system, q) - 0.1 * (0.0 * q if v is None else v)
+
+    powers = right_at(lambda dt: sum(near(dt, 0.005 * 2.0**k) for k in range(-12, 9)))
+    answer = chosen(integrators=powers, external_force=drag)
+    said = advice(SimpleNamespace(system=PENDULUM), answer).missing
+    assert not answer.rows and answer.missing[0].best.energy is None
+    assert len(said) == 1 and "luck" in said[0]
+
+
 def test_where_nothing_is_right_for_the_whole_time_it_is_right_for_as_long_as_is_said():
     """Under euler the energy grows."""
     only = {"euler": c.euler_step}
