@@ -148,7 +148,7 @@ class Tracer:
             return in_plane(self.chapter.integrators[integrator](q, v, m, force, dt))
 
         names = ["q", "v", *self.knobs, "x", "y"] + ["spring"] * len(self.live)
-        return Program(step, *[self.live] * 2, knobs=len(names) - 2, names=names)
+        return Program(step, *[self.live] * 2, scalars=len(names) - 2, names=names)
 
     def post_step(self, name):
         """What follows a step: of its end, its start, and the knobs."""
@@ -158,7 +158,7 @@ class Tracer:
             return in_plane(method.post_step(self.system, q_start, q, v, dt))
 
         names = ["q", "v", "q_start", *self.knobs]
-        return Program(post_step, *[self.live] * 3, knobs=len(self.knobs), names=names)
+        return Program(post_step, *[self.live] * 3, scalars=len(self.knobs), names=names)
 
     def measure(self, function):
         """function(system, q, v) of a state."""

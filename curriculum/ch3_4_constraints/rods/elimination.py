@@ -9,6 +9,8 @@ from heapq import heappop, heappush
 
 import numpy as np
 
+from curriculum.common.tracing.arrays import couple
+
 
 def cached(function):
     """A function of pairs, which need not be hashable, that remembers what it has found."""
@@ -52,9 +54,8 @@ def elimination_order(pairs):
         if k in order or degree != len(near[k]):  # it has another one by now
             continue
         order.append(k)
-        for other in near[k]:  # which are coupled from now on, through this one
-            near[other] |= near[k]
-            near[other] -= {k, other}
+        couple(near, k)
+        for other in near[k]:
             heappush(queue, (len(near[other]), other))
     return order
 

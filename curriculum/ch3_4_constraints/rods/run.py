@@ -138,16 +138,16 @@ def conserves(system, external_force, energy, q, v):
         return bool(np.all(np.abs(after - before) <= allowed))
 
 
-def average(count, q, v, dt, *knobs):
+def average(count, q, v, dt, *scalars):
     """Operations for a second of motion, as SAMPLE steps of a run take on average.
 
     `count`: the Counter of its step; q and v (steps + 1, N, 3).
     """
     steps = max(1, len(q) - 1)
-    first = count([q[0], v[0]], *knobs)
+    first = count([q[0], v[0]], *scalars)
     many = min(SAMPLE, steps, 1 + COUNTED // max(1, first)) if count.varies else 1
     middles = (2 * np.arange(many) + 1) * steps // (2 * many)  # of so many parts of the run
-    found = [count([q[k], v[k]], *knobs) for k in middles]
+    found = [count([q[k], v[k]], *scalars) for k in middles]
     return in_digits(sum(found) / many / dt, 6)
 
 

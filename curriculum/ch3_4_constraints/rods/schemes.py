@@ -96,7 +96,7 @@ class Stepper:
         self.scale = energy_scale(system, chapter.gravity)
         self.start = [system["q0"], system["v0"]]
         self.step = partial(scheme.step, system)
-        self.run = CompiledSteps(self.step, self.start, MANY, knobs=1)
+        self.run = CompiledSteps(self.step, self.start, MANY, scalars=1)
         self.count = Counter(self.run.program)
         self.times = []
 

@@ -162,7 +162,7 @@ class Exact:
 
         steps = max(STEPS * len(system["pairs"]), 4 * fewest)  # as a guess
         self.start = [q, v]
-        self.run = CompiledSteps(step, self.start, steps, knobs=1)
+        self.run = CompiledSteps(step, self.start, steps, scalars=1)
 
     def states(self, seconds, count, q=None):
         """All places of `count` steps, (count + 1, N, 3) in m, from q or the start's.

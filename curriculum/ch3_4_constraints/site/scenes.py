@@ -85,7 +85,7 @@ def without_hand(scene, name):
             held = c.make_methods(*knobs)[method]
             return c.semi_implicit_step(q, v, system["m"], held.make_force(system), knobs[0])
 
-        return Program(step, live, live, knobs=len(KNOBS), names=["q", "v", *KNOBS])
+        return Program(step, live, live, scalars=len(KNOBS), names=["q", "v", *KNOBS])
 
     return scene | {"steps": {method: step_of(method) for method in scene["steps"]}}
 
@@ -107,7 +107,7 @@ def spring(bob):
 
             return integrator(q, v, np.ones((1, 1)), force, dt)
 
-        return Program(step, live, live, knobs=3, names=["q", "v", *SPRING])
+        return Program(step, live, live, scalars=3, names=["q", "v", *SPRING])
 
     energy = Program(lambda q, v: 0.5 * np.sum(q * q + v * v), live, live)  # of stiffness 1, in J
     steps = {name: step_of(integrator) for name, integrator in c.INTEGRATORS.items()}
@@ -126,7 +126,7 @@ def soft(bob):
         method = c.make_methods(dt, time_constant=time_constant, impedance=impedance)["soft"]
         return c.semi_implicit_step(q, v, m, method.make_force(system | {"m": m}), dt)
 
-    steps = {"soft": Program(step, live, live, knobs=4, names=["q", "v", *knobs])}
+    steps = {"soft": Program(step, live, live, scalars=4, names=["q", "v", *knobs])}
     start = np.ravel([system["q0"], system["v0"]]).tolist()
     return bob | own_steps(steps, knobs, {"errors": bob["measures"]["errors"]}) | {"start": start}
 

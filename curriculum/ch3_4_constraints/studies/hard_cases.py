@@ -76,7 +76,7 @@ def compiled_for(system, step):
         return step(system | {"m": ordered(m)[:, None]}, q, v, dt)
 
     moving = np.ones_like(system["q0"]) * axes(system)
-    run = CompiledSteps(of_masses, [moving, moving], MANY, knobs=1 + len(system["m"]))
+    run = CompiledSteps(of_masses, [moving, moving], MANY, scalars=1 + len(system["m"]))
     return lambda q, v, m, dt, steps: run([q, v], steps, dt, *m[:, 0])
 
 

@@ -59,7 +59,7 @@ def gauss(stages, rounds):
     """run(steps) -> seconds, q at the end; it begins as if the pendulum had coasted before."""
     coasting = np.zeros((stages * len(SYSTEM["m"]), 3))
     start = [SYSTEM["q0"], SYSTEM["v0"], coasting]
-    compiled = CompiledSteps(partial(racing_step, stages, rounds), start, MANY, knobs=1)
+    compiled = CompiledSteps(partial(racing_step, stages, rounds), start, MANY, scalars=1)
 
     def run(steps):
         q, _, _ = compiled(start, steps, SECONDS / steps)

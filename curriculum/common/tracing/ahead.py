@@ -104,7 +104,7 @@ class Step:
         if own.failure:
             return self.take(self.number, own)
         state = own.arguments[: self.width]
-        if not same(several(ahead), result, state, self.builder.run.exact):
+        if not same(several(ahead), result, state, self.builder.run.program.exact):
             self.error = changed(f"step {self.number}")
             raise self.error
         self.report.compared += 1
@@ -183,7 +183,7 @@ class Step:
         `columns`: the states that the loop has kept, (steps + 1, ...) each. Up to so many steps are
         taken, and as many of the results asked for again that were noted, by their own lines.
         """
-        exact = self.builder.run.exact if self.builder.run else not self.report.program
+        exact = self.builder.run.program.exact if self.builder.run else not self.report.program
         for n in spread(len(columns[0]) - 1, most):
             state = [x[n] for x in columns]
             own = OwnStep(self.step, [*state, *self.first[self.width :]])

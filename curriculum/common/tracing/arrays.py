@@ -92,7 +92,7 @@ def entries(row):
 
 
 def product_of_few(rows, columns):
-    """The same as the others in less memory and, where most numbers are zero, sooner."""
+    """A product of two matrices, in little memory and, where most numbers are zero, sooner."""
     sums = np.zeros((len(rows), columns.shape[1]))
     i, k = np.nonzero(rows)  # in each row term after term, as sums are added
     block = max(1, TERMS // columns.shape[1])
@@ -120,17 +120,16 @@ def eliminated(a, order=None):
     kind = np.result_type(a, 1.0)
     rows = np.array(a, kind).tolist()  # numbers, which Python handles sooner than numpy
     filled = nonzero(a)
-    near = [set() for _ in rows]  # of each unknown, those that it is coupled with
+    near = [set() for _ in rows]  # of each unknown, the others that it is coupled with
     for i, j in zip(*np.nonzero(filled | filled.T), strict=True):
-        near[i].add(int(j))
+        if i != j:
+            near[i].add(int(j))
     done = []  # of each pivot, the rows and columns that are changed by it
     for k in order or range(len(rows)):
         pivot = rows[k]
-        near[k].discard(k)
+        couple(near, k)
         rest = sorted(near[k])
         for i in rest:
-            near[i] |= near[k]  # which are coupled from now on, through this one
-            near[i] -= {i, k}
             row = rows[i]
             row[k] = divide(row[k], pivot[k])  # minus so much of row k, row i is free of x[k]
             for j in rest:
@@ -150,6 +149,16 @@ def eliminated(a, order=None):
         return np.array(x, np.result_type(kind, b))
 
     return solve
+
+
+def couple(near, k):
+    """Take unknown k out: those that it is coupled with are coupled with each other from now on.
+
+    `near`: of each unknown a set, the others that it is coupled with.
+    """
+    for i in near[k]:
+        near[i] |= near[k]
+        near[i] -= {i, k}
 
 
 def divide(x, y):

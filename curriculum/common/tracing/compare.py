@@ -5,10 +5,10 @@ import numpy as np
 from curriculum.common.tracing.tape import StepChanged
 
 PARTS = 25  # of a run: the first step of each is compared
-EARLY = 0, 1, 4, 16, 64, 256, 1024  # and of the first part these
+EARLY = 0, 1, 4, 16, 64, 256, 1024  # steps of the first part that are compared
 APART = 2_000  # steps between two comparisons, at most
 SAME = 1e-9  # of what a step changes: so far sines of two libraries may be apart
-ROUNDING = 1e-15  # of a number, in such a step
+ROUNDING = 1e-15  # of a number: so far it may be off in a step with such sines
 
 
 class Comparisons:
@@ -23,7 +23,7 @@ class Comparisons:
         return number % self.every == 0 or number in self.others
 
     def are_due(self, first, many):
-        """The same of so many steps in a row, a list: sooner."""
+        """is_due of so many steps in a row, the first of that number: a list, which is sooner."""
         numbers = np.arange(first, first + many)
         return ((numbers % self.every == 0) | np.isin(numbers, self.others)).tolist()
 
@@ -31,7 +31,7 @@ class Comparisons:
 def same(found, result, state, exact):
     """Whether the arrays that were found after a state are the step's own results.
 
-    Where it is not `exact`, they may differ by what the sines of two libraries are apart.
+    Unless the code that found them is `exact`, sines of two libraries may be apart.
     """
     for a, b, x in zip(found, result, state, strict=True):
         if np.array_equal(a, b, equal_nan=True):

@@ -61,7 +61,7 @@ class Counting(Python):
 
 
 class Counter:
-    """count(state, *knobs) -> how many operations the step of a program takes from there.
+    """count(state, *scalars) -> how many operations the step of a program takes from there.
 
     `program`: that of trace_loop. `varies`: whether it has loops that end when they may, so that
     the number depends on the state.
@@ -73,9 +73,9 @@ class Counter:
         (loop,) = [node for node in program.tape.nodes.values() if isinstance(node, Loop)]
         self.varies = any(isinstance(node, Loop) for node in loop.tape.nodes.values())
 
-    def __call__(self, state, *knobs):
+    def __call__(self, state, *scalars):
         record = [0]
         live = np.concatenate([np.ravel(x) for x in state])[self.places]
         with suppress(ArithmeticError, ValueError):  # a step that fails has taken some, too
-            self.function(*live.tolist(), *knobs, 1, record)
+            self.function(*live.tolist(), *scalars, 1, record)
         return record[0]

@@ -44,14 +44,14 @@ class JavaScript(Python):
 
 @lru_cache(16)  # a page asks first which steps are the same
 def javascript_of(program):
-    """f(state, steps, record, ...knobs) of a program of arrays, all of whose numbers are `state`.
+    """f(state, steps, record, ...scalars) of a program of arrays, all of whose numbers are `state`.
 
     Its results, as many, are left there; what it records is there when record(state) is called.
     Where Python's loop gives NaN since it does not end, it throws an Error, which says why.
     """
     js = JavaScript()
-    knobs = program.inputs[len(program.places) :]
-    js.lines.append(f"function f({', '.join(['state', 'steps', 'record', *knobs])}) {{")
+    scalars = program.inputs[len(program.places) :]
+    js.lines.append(f"function f({', '.join(['state', 'steps', 'record', *scalars])}) {{")
     for name, place in zip(program.inputs, program.places, strict=False):
         js.write("define", name=name, value=f"state[{place}]")
     values = js.walk(program.tape, program.results, {x: [x] for x in program.inputs})

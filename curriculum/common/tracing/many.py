@@ -5,7 +5,7 @@ import numpy as np
 from curriculum.common.tracing.compare import changed, same
 from curriculum.common.tracing.plainly import copied
 from curriculum.common.tracing.python import COLUMNS, Columns, function_of, source_of
-from curriculum.common.tracing.symbols import LIBRARY, ordered
+from curriculum.common.tracing.symbols import ordered
 from curriculum.common.tracing.tape import Untraceable, collector_off, current
 from curriculum.common.tracing.trace import Program, one_or_several, several, side_by_side, split
 
@@ -21,13 +21,13 @@ def vmap(function):
             return one_by_one(function, arrays)
         arrays = [np.asarray(x, float) for x in arrays]
         try:
-            run, exact = compiled_map(function, [np.any(x, axis=0) for x in arrays])
+            run, program = compiled_map(function, [np.any(x, axis=0) for x in arrays])
         except Untraceable:
             return one_by_one(function, arrays)
         with np.errstate(all="ignore"):
             results = run(arrays)
             for k in 0, -1:
-                compare(function, [x[k] for x in arrays], [x[k] for x in results], exact)
+                compare(function, [x[k] for x in arrays], [x[k] for x in results], program.exact)
         return one_or_several(results)
 
     return mapped
@@ -49,7 +49,7 @@ def one_by_one(function, arrays):
 
 
 def compiled_map(function, live):
-    """run(arrays) -> the arrays of vmap, block by block; and whether it has the bits of each."""
+    """run(arrays) -> the arrays of vmap, block by block; and the Program that it is made of."""
     with collector_off():
         program = Program(function, *live)
         of_columns = function_of(source_of(program, Columns), COLUMNS)
@@ -65,4 +65,4 @@ def compiled_map(function, live):
                 rows[part, k] = column
         return split(rows, list(map(np.shape, program.outputs)))
 
-    return run, program.tape.signs.isdisjoint(LIBRARY)
+    return run, program

@@ -92,12 +92,12 @@ class Python(Writer):
 
 
 class Columns(Python):
-    """The same where a number is a column of numpy, some of whose entries leave a loop earlier."""
+    """Lines of Python whose numbers are columns of numpy; some entries leave a loop earlier."""
 
     forms = Python.forms | {"stop": "if not any({going}): break"}
 
     def following(self, going, names, values):
-        """The same; what has left the loop stays as it is."""
+        """What the names become after a turn; an entry that has left the loop stays as it is."""
         if going:
             pairs = zip(values, names, strict=True)
             values = [f"where({going}, {x}, {before})" for x, before in pairs]

@@ -33,8 +33,8 @@ def size_and_sign(x):
 
 
 def operand(x):
-    """A Symbol's or a Truth's name, or a float, with its sign written out."""
-    if type(x) is Truth:
+    """A Symbol's or a Condition's name, or a float, with its sign written out."""
+    if type(x) is Condition:
         return x.name
     name, minus = size_and_sign(x)
     if type(name) is float:
@@ -49,7 +49,7 @@ def operation(sign, *numbers):
         return FLOATS[sign](*operands)
     if sign == "where" and operands[1] == operands[2]:
         return signed(operands[1], False)
-    kind = Truth if sign in ("<", "<=") else Symbol
+    kind = Condition if sign in ("<", "<=") else Symbol
     return kind(note(sign, *operands))
 
 
@@ -141,7 +141,7 @@ def operators(rule):
     return of_numbers(rule), of_numbers(lambda a, b: rule(b, a))
 
 
-def refusal(why):
+def refusing(why):
     """A function that takes anything and refuses it."""
     return lambda *_, **__: refuse(why)
 
@@ -171,10 +171,10 @@ class Symbol(Traced):
     __pow__, __rpow__ = operators(lambda a, b: operation("pow", a, b))
     __lt__, __gt__ = operators(lambda a, b: operation("<", a, b))
     __le__, __ge__ = operators(lambda a, b: operation("<=", a, b))
-    __bool__ = refusal("it branches on a value; np.where, np.maximum and np.minimum do not")
-    __eq__ = refusal("it asks whether numbers are equal; < and <= can be compiled")
+    __bool__ = refusing("it branches on a value; np.where, np.maximum and np.minimum do not")
+    __eq__ = refusing("it asks whether numbers are equal; < and <= can be compiled")
     __ne__ = __eq__
-    __float__ = refusal(
+    __float__ = refusing(
         "it wants a plain number; an array that takes others begins as np.zeros(shape, like=q) or "
         "with + 0.0 * q, as f = m * g + 0.0 * q"
     )
@@ -199,13 +199,13 @@ def is_asked(name):
     return name in code.co_names and not code.co_filename.startswith(INSIDE)
 
 
-class Truth(Traced):
+class Condition(Traced):
     """What a comparison of symbols gives, on the tape 1 or 0: for np.where and loops only."""
 
     __slots__ = ("name",)
     __bool__ = Symbol.__bool__
     __eq__ = Symbol.__eq__
-    __add__ = __sub__ = __mul__ = __truediv__ = __pow__ = __neg__ = refusal(
+    __add__ = __sub__ = __mul__ = __truediv__ = __pow__ = __neg__ = refusing(
         "it computes with a comparison; np.where(condition, 1.0, 0.0) can be compiled"
     )
     __radd__ = __rsub__ = __rmul__ = __rtruediv__ = __rpow__ = __invert__ = __add__
@@ -358,4 +358,4 @@ ADDING |= {np.sum: add_up, np.zeros_like: zeros_like}
 ADDING |= {one: in_order(one) for one in (np.inner, np.tensordot, np.einsum, np.trace)}
 OWN = ADDING | {np.where: where}
 OWN |= {np.zeros: lambda shape, dtype=object: np.zeros(shape, dtype)}  # np.zeros(shape, like=q)
-OWN |= {np.nan_to_num: refusal("np.nan_to_num cannot be compiled")}  # numpy's overlooks symbols
+OWN |= {np.nan_to_num: refusing("np.nan_to_num cannot be compiled")}  # numpy's overlooks symbols

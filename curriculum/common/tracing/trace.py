@@ -8,7 +8,7 @@ from itertools import chain, islice
 import numpy as np
 
 from curriculum.common.tracing.arrays import zero
-from curriculum.common.tracing.symbols import FLOATS, Symbol, operand, viewed
+from curriculum.common.tracing.symbols import FLOATS, LIBRARY, Symbol, operand, viewed
 from curriculum.common.tracing.tape import Op, Tape, Untraceable, current, in_line, note
 
 LANES = 16  # rows at most that go in step
@@ -98,15 +98,15 @@ def reason(why):
 
 
 class Program:
-    """function(*arrays, *knobs) -> array or arrays, traced where entries `live` are not zero.
+    """function(*arrays, *scalars) -> array or arrays, traced where entries `live` are not zero.
 
     `live`: a mask an array. `inputs`: the names of the live numbers, which stand at `places` among
-    all, and of the knobs. `outputs`: the arrays, made of the `results`. Raises Untraceable.
+    all, and of the scalars. `outputs`: the arrays, made of the `results`. Raises Untraceable.
     """
 
-    def __init__(self, function, *live, knobs=0, names=None):
+    def __init__(self, function, *live, scalars=0, names=None):
         self.tape = Tape(used=TAKEN)
-        names = list(map(self.tape.fresh, names or parameters(function, len(live) + knobs)))
+        names = list(map(self.tape.fresh, names or parameters(function, len(live) + scalars)))
         numbers = names_of(names, live)
         self.places = [k for k, x in enumerate(numbers) if x != 0.0]
         self.inputs = [numbers[k] for k in self.places] + names[len(live) :]
@@ -119,6 +119,11 @@ class Program:
             raise Untraceable(*self.tape.refused or [reason(why)]) from why
         if self.tape.refused:
             raise Untraceable(*self.tape.refused)
+
+    @property
+    def exact(self):
+        """Whether its code has the bits of the function: sines of a library may be others."""
+        return self.tape.signs.isdisjoint(LIBRARY)
 
 
 def side_by_side(function, rows):
@@ -217,10 +222,10 @@ class Loop:
         return [x for x in chain.from_iterable(used) if type(x) is str and x not in nodes]
 
 
-def trace_loop(step, live, knobs=0, others=()):
-    """The Program of many steps, step(*state, *others, *knobs) -> state, and its Loop."""
+def trace_loop(step, live, scalars=0, others=()):
+    """The Program of many steps, step(*state, *others, *scalars) -> state, and its Loop."""
     many = len(live)
-    names = parameters(step, many + len(others) + knobs)
+    names = parameters(step, many + len(others) + scalars)
     own = names[:many]
     loops = []
 
@@ -232,7 +237,7 @@ def trace_loop(step, live, knobs=0, others=()):
         return tuple(loops[0].outputs)
 
     names = [f"{name}_start" for name in own] + names[many + len(others) :]
-    return Program(steps, *live, knobs=knobs, names=names), loops[0]
+    return Program(steps, *live, scalars=scalars, names=names), loops[0]
 
 
 def work(tape, steps):
