@@ -425,6 +425,7 @@ def test_what_the_loop_does_is_obeyed_and_its_first_change_is_named(edit, langua
     assert fast.report.steps == slow.report.steps == 800 and slow.report.how == "not compiled"
     is_compiled = edit not in (KEEPS_CHANGING, BRANCHES)
     assert (fast.report.how == language) == fast.report.is_compiled == is_compiled
+    assert ("once more" in fast.report.how) == (edit == BRANCHES)  # what counts or draws was called
     if is_compiled and OBEYED[edit] in (None, (400, "v")):  # few are computed in vain
         assert 800 <= fast.report.timed < 800 + 800 // 8
 

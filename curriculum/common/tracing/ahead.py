@@ -20,55 +20,55 @@ from curriculum.common.tracing.tape import NotAState, Untraceable, collector_off
 from curriculum.common.tracing.trace import parameters, several
 
 BUILDS = 8  # times that a step is compiled: what changes more often may change at each step
-FASTER = 8  # a stretch is so many times as long as the one before,
-LONGEST = 2_000  # but so many steps at most,
-SHARE = 8  # and one of so many parts of the run: if the loop edits a state, the rest is in vain
+FASTER = 8  # a stretch of steps is so many times as long as the one before
+LONGEST = 2_000  # steps of a stretch, at most
+SHARE = 8  # parts of a run: a stretch is no longer than one; if a state is edited, it is in vain
 
 
 class Step:
     """The function step(*state, *others) -> state, which hands out what is ready.
 
-    Each step that is ready has its number, the bytes that come in if the loop goes on from its
-    result, whether it is to be compared, and this result. `report`, a Report, says how the steps
-    were taken.
+    A stretch of steps is computed ahead. As long as the loop goes on from the result of the step
+    before, with the same others, each call hands out the next one; else a new stretch begins from
+    the state that has come in. `report`, a Report, says how the steps were taken.
     """
 
     def __init__(self, step, steps, notes=None):
         self.step = step
-        self.steps = steps
-        self.longest = min(max(1, steps // SHARE), LONGEST)  # steps of a stretch
+        self.steps = steps  # about how many there will be
+        self.longest = min(max(1, steps // SHARE), LONGEST)  # steps of a stretch, at most
         self.report = Report()
         self.builder = Builder(step, steps, self.report)
         self.comparisons = Comparisons(steps)
-        self.notes = notes
-        self.noted = []  # [(number of a step, its state, what `notes` gave for it)]
+        self.notes = notes  # function(*state), or None
+        self.noted = []  # [(number of a step, the state it began with, what `notes` gave for that)]
         self.first = None  # copies of the arguments of the first step
         self.error = None  # the StepChanged that was raised: a reader's `except` may have taken it
         self.width = 0  # how many arrays a state is
         self.single = False  # whether it is one array, by itself
-        self.others = Others((), 0)
-        self.ready = iter(())
-        self.stretch = 0  # so many were made ready at once
-        self.number = -1  # of the last step
-        self.expected = None  # the bytes that come in, if the loop goes on from it
+        self.others = Others((), 0)  # the arguments after the state that steps are computed with
+        self.ready = iter(())  # of the stretch, what is left: (number, next_bytes, is_due, result)
+        self.stretch = 0  # steps of it
+        self.number = -1  # of the step that was handed out last
+        self.next_bytes = None  # what comes in next, as bytes, if the loop goes on from that step
 
     def __call__(self, *arguments):
         others = self.others
         many = others.many
         try:
-            goes_on = b"".join(arguments[:many]) == self.expected and not current.plain
+            goes_on = b"".join(arguments[:many]) == self.next_bytes and not current.plain
         except TypeError:  # a float, or an array whose entries do not lie side by side
             goes_on = False
         rest = arguments[many:]
-        if goes_on and others.rest == others.look(rest):
+        if goes_on and others.rest == others.comparable(rest):
             step = next(self.ready, None)
             if step:
-                self.number, self.expected, is_due, result = step
+                self.number, self.next_bytes, is_due, result = step
                 return self.compare(result, OwnStep(self.step, arguments)) if is_due else result
         return self.begin(arguments)
 
     def begin(self, arguments):
-        """Take a step that is not ready, or does not look like it; make those after it ready."""
+        """Take a step that is not ready, or does not look like it; begin a stretch if need be."""
         number = self.number + 1
         own = OwnStep(self.step, arguments)
         if number == 0:  # only its own lines tell what is a state
@@ -81,7 +81,7 @@ class Step:
             self.report.fail("a state that came in is not a number below 1e100")
             return self.hand_out(number, nan_like(state))
         known = self.builder.run
-        goes_on = self.look(number, state, arguments[self.width :])
+        goes_on = self.note_arguments(number, state, arguments[self.width :])
         run = self.builder.run_for(state, self.others.copies)
         if run is None:
             return self.take(number, own)
@@ -95,7 +95,7 @@ class Step:
             step = next(self.ready, None)
         if step is None:  # it fails, and only its own lines can tell why
             return self.take(number, own)
-        self.number, self.expected, is_due, result = step
+        self.number, self.next_bytes, is_due, result = step
         return self.compare(result, own) if is_new or is_due else result
 
     def compare(self, ahead, own):
@@ -117,10 +117,10 @@ class Step:
             copies = list(map(copied, state))
             self.noted.append((number, copies, result_now(self.notes, copies)))
 
-    def look(self, number, state, others):
-        """Note what others have come in. Whether the loop goes on from the step before."""
+    def note_arguments(self, number, state, others):
+        """Note the arguments of a step. Whether the loop goes on with it from the step before."""
         came = numbers(state).tobytes()
-        goes_on = came + self.others.tail == self.expected
+        goes_on = came + self.others.float_bytes == self.next_bytes
         now = contents(others)
         if number > 0 and not self.report.change:
             self.note_change(number, state, now)
@@ -135,7 +135,7 @@ class Step:
         names = parameters(self.step, len(state) + len(others))
         sizes = [8 * np.size(x) for x in state]
         ends = accumulate(sizes)
-        before = [self.expected[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+        before = [self.next_bytes[end - size : end] for size, end in zip(sizes, ends, strict=True)]
         before += self.others.contents
         now = [numbers([x]).tobytes() for x in state] + [*others]
         pairs = zip(names, now, before, strict=False)
@@ -144,14 +144,14 @@ class Step:
             self.report.change = number, name
 
     def computed(self, run, state, number):
-        """A stretch of steps from a state, as they are to be ready; none if the first one fails."""
+        """A stretch of steps from a state, as `ready` has them; none if the first one fails."""
         columns = [x[1:] for x in run(state, self.stretch)]
         many = len(columns[0])
         self.report.time(many, run.seconds)
-        bytes_in = bytes_of_rows(run.rows[1:], self.others.tail)
+        next_bytes = bytes_of_rows(run.rows[1:], self.others.float_bytes)
         are_due = self.comparisons.are_due(number, many)
         results = columns[0] if self.single else zip(*columns, strict=True)
-        return zip(count(number), bytes_in, are_due, results)
+        return zip(count(number), next_bytes, are_due, results)
 
     def take(self, number, own):
         """Hand out the step of its own lines."""
@@ -166,7 +166,7 @@ class Step:
 
     def hand_out(self, number, state):
         self.number = number
-        self.expected = numbers(state).tobytes() + self.others.tail
+        self.next_bytes = numbers(state).tobytes() + self.others.float_bytes
         self.ready = iter(())
         return state[0] if self.single else state
 
@@ -205,16 +205,21 @@ def refuse_lists(arguments):
 
 
 class Others:
-    """The arguments after the state: what a step is compiled with, and how later ones are known."""
+    """The arguments after a state of so many arrays: to compile with, and to know them again.
+
+    Arrays of floats that come first are compared together with the state, as bytes in one piece.
+    The rest are compared one by one.
+    """
 
     def __init__(self, others, width):
-        self.copies = list(map(copied, others))
-        self.contents = contents(others)
+        self.copies = list(map(copied, others))  # what a step is compiled with
+        self.contents = contents(others)  # what all of them are compared by
         first = len([*takewhile(lambda x: getattr(x, "dtype", 0) == "float64", others)])
-        self.many = width + first  # the state and these are compared at once, by their bytes
-        self.tail = b"".join(self.contents[:first])
-        self.rest = self.contents[first:]  # the rest as `look` has it
-        self.look = contents if any(isinstance(x, np.ndarray) for x in others[first:]) else tuple
+        self.many = width + first  # arguments of a step that are compared in one piece
+        self.float_bytes = b"".join(self.contents[:first])  # of this piece, what follows the state
+        self.rest = self.contents[first:]  # what those after the piece are compared by
+        has_arrays = any(isinstance(x, np.ndarray) for x in others[first:])
+        self.comparable = contents if has_arrays else tuple  # function(the rest of a call) -> that
 
 
 def contents(arguments):
@@ -226,10 +231,10 @@ def content(x):
     return x.tobytes() if isinstance(x, np.ndarray) else x
 
 
-def bytes_of_rows(rows, tail):
-    """The bytes of each row, and those of a tail."""
-    tail = np.frombuffer(tail)
-    rows = np.hstack([rows, np.broadcast_to(tail, (len(rows), tail.size))])
+def bytes_of_rows(rows, end):
+    """Of each row of floats its bytes, which end in those of `end`: a list."""
+    end = np.frombuffer(end)
+    rows = np.hstack([rows, np.broadcast_to(end, (len(rows), end.size))])
     return rows.view((np.void, rows.itemsize * rows.shape[1])).ravel().tolist()
 
 
@@ -240,9 +245,9 @@ class Builder:
         self.step = step
         self.steps = steps
         self.report = report
-        self.run = None  # the CompiledSteps, unless the others have changed
-        self.builds = 0
-        self.can = True
+        self.run = None  # the CompiledSteps; None if they are not for what has come in last
+        self.builds = 0  # how often it was compiled, or tried
+        self.can = True  # whether it may be compiled once more
 
     def run_for(self, state, others):
         """The CompiledSteps for these; None if nothing is compiled here, or it cannot be."""
@@ -250,18 +255,21 @@ class Builder:
             self.run = None
         if current.plain or not self.can:
             return None
-        if self.run is None:
+        if self.run is None and self.builds == BUILDS:
+            self.give_up("its arguments keep changing")
+        elif self.run is None:
             try:
                 self.run = self.build(state, others)
             except Untraceable as why:
-                self.can = False
-                self.report.go_plain(why)
+                self.give_up(f"{why}; to try it, what counts or draws was called once more")
         return self.run
+
+    def give_up(self, why):
+        self.can = False
+        self.report.go_plain(why)
 
     def build(self, state, others):
         self.builds += 1
-        if self.builds > BUILDS:
-            raise Untraceable("its arguments keep changing")
         alike = current.alike  # of a block: whether its steps are machine code, once that is known
         chosen = alike[0] if alike else None
         with collector_off():
@@ -281,9 +289,10 @@ def compiled(step, steps, notes=None):
     `notes`: a function(*state) whose results at some steps are noted, to be asked for again.
 
     As many of the first arguments as `step` returns are the state. The others may be new at each
-    call, and where one changes, the step is compiled for it. What it reads besides must stay as it
-    is: some of the first steps, the last, and one in each 25th part of the run, or in 2,000 steps,
-    are compared with the step's own lines. Raises StepChanged where one of these differs, and
-    NotAState where it returns other shapes than those of the state.
+    call, and where one changes, the step is compiled for it: BUILDS times at most, and then it runs
+    plainly. What it reads besides must stay as it is: some of the first steps, the last, and one in
+    each 25th part of the run, or in 2,000 steps, are compared with the step's own lines. Raises
+    StepChanged where one of these differs, and NotAState where it returns other shapes than those
+    of the state.
     """
     return Step(step, steps, notes)

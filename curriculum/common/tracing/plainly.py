@@ -44,7 +44,7 @@ class Report:
 
     def go_plain(self, why):
         """Note why steps are no longer compiled, in words."""
-        self.how = f"not compiled: {why}; to try it, what counts or draws was called once more"
+        self.how = f"not compiled: {why}"
         self.is_compiled = False
         self.program = None
         self.timed = 0
