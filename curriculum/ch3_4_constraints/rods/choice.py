@@ -15,14 +15,12 @@ TIMES = 512  # of the true motion that places are compared with, at most; at lea
 FEWEST = 4  # steps, at least, in the time of the true motion
 SURE = 3  # rungs in a row that are right: shorter ones are not tried
 PARTS = [Fraction(k, 16) for k in (16, 15, 14, 12, 8)]  # of a step, that have to be right, too
-WORK = 2.5e7  # operations of a scheme in which places are tried,
-MORE = 1e8  # of an integrator's best scheme where none of its schemes is right,
-SPAN = 1.5e8  # of an integrator in which rods and energy are tried for long,
-RODS = 1e8  # and of all in which rods alone are
-RUN = 0.15  # of these: one run takes no more
-STALLED = (
-    0.7  # of an error: it is that of the method, not of the step, if three halvings leave more
-)
+WORK = 2.5e7  # operations of a scheme in which places are tried
+MORE = 1e8  # operations in which places of an integrator's best scheme are, where none is right
+SPAN = 1.5e8  # operations of an integrator in which rods and energy are tried for long
+RODS = 1e8  # operations of all schemes in which rods and energy alone are tried for long
+RUN = 0.15  # of SPAN, or of RODS: one run takes no more
+STALLED = 0.7  # of an error: where three halvings leave more it is the method's, not the step's
 CHEAPER = 0.8  # times the verdict's work, at most, is worth a word
 ABOUT = 0.8  # of the longest time is as long
 NEAR = 0.1  # of the shortest rod: errors below shrink with the step as they should
@@ -33,7 +31,7 @@ class Row(NamedTuple):
 
     rung: Rung
     twice: Rung
-    pace: float  # s of computing for an operation, on this machine
+    pace: float  # s of computing for an operation, on this machine (a Run's is for a step, in us)
     ends: bool  # whether rods or energy are right for the rung's span only
     is_longest: bool  # whether it is the longest step that was tried: twice has too few of them
 
@@ -101,8 +99,8 @@ def known_path(chapter, system, dt, steps, truth):
     return path, ""
 
 
-class Search:
-    """Looks for rungs that are right: in places, over a short time; in rods and energy for long."""
+class Yardstick:
+    """What rungs are measured by: places, over a short time; rods and energy, for long."""
 
     def __init__(self, chapter, system, within, dt, steps, truth=None):
         path, why = known_path(chapter, system, dt, steps, truth)
@@ -115,31 +113,8 @@ class Search:
         self.path = path
         self.why = why  # more is not known of places, in words; or ""
         is_known = path.q is not None
+        # s: the short time
         self.seconds = path.seconds if is_known else true.horizon(chapter, system, self.whole)
-        self.ladders = {}  # {integrator: those of its schemes}
-
-    def add(self, stepper):
-        """Try a scheme over the short time."""
-        ladder = Ladder(stepper, self)
-        self.ladders.setdefault(stepper.scheme.integrator, []).append(ladder)
-        ladder.descend(WORK)
-
-    def answer(self):
-        """The Answer, of the schemes that were added."""
-        rows, missing = self.rows()
-        verdict = rows[0] if rows else None
-        is_known = self.path.q is not None
-        return Answer(
-            within=self.within,
-            why=self.why,
-            whole=self.whole,
-            seconds=self.seconds if is_known else 0.0,
-            uncertainty=self.path.uncertainty if is_known else None,
-            verdict=verdict,
-            rows=rows,
-            missing=missing,
-            rods=self.rods_alone(verdict),
-        )
 
     def is_right(self, rung, places=True):
         """Whether a rung is right, over its span."""
@@ -149,12 +124,51 @@ class Search:
             return good
         return good and rung.places <= self.within - self.path.uncertainty
 
+    def rounded_span(self, most):
+        """A time in s, at most so much of the whole: two digits, but not below the short time."""
+        if most >= self.whole:
+            return self.whole
+        unit = 10.0 ** (math.floor(math.log10(most)) - 1)
+        return max(min(self.seconds, self.whole), in_digits(unit * math.floor(most / unit), 2))
+
+
+class Search:
+    """Looks for rungs that are right, on a Ladder of each scheme that is added."""
+
+    def __init__(self, chapter, system, within, dt, steps, truth=None):
+        self.yardstick = Yardstick(chapter, system, within, dt, steps, truth)
+        self.ladders = {}  # {integrator: those of its schemes}
+
+    def add(self, stepper):
+        """Try a scheme over the short time."""
+        ladder = Ladder(stepper, self.yardstick)
+        self.ladders.setdefault(stepper.scheme.integrator, []).append(ladder)
+        ladder.descend(WORK)
+
+    def answer(self):
+        """The Answer, of the schemes that were added."""
+        rows, missing = self.rows()
+        verdict = rows[0] if rows else None
+        yardstick = self.yardstick
+        is_known = yardstick.path.q is not None
+        return Answer(
+            within=yardstick.within,
+            why=yardstick.why,
+            whole=yardstick.whole,
+            seconds=yardstick.seconds if is_known else 0.0,
+            uncertainty=yardstick.path.uncertainty if is_known else None,
+            verdict=verdict,
+            rows=rows,
+            missing=missing,
+            rods=self.rods_alone(verdict),
+        )
+
     def rows(self):
         """The Rows of integrators, the cheapest first, and what is Missing of the others."""
         rows = []
         missing = []
         for integrator, ladders in self.ladders.items():
-            best = min(ladders, key=lambda x: off(x.nearest))
+            best = min(ladders, key=lambda x: error_of(x.nearest))
             if not any(ladder.candidates() for ladder in ladders):
                 best.descend(MORE)
             row = self.row(ladders)
@@ -177,29 +191,22 @@ class Search:
         the one that is right for longest.
         """
         options = [(rung, x) for x in ladders for rung in x.candidates(places)]
-        tried = []  # [(for how long it is right, its dt, its ladder)], the cheapest first
+        tried = []  # [(for how many s it is right, its dt, its ladder)], the cheapest first
         left = budget
         for rung, ladder in sorted(options, key=lambda x: x[0].operations):
             if left < 0.0 or rung.operations > most:
                 break
-            span = self.span(RUN * budget / rung.operations)
-            held, spent = ladder.held(rung.dt, span, places)
+            span = self.yardstick.rounded_span(RUN * budget / rung.operations)
+            seconds, spent = ladder.right_for(rung.dt, span, places)
             left -= spent
-            if held == span:
+            if seconds == span:
                 return ladder.row(rung.dt, span, ends=False)
-            tried.append((held, rung.dt, ladder))
-        longest = max((held for held, _, _ in tried), default=0.0)
+            tried.append((seconds, rung.dt, ladder))
+        longest = max((seconds for seconds, _, _ in tried), default=0.0)
         if longest == 0.0 or not places:
             return None
-        held, dt, ladder = next(x for x in tried if x[0] >= ABOUT * longest)
-        return ladder.row(dt, self.span(held), ends=True)
-
-    def span(self, most):
-        """A time in s, at most so much of the whole: two digits, but not below the short time."""
-        if most >= self.whole:
-            return self.whole
-        unit = 10.0 ** (math.floor(math.log10(most)) - 1)
-        return max(min(self.seconds, self.whole), in_digits(unit * math.floor(most / unit), 2))
+        seconds, dt, ladder = next(x for x in tried if x[0] >= ABOUT * longest)
+        return ladder.row(dt, self.yardstick.rounded_span(seconds), ends=True)
 
     def rods_alone(self, verdict):
         """The Row of what is enough if only rods and energy must be right, if that is cheaper."""
@@ -210,56 +217,58 @@ class Search:
 
 
 class Ladder:
-    """The rungs of a scheme over the short time of a Search, from the longest step on."""
+    """The rungs of a scheme over the short time of a Yardstick, from the longest step on."""
 
-    def __init__(self, stepper, search):
+    def __init__(self, stepper, yardstick):
+        longest = yardstick.seconds / FEWEST  # s
         self.stepper = stepper
         self.scheme = stepper.scheme
-        self.search = search
+        self.yardstick = yardstick
         self.rungs = []
         self.spent = 0.0  # operations
-        self.dt = search.dt * 2.0 ** math.floor(math.log2(search.seconds / FEWEST / search.dt))
+        self.dt = yardstick.dt * 2.0 ** math.floor(math.log2(longest / yardstick.dt))  # of the next
 
     def descend(self, most):
         """Take shorter steps until some in a row are right, or for so many operations."""
         while self.is_going(most):
-            rung = self.take(self.dt, self.search.seconds)
+            rung = self.take(self.dt, self.yardstick.seconds)
             self.rungs.append(rung)
             self.spent += rung.operations * rung.span
             self.dt *= 0.5
 
     def is_going(self, most):
-        right = list(map(self.search.is_right, self.rungs[-SURE:]))
-        if len(right) < SURE:
+        """Whether descend goes on, where it is to do so for so many operations at `most`."""
+        are_right = list(map(self.yardstick.is_right, self.rungs[-SURE:]))
+        if len(are_right) < SURE:
             return True
-        if all(right):
+        if all(are_right):
             return False
-        if right[-1] and not right[-2]:
+        if are_right[-1] and not are_right[-2]:
             return True  # or nobody knows whether it is luck
         return self.spent < most and not self.is_stalled()
 
     def is_stalled(self):
         """Whether shorter steps are no better: the error is the method's."""
-        offs = [off(rung) for rung in self.rungs[-4:]]
-        worst = max(offs)  # one of them may be small by luck
+        errors = [error_of(rung) for rung in self.rungs[-4:]]
+        worst = max(errors)  # one of them may be small by luck
         near = NEAR * min(self.stepper.system["lengths"])
-        return len(offs) == 4 and worst < near and offs[3] > STALLED * worst
+        return len(errors) == 4 and worst < near and errors[3] > STALLED * worst
 
     def take(self, dt, span, part=true.WHOLE):
         """The Rung of steps of a part of dt s over a span in s."""
-        return self.stepper.take(dt, span, self.search.path, self.search.within, part)
+        return self.stepper.take(dt, span, self.yardstick.path, self.yardstick.within, part)
 
     def candidates(self, places=True):
         """The rungs that are right, as are all shorter ones, of which there is one."""
-        right = takewhile(lambda x: self.search.is_right(x, places), reversed(self.rungs))
-        return list(right)[1:]
+        shortest_first = reversed(self.rungs)
+        return [*takewhile(lambda x: self.yardstick.is_right(x, places), shortest_first)][1:]
 
     @property
     def nearest(self):
         """The rung that is least off."""
-        return min(self.rungs, key=off)
+        return min(self.rungs, key=error_of)
 
-    def held(self, dt, span, places):
+    def right_for(self, dt, span, places):
         """For how long steps of dt s are right, in s, and the operations spent.
 
         So have to be steps a little shorter, and half as long; or it was luck. Their runs go other
@@ -269,9 +278,9 @@ class Ladder:
         for part in PARTS:
             rung = self.take(dt, span, part)
             spent += rung.operations * span
-            if places and rung.places is not None and rung.places > self.search.within:
+            if places and rung.places is not None and rung.places > self.yardstick.within:
                 return 0.0, spent
-            if not self.search.is_right(rung, places):
+            if not self.yardstick.is_right(rung, places):
                 return rung.held, spent
         return span, spent
 
@@ -279,13 +288,13 @@ class Ladder:
         """The Row of steps of dt s. What is twice as long is followed longer if it needs that."""
         rung = self.take(dt, span)
         twice = self.take(2.0 * dt, span)
-        if self.search.is_right(twice):
-            twice = self.take(2.0 * dt, self.search.span(2.0 * span))
+        if self.yardstick.is_right(twice):
+            twice = self.take(2.0 * dt, self.yardstick.rounded_span(2.0 * span))
         is_longest = 2.0 * dt > self.rungs[0].dt
         return Row(rung, twice, self.stepper.time, ends, is_longest)
 
 
-def off(rung):
+def error_of(rung):
     """How far a rung is off, in m: its places or, if these are not known, its rods."""
     if rung.lost:
         return math.inf

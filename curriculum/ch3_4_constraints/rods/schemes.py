@@ -38,9 +38,9 @@ def scheme_of(chapter, integrator, method, knobs):
     """The Scheme of an integrator and a method of a chapter, by their names."""
 
     def step(system, q, v, dt):
-        held = chapter.make_methods(dt, **knobs)[method]
-        step_fn = chapter.stabilized(chapter.integrators[integrator], system, held)
-        return step_fn(q, v, system["m"], held.make_force(system), dt)
+        made = chapter.make_methods(dt, **knobs)[method]
+        step_fn = chapter.stabilized(chapter.integrators[integrator], system, made)
+        return step_fn(q, v, system["m"], made.make_force(system), dt)
 
     return Scheme(integrator, method, step)
 
@@ -131,7 +131,7 @@ class Stepper:
         wrong = violations > within
         if is_kept:
             wrong |= gone > ENERGY
-        held = int(np.argmax(wrong)) if wrong.any() else kept
+        first_wrong = int(np.argmax(wrong)) if wrong.any() else kept
         off = path.off(q, dt, part)
         operations = average(self.count, q, v, step, step)
         work = max(1, done) * step * operations
@@ -144,7 +144,7 @@ class Stepper:
             rods=in_digits(np.max(violations), 6),
             energy=in_digits(np.max(gone), 6) if is_kept else None,
             operations=operations,
-            held=span if held > steps else max(0, held - 1) * step,
+            held=span if first_wrong > steps else max(0, first_wrong - 1) * step,
             lost=None if kept > steps else self.why_lost(q, v, step),
         )
 

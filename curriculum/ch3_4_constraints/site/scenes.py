@@ -72,7 +72,7 @@ def scenes():
 def scene(name, measures):
     """A system under each method."""
     system = c.build_system(name)
-    return scene_of(c.this_chapter(), system, "semi_implicit", KNOBS, True, measures)
+    return scene_of(c.this_chapter(), system, "semi_implicit", KNOBS, measures=measures)
 
 
 def without_hand(scene, name):
@@ -82,8 +82,8 @@ def without_hand(scene, name):
 
     def step_of(method):
         def step(q, v, *knobs):
-            held = c.make_methods(*knobs)[method]
-            return c.semi_implicit_step(q, v, system["m"], held.make_force(system), knobs[0])
+            force = c.make_methods(*knobs)[method].make_force(system)
+            return c.semi_implicit_step(q, v, system["m"], force, knobs[0])
 
         return Program(step, live, live, scalars=len(KNOBS), names=["q", "v", *KNOBS])
 
@@ -164,29 +164,29 @@ def ladders(name):
         rungs = [numbers(ladder, x) for x in ladder.rungs if not x.lost and x.places < COARSEST]
         row = {"integrator": scheme.integrator, "method": scheme.method, "rungs": rungs}
         found.append(row | {"name": str(scheme)})
-    spans = {"seconds": search.seconds, "whole": search.whole}
+    spans = {"seconds": search.yardstick.seconds, "whole": search.yardstick.whole}
     return {**spans, "schemes": found, "integrators": list(chapter.integrators)}
 
 
 def numbers(ladder, rung):
     """What a figure knows of a Rung: see ladders."""
-    search = ladder.search
-    short = least(search, rung)
+    yardstick = ladder.yardstick
+    short = least(yardstick, rung)
     long = None
     operations = None
-    if short and rung.operations * search.whole <= RUN * SPAN:  # others are not followed so long
-        tries = [ladder.take(step, search.whole) for step in (rung.dt, 0.5 * rung.dt)]
-        tries += [ladder.take(rung.dt, search.seconds, part) for part in PARTS]
+    if short and rung.operations * yardstick.whole <= RUN * SPAN:  # others: not for so long
+        tries = [ladder.take(step, yardstick.whole) for step in (rung.dt, 0.5 * rung.dt)]
+        tries += [ladder.take(rung.dt, yardstick.seconds, part) for part in PARTS]
         operations = tries[0].operations
-        found = [least(search, each) for each in tries]
+        found = [least(yardstick, each) for each in tries]
         long = None if None in found else max(found)
     known = [1e3 * rung.dt, rung.operations, rung.places, short, long]
     known.append(operations)
     return [None if x is None else in_digits(x, 4) for x in known]
 
 
-def least(search, rung):
+def least(yardstick, rung):
     """The least tolerance in m to which a Rung is right over its span; None if to none."""
     if rung.lost or (rung.energy is not None and rung.energy > ENERGY):
         return None
-    return max(rung.rods, rung.places + search.path.uncertainty)
+    return max(rung.rods, rung.places + yardstick.path.uncertainty)

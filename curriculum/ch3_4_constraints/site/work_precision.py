@@ -1,7 +1,8 @@
 """Work-precision diagrams: the error to the right, ever smaller, and up the work that it takes.
 
 Drawn of what the study speed_vs_error has measured. A line is an integrator with a method. Those
-that it advises for some tolerance are in colour, and its advice for a millimetre has its name.
+that it advises for some tolerance are in colour, each with its name; its cheapest advice of the
+chapter's for a millimetre is a dot, and a sentence above.
 """
 
 import math
@@ -21,10 +22,19 @@ COARSE = 0.5  # -log10 of the errors in m at these edges
 FINE = 11.0
 MAIN = 1e-3  # m: the tolerance that is named
 DASHES = {"euler": "2 9", "semi_implicit": "14 8", "rk4": ""}  # others: dots and dashes
-TIMES = {-6: "1 µs", -5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 0: "1 s"}
+TIMES = {
+    -7: "0.1 µs",
+    -6: "1 µs",
+    -5: "10 µs",
+    -4: "0.1 ms",
+    -3: "1 ms",
+    -2: "10 ms",
+    -1: "0.1 s",
+    0: "1 s",
+}
 
 
-def look(scheme):
+def style_of(scheme):
     """The colour and the dashes of a Scheme's line."""
     places = palette.places(c.make_methods())
     colour = f"m{places[scheme.method]}" if scheme.method in places else "reference"
@@ -34,13 +44,13 @@ def look(scheme):
 def diagram(measured):
     """The SVG of what was measured of a scene."""
     advised = {row.rung.scheme for answer in measured.answers.values() for row in answer.rows}
-    paces = [pace for line in measured.lines.values() for error, pace in line if error < 1.0]
-    low = math.floor(math.log10(min(paces)))
-    high = math.ceil(math.log10(max(paces)))
+    costs = [cost for line in measured.lines.values() for error, cost in line if error < 1.0]
+    low = math.floor(math.log10(min(costs)))
+    high = math.ceil(math.log10(max(costs)))
 
-    def at(error, pace):
+    def at(error, cost):
         across = (-math.log10(max(error, 1e-300)) - COARSE) / (FINE - COARSE)
-        up = (math.log10(pace) - low) / (high - low)
+        up = (math.log10(cost) - low) / (high - low)
         return LEFT + across * (RIGHT - LEFT), BOTTOM + up * (TOP - BOTTOM)
 
     sheet = Sheet(WIDE, HIGH, (0, 0), (WIDE, HIGH))
@@ -55,10 +65,10 @@ def diagram(measured):
         sheet.words((x, BOTTOM), tolerance(goal), "ink", up=-40)
     ends = []
     for scheme, line in measured.lines.items():
-        points = [at(error, pace) for error, pace in line if 10.0**-FINE < error < 10.0**-COARSE]
+        points = [at(error, cost) for error, cost in line if 10.0**-FINE < error < 10.0**-COARSE]
         if len(points) < 2:
             continue
-        colour, dash = look(scheme)
+        colour, dash = style_of(scheme)
         if scheme in advised:
             sheet.line(points, colour, 5, dash)
             ends.append((points[-1], scheme, colour))
@@ -88,7 +98,7 @@ def draw_words(sheet, measured, at):
         row = next(x for x in answer.rows if x.rung.scheme.integrator in c.INTEGRATORS)
         rung = row.rung
         point = at(rung.places, rung.operations * row.pace)
-        sheet.dot(point, look(rung.scheme)[0], 26)
+        sheet.dot(point, style_of(rung.scheme)[0], 26)
         said = f"right to {tolerance(MAIN)}: {rung.scheme}, {milliseconds(rung.dt)}"
         sheet.words((30, HIGH - 92), said, "ink", "start")
     how = f"to the right: nearer, at worst, to {measured.seconds:g} s"

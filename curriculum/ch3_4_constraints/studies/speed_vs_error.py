@@ -123,17 +123,17 @@ def measure(scene, goals):
             for ladder in ladders:
                 found = lines.setdefault(ladder.scheme, {})
                 for rung in ladder.rungs:
-                    pace = rung.operations * ladder.stepper.time
-                    found.setdefault(rung.dt, (off(rung), pace))
+                    cost = rung.operations * ladder.stepper.time
+                    found.setdefault(rung.dt, (place_error(rung), cost))
     return Measured(
         scene=scene,
-        seconds=search.seconds,
+        seconds=search.yardstick.seconds,
         answers=answers,
         lines={scheme: [x[dt] for dt in sorted(x, reverse=True)] for scheme, x in lines.items()},
     )
 
 
-def off(rung):
+def place_error(rung):
     """How far the places of a Rung are off, in m."""
     return np.inf if rung.lost or rung.places is None else rung.places
 
