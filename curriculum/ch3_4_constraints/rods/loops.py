@@ -12,22 +12,23 @@ from curriculum.common.tracing.arrays import eliminated, nonzero
 SLACK = 1e-12
 LOOKAHEAD = 1e-4
 TURN = 1e-2
-ROUNDS = 100  # of refinement, at most, in which both are taken back
-RIDGE = 1e-9  # of the diagonal, in least squares: what is much smaller counts as lost
-RIDGE_ROUNDS = 40  # of refinement, at most, in which it is taken back
+ROUNDS = 100  # of refinement, at most, in which what was added is taken back
+# In least squares, M x = y. M_k is column k of M.
+RIDGE = 1e-9  # of M^T M's diagonal, which is added: what is much smaller counts as lost
+RIDGE_ROUNDS = 40  # of refinement, at most, in which RIDGE is taken back
 LAST = 1e-14  # of y, and of the parts M_k x_k: what rounding leaves
 UNSURE = 3e-3  # of x: where it lacks more, it is not known
-LOST = 1e-11  # of M: a direction as small is one that it has lost for good,
-NOISE = 1e-9  # of y: and what is left in it is rounding, if it is no more
+LOST = 1e-11  # of M: a direction in which it is as small is one that it has lost for good
+NOISE = 1e-9  # of y: no more than that is rounding, in a direction that M has lost for good
 
 
 def solve_loops(system, A, b, v=None):
-    """lambda (C,) with A lambda = b, where A (C, C) may be singular.
+    """lambda (C,) with A lambda = b (C,), where A (C, C) may be singular.
 
     A loop may have a rod too many. Then if one lambda fits, many do, all with one force J^T lambda.
-    A little is added to A, of SLACK and, if v (N, 3) is given, of how the rods turn. Refinement
-    takes that back (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021) and leaves what no lambda
-    meets, or only a huge one in a pose that moving rods leave at once.
+    A little is added to A, of SLACK and, if v (N, 3) in m/s is given, of how the rods turn.
+    Refinement takes that back (J. Carpentier, R. Budhiraja, N. Mansard, RSS 2021) and leaves what
+    no lambda meets, or only a huge one in a pose that moving rods leave at once.
     """
     A = ordered(A)
     b = ordered(b)
@@ -50,9 +51,9 @@ def solve_loops(system, A, b, v=None):
 
 
 def refined(A, near, b):
-    """x (n,) with A x = b, by iterative refinement.
+    """x (n,) with A x = b, for A (n, n) and b (n,), by iterative refinement.
 
-    near(b) solves for a matrix near A (n, n). A round solves for what is left of b. They end at
+    near(b) solves for a matrix near A. A round solves for what is left of b. They end at
     1e-15 of b, or with one that gains less than half.
     """
 
@@ -122,7 +123,10 @@ def least_squares(M, everything, others):
 
 
 def turned(system, v):
-    """h^2 Jdot M^-1 Jdot^T (C, C) with h of each rod; Jdot has d_dot where J has d; v in m/s."""
+    """h^2 Jdot M^-1 Jdot^T (C, C), in m^2/kg, with h in s of each rod, for v (N, 3) in m/s.
+
+    Jdot has d_dot where J has d.
+    """
     v = ordered(v)
     jdot = np.zeros((len(system["pairs"]), *v.shape), like=v)
     for k, (i, j) in enumerate(system["pairs"]):

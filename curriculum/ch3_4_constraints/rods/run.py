@@ -15,9 +15,9 @@ FAR = 100.0  # of all rods together: beyond, a run has diverged
 NOTHING = 1e-9  # of all other forces: what is less is rounding
 MOVES = 1e-9  # of the shortest rod: what moves by less, stands still
 SAMPLE = 16  # states of a run whose steps are counted
-COUNTED = 400_000  # operations: a step of more is counted from fewer states
+COUNTED = 400_000  # operations, of all of these steps: if one takes many, they are fewer
 AGAIN = 24  # steps, and calls of a force, that are taken again
-ROWS = 600  # of J in all of these: of more than 25 rods they are fewer
+ROWS = 600  # of J in all steps that are taken again: of more than 25 rods they are fewer
 INSTANT = 1e-3  # s: of a difference in time
 SAME = 1e-9  # of an energy
 UNKNOWN = 1e-3  # of the states of a run: so many may have forces that are not known
@@ -84,7 +84,7 @@ class Run:
 
 
 def how_many_good(system, violations, energies):
-    """Up to which state a run is not lost: the one test of that. The first state always counts.
+    """Up to which state a run is not lost; the first always counts. Pages have their own test.
 
     `violations` in m and `energies` in J are (steps + 1,).
     """

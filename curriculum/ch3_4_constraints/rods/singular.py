@@ -12,30 +12,33 @@ import numpy as np
 from curriculum.ch3_4_constraints.rods.systems import LOST, has_loop, rod_vectors, unit_rows
 
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
-LEVELS = 3  # of looking closer,
-PARTS = 16  # each time with so many steps for one
+LEVELS = 3  # times that a pose is looked for, each time in shorter steps
+PARTS = 16  # of a step, in which a pose is looked for the next time
 FLAT = 1e-2  # rad: rods within it are in line
 
 
-def is_undecided(system, exact, seconds, count):
+def is_undecided(system, true_steps, seconds, count):
     """Whether the motion goes through a pose in which J loses rank, and numbers do not say how.
 
-    `exact`: the Exact steps of the system, of which so many seconds take `count`.
+    `true_steps`: TrueSteps of the system, of which so many seconds take `count`.
     """
     if not has_loop(system):
         return False
-    poses = singular_poses(system, exact, seconds, count)
+    poses = singular_poses(system, true_steps, seconds, count)
     return not all(closes_exactly(system, q) for q in poses)
 
 
-def singular_poses(system, exact, seconds, count):
-    """Poses (N, 3) in m, close to which J loses rank between two steps."""
-    states = [exact.start]  # from which so many steps of dt s pass one
+def singular_poses(system, true_steps, seconds, count):
+    """Poses (N, 3) in m, a list, close to which J loses rank between two steps.
+
+    `true_steps`: TrueSteps of the system, of which so many seconds take `count`.
+    """
+    states = [true_steps.start]  # from which so many steps of dt s pass one
     dt = seconds / count
     for _ in range(LEVELS):
         closer = []
         for state in states:
-            q, v = exact.run(state, count, dt)
+            q, v = true_steps.run(state, count, dt)
             found = np.flatnonzero(passes_zero(least_sizes(system, q)))
             closer += [[q[k], v[k]] for k in found]
         states = closer
@@ -57,15 +60,17 @@ def passes_zero(least):
 
 
 def least_sizes(system, q):
-    """The least singular value (T,), of those that are not always 0, of J's unit rows at q
-    (T, N, 3)."""
+    """The least singular value (T,), of those that are not always 0, of J's unit rows.
+
+    q (T, N, 3), in m: places at T times.
+    """
     sizes = np.linalg.svd(unit_rows(system, q), compute_uv=False)
     rank = int(np.median(np.sum(sizes > LOST * sizes[:, :1], axis=1)))
     return sizes[:, rank - 1]
 
 
 def closes_exactly(system, q):
-    """Whether rods that lie along x or y in a pose q (N, 3) close their loops to the last digit."""
+    """Whether rods along an axis in a pose q (N, 3), in m, close their loops to the last digit."""
     d = rod_vectors(system, q)
     along = d / np.linalg.norm(d, axis=1, keepdims=True)
     axis = int(np.argmax(np.abs(along[0])))

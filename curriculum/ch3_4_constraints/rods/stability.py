@@ -1,6 +1,6 @@
 """When errors grow under an integrator: found by taking its steps.
 
-Its step_fn(q, v, m, force, dt) returns q and v.
+Its step_fn(q, v, m, force, dt) returns q and v: (N, 3) each, in m and m/s, as m is (N, 1) in kg.
 """
 
 import numpy as np
@@ -35,7 +35,10 @@ def stability_limit(step_fn):
 
 
 def grows(step_fn, w):
-    """Whether steps of 1 s make an error grow that is critically damped at `w` rad/s."""
+    """Whether steps of 1 s make an error grow that is critically damped at `w` rad/s.
+
+    So do steps of dt s at w / dt.
+    """
 
     def force(g, gdot):
         return -2.0 * w * gdot - w * w * g

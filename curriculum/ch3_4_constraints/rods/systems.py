@@ -75,14 +75,20 @@ def tolerance(system, q, rows):
 
 
 def nodes(x, fixed):
-    """What pairs index: x (..., N, 3) and, from the end on, that of the anchors, `fixed` (K, 3)."""
+    """What pairs index, (..., N + K, D): x (..., N, D), then that of the anchors, `fixed` (K, D).
+
+    The anchors are in reverse, so that -1 is the first.
+    """
     fixed = np.asarray(fixed)[::-1]
     fixed = np.broadcast_to(fixed, (*x.shape[:-2], *fixed.shape))
     return np.concatenate([x, fixed], axis=-2)
 
 
 def differences(x, fixed, pairs):
-    """x_i - x_j (..., C, D) of rods (i, j), with x (..., N, D); at anchors it is fixed (K, D)."""
+    """x_i - x_j (..., C, D) of rods (i, j), with x (..., N, D); of the K anchors x is fixed (K, D).
+
+    `pairs`: C of them. In the unit of x.
+    """
     i, j = np.transpose(pairs)
     ends = nodes(x, fixed)
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
@@ -94,7 +100,10 @@ def rod_vectors(system, q):
 
 
 def rod_rates(system, v):
-    """What rods' vectors change by, (..., C, 3), as particles do by v (..., N, 3); anchors rest."""
+    """What rods' vectors change by, (..., C, 3), as particles do by v (..., N, 3); anchors rest.
+
+    In the unit of v: m/s, or m/s^2 for accelerations.
+    """
     return differences(v, np.zeros_like(system["anchors"]), system["pairs"])
 
 
@@ -104,7 +113,7 @@ def distances(system):
 
 
 def unit_rows(system, q):
-    """J (..., C, 3N) at q (..., N, 3), each rod's row divided by its length."""
+    """J (..., C, 3N), without a unit, at q (..., N, 3) in m: each rod's row is divided by |d|."""
     n = len(system["m"])
     d = rod_vectors(system, q)
     unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
@@ -113,7 +122,10 @@ def unit_rows(system, q):
 
 
 def rod_parts(system, q):
-    """Of rods at q (..., N, 3), (..., C, 2, 3) each: what is right, too much, and missing."""
+    """Of rods at q (..., N, 3), in m: what is right, too much, and missing, a list of three.
+
+    Each is (..., C, 2, 3) in m, the two ends of a piece of each rod; what is not there has none.
+    """
     head, tail = np.moveaxis(nodes(q, system["anchors"])[..., system["pairs"], :], -2, 0)
     d = head - tail
     share = system["lengths"] / np.maximum(np.linalg.norm(d, axis=-1), 1 / HUGE)
@@ -164,7 +176,7 @@ def checked_column(key, table, name):
     return ordered(column) if key in PARTICLES else column
 
 
-def refuse(bad, key, system, name, allowed, beside=None):
+def refuse_row(bad, key, system, name, allowed, beside=None):
     """Raise Refused for the first row of a column that is bad.
 
     `allowed`: what it must be, in words, with a blank for what `beside` has in the same row.
@@ -186,7 +198,7 @@ def check_counts(system, name):
             need(len(system[key]) == count, f"the number of rows of {key}", len(system[key]), count)
     m = system["m"]
     least = m.min()
-    refuse(m[:, 0] > HUGE * least, "m", system, name, f"at most {HUGE:g} times {least:g} kg")
+    refuse_row(m[:, 0] > HUGE * least, "m", system, name, f"at most {HUGE:g} times {least:g} kg")
 
 
 def check_pairs(system, name):
@@ -197,11 +209,11 @@ def check_pairs(system, name):
     i, j = pairs.T
     wrong = (i < 0) | (i >= n) | (j < -anchors) | (j >= n) | (i == j)
     ends = f"a particle 0..{n - 1}, then another or an anchor -1, -2, ... ({anchors} in all)"
-    refuse(wrong, "pairs", system, name, ends)
+    refuse_row(wrong, "pairs", system, name, ends)
     _, first, which = np.unique(np.sort(pairs), axis=0, return_index=True, return_inverse=True)
     first = first[which]  # the first rod that ties the same two
     again = first < np.arange(len(i))
-    refuse(again, "pairs", system, name, "given once; rods[{}] ties the same two", first)
+    refuse_row(again, "pairs", system, name, "given once; rods[{}] ties the same two", first)
     meeting = np.bincount(pairs.ravel() + anchors)[anchors:]  # rods at each particle
     entries = int((meeting**2).sum())
     what = "the number of entries of A, two for rods that meet,"
@@ -212,10 +224,10 @@ def check_lengths(system, fit, name):
     """Raise Refused where a rod has no length, or one that is off by more than a share `fit`."""
     found = distances(system)
     apart = "two points apart, or it is no rod"
-    refuse(found <= 1 / HUGE, "pairs", system, name, apart)
+    refuse_row(found <= 1 / HUGE, "pairs", system, name, apart)
     off = abs(system["lengths"] - found) > fit * found
     right = f"{{:.9g}} m, to {100 * fit:g} %; that is how far apart its ends are"
-    refuse(off, "lengths", system, name, right, found)
+    refuse_row(off, "lengths", system, name, right, found)
 
 
 def check_run(system, pivot, dt, steps, external_force):

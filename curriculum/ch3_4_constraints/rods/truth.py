@@ -14,8 +14,8 @@ from curriculum.common.words import length, milliseconds
 
 HORIZON = 2.0  # s; of short rods, which swing faster, at most 20 sqrt(L/g): chaos is as fast
 EARTH = 9.81  # m/s^2: the scale of what is fast, whatever GRAVITY is
-FIRST = 0.15  # of sqrt(L/g): the longest first step
-TURN = 0.5  # rad: nor does anything turn by more in it
+FIRST = 0.15  # of sqrt(L/g): a first step is no longer
+TURN = 0.5  # rad: in a first step nothing turns by more
 COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # times half the first
 NEAR = 1e-8  # of the shortest rod: a move by which a frequency is measured
 MOST_STEPS = 20_000  # of one rod at once: more take too long
@@ -24,8 +24,8 @@ ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
 FITS = 1e-3  # of the shortest rod: so far places may be off as rods do not fit them
 DIVIDED = 16  # parts of a step, at most: shorter steps come anyway
-PARTS = 2, 3, 4, 6, 8  # steps, after one, from a time of a path to the next
-WHOLE = Fraction(1)
+PARTS = 2, 3, 4, 6, 8  # into so many steps, after one, each time of a path is divided
+WHOLE = Fraction(1)  # part of a step
 MAX_RODS = 60  # for more it takes long
 
 
@@ -95,19 +95,19 @@ def true_motion(chapter, system, dt, last, why=""):
     if why:
         return unknown._replace(why=why)
     try:
-        exact = Exact(chapter, system, counts[0])
+        true_steps = TrueSteps(chapter, system, counts[0])
     except Untraceable as cause:
         return unknown._replace(why=f"its steps cannot be compiled: {cause}")
-    if not np.isfinite(exact.start).all():
+    if not np.isfinite(true_steps.start).all():
         return unknown._replace(why="no places near those of the start give all rods their lengths")
-    count, best, gap = agreed(exact, seconds, counts, ENOUGH * min(1.0, shortest))
+    count, best, gap = agreed(true_steps, seconds, counts, ENOUGH * min(1.0, shortest))
     known = limit(system)
     if not gap < known:
         return unknown._replace(why=why_apart(seconds, count, counts, gap))
-    rounding = change_by_rounding(exact, seconds, count, best, system)
+    rounding = change_by_rounding(true_steps, seconds, count, best, system)
     if not gap + rounding < known:
         return unknown._replace(why=f"rounding changes it by {length(rounding)}")
-    if is_undecided(system, exact, seconds, count):
+    if is_undecided(system, true_steps, seconds, count):
         return unknown._replace(why="rods lie in line, and could go on in more than one way")
     misfit = change_by_misfit(chapter, system, seconds, count, best)
     if not misfit < FITS * shortest:
@@ -146,8 +146,13 @@ def step_counts(system, force, seconds):
     return counts, ""
 
 
-class Exact:
-    """Steps of Gauss's rule and project, whose ends agree if they are short enough."""
+class TrueSteps:
+    """Steps of Gauss's rule and project from a system's start: short enough, the true motion.
+
+    `start`: q and v (N, 3) in m and m/s, on the rods. run([q, v], count, dt) -> all q and v of so
+    many steps of dt s, (count + 1, N, 3) each, or fewer where one fails. `fewest`: about how many
+    steps a run has.
+    """
 
     def __init__(self, chapter, system, fewest):
         q = system["q0"]
@@ -179,16 +184,17 @@ class Exact:
         return self.states(seconds, count, q)[-1]
 
 
-def agreed(exact, seconds, counts, enough):
-    """The first count whose end agrees with that before it, this end, and by how much, in m.
+def agreed(true_steps, seconds, counts, enough):
+    """The first count whose end agrees with that before it, this end (N, 3), and by how much, in m.
 
-    Or those of the last count, or of the first that rounding keeps from getting nearer.
+    Or those of the last count, or of the first that rounding keeps from getting nearer. `enough`,
+    in m, is what ends that agree may be apart; `seconds` is the time that each count divides.
     """
-    best = exact.end(seconds, counts[0])
+    best = true_steps.end(seconds, counts[0])
     gaps = []
     for count in counts[1:]:
         before = best
-        best = exact.end(seconds, count)
+        best = true_steps.end(seconds, count)
         gaps.append(distance(best, before))
         if gaps[-1] < enough:
             return count, best, gaps[-1]
@@ -197,13 +203,17 @@ def agreed(exact, seconds, counts, enough):
     return count, best, max(gaps[-3:])
 
 
-def change_by_rounding(exact, seconds, count, best, system):
-    """How far an end may be off, in m, since each of its steps rounds, as steps at random do."""
-    q = exact.start[0]
+def change_by_rounding(true_steps, seconds, count, best, system):
+    """How far an end may be off, in m, since each of its steps rounds, as steps at random do.
+
+    `best` (N, 3), in m: the end after so many seconds in `count` steps.
+    """
+    q = true_steps.start[0]
     signs = (-1.0) ** np.arange(q.size).reshape(q.shape)
     moves = np.any([q, system["v0"]], axis=(0, 1))  # along which axes
     digit = 2.0**-52 * (np.abs(q) + np.max(system["lengths"])) * moves
-    return 4.0 * math.sqrt(count) * distance(exact.end(seconds, count, q + signs * digit), best)
+    end = true_steps.end(seconds, count, q + signs * digit)
+    return 4.0 * math.sqrt(count) * distance(end, best)
 
 
 class Path(NamedTuple):
@@ -235,12 +245,13 @@ class Path(NamedTuple):
 def change_by_misfit(chapter, system, seconds, count, best):
     """How far an end may be off, in m, since rods do not fit the places of the start.
 
-    Lengths may be right, and places be moved; or places, and lengths are as they say.
+    Lengths may be right, and places be moved; or places, and lengths are as they say. `best`
+    (N, 3), in m: the end after so many seconds in `count` steps.
     """
     if not is_off(system):
         return 0.0
     measured = system | {"lengths": distances(system)}
-    return distance(Exact(chapter, measured, count).end(seconds, count), best)
+    return distance(TrueSteps(chapter, measured, count).end(seconds, count), best)
 
 
 def is_off(system):
@@ -256,10 +267,10 @@ def true_path(chapter, system, grid, count, uncertainty):
 
     It is not known where finer steps do not agree with coarser ones at all of these times.
     """
-    exact = Exact(chapter, system, count)
-    coarse = exact.states(count * grid, count)
+    true_steps = TrueSteps(chapter, system, count)
+    coarse = true_steps.states(count * grid, count)
     for parts in PARTS:
-        fine = exact.states(count * grid, count * parts)[::parts]
+        fine = true_steps.states(count * grid, count * parts)[::parts]
         apart = distance(fine, coarse)
         if apart < limit(system):
             return Path(grid, fine, apart + uncertainty)
@@ -269,6 +280,8 @@ def true_path(chapter, system, grid, count, uncertainty):
 
 def time_scales(system, force):
     """In s, sqrt(L/g) and that in which a rod or an acceleration turns by a radian, at the start.
+
+    force(q, v) -> (N, 3) in N.
 
     g is what accelerates a rod's ends apart across it, or that of the Earth. As a particle moves
     its acceleration changes by the square of a frequency, which may be much higher.
