@@ -494,7 +494,7 @@ def main(argv=None):
 
         # 3. Print a row for each method.
         report.print_table(chapter, asked, runs, results, truth, columns)  # and why a figure is "-"
-        report.print_verdict(runs, results)  # is none's worst rod error over 3 times baumgarte's?
+        report.print_ratio(runs, results)  # is none's worst rod error over 3 times baumgarte's?
 
         # 4. With --within: which integrator, method and step keep all errors below that?
         answer = None
@@ -549,7 +549,7 @@ def columns(run, row, truth):
         ("rods off", "at end", report.length(row["final_violation"])),
         ("energy off", "at worst", report.energy(row)),  # "-" where it need not stay
         ("largest force", "at steps, N", report.force(row)),
-        ("places off", truth.at, report.distance(row["error"], truth)),  # as well as truth is known
+        ("places off", truth.at, truth.in_words(row["error"])),  # as well as truth is known
         ("a step", "us", f"{run.pace:.3g}"),
     ]
 

@@ -110,7 +110,7 @@ SAID = [  # what says a number, the number, and what it says
     (words.length, 9.96e-4, "1 mm"),
     (words.length, 0.384, "38 cm"),
     (words.length, 123.4, "120 m"),
-    (words.tolerance, 0.00125, "1.25 mm"),
+    (words.as_given, 0.00125, "1.25 mm"),
     (words.milliseconds, 0.0003125, "0.312 ms"),
     (words.milliseconds, 0.04, "40 ms"),
     (words.per_cent, 0.384, "38 %"),

@@ -91,7 +91,7 @@ def test_table_and_metrics_have_what_each_run_has_done(run, tmp_path):
 # --- figures in words ---
 def test_a_place_is_no_finer_than_it_is_known():
     known = Truth(step=1, at="", q=np.zeros((1, 3)), uncertainty=2e-9)
-    shown = [c.report.distance(x, known) for x in (None, 1e-9, 3e-9)]
+    shown = [known.in_words(x) for x in (None, 1e-9, 3e-9)]
     assert shown == ["-", "< 2 nm", "3 nm"]
 
 
@@ -162,10 +162,10 @@ def verdict(capsys, worst=0.9, kept=0.2, moved=1.0, **stopped):
     for name in ("none", "baumgarte"):
         runs[name] = SimpleNamespace(q=q, start=start, stopped=stopped.get(name))
     results = {"none": {"max_violation": worst}, "baumgarte": {"max_violation": kept}}
-    table.print_verdict(results=results, runs=runs)
+    table.print_ratio(results=results, runs=runs)
     said = capsys.readouterr().out
     del results["none"]
-    table.print_verdict(results=results, runs=runs)
+    table.print_ratio(results=results, runs=runs)
     assert capsys.readouterr().out == ""
     return said
 

@@ -151,7 +151,7 @@ def toy(monkeypatch, tmp_path):
     script = write("script.py", SCRIPT)
     passages = {"words": lambda: "new words"}
     quick = {"pictures": dict}
-    chapter = make.Chapter(folder, script, passages, quick, {"slow": slow})
+    chapter = make.ChapterFolder(folder, script, passages, quick, {"slow": slow})
     monkeypatch.setattr(texts, "ROOT", tmp_path)
     monkeypatch.setattr(make, "README", write("../../README.md", "nothing is made\n"))
     monkeypatch.setattr(make, "SAID", tmp_path / "said")

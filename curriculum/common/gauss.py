@@ -43,8 +43,8 @@ def collocation(stages):
         return tuple(np.array(part, dtype=float) for part in parts)
 
 
-def total(x):
-    """The sum over the first axis of x, halves of which are added side by side."""
+def pairwise_sum(x):
+    """The sum of x over its first axis, halves of which are added side by side."""
     while len(x) > 1:
         half = len(x) // 2
         x = np.concatenate([x[:half] + x[half : 2 * half], x[2 * half :]])
@@ -52,11 +52,11 @@ def total(x):
 
 
 def combined(weights, a):
-    return total(weights[:, None, None] * a)
+    return pairwise_sum(weights[:, None, None] * a)
 
 
 def sum_of_squares(x):
-    return total(np.square(x).ravel())
+    return pairwise_sum(np.square(x).ravel())
 
 
 def attempt(stages, q, v, m, force, dt):
@@ -75,7 +75,7 @@ def attempt(stages, q, v, m, force, dt):
             return after, sum_of_squares(after - before)
 
         after, moved = vmap(stage)(c, once, twice, a)
-        return after, dt4 * total(moved), move, count + 1.0
+        return after, dt4 * pairwise_sum(moved), move, count + 1.0
 
     def has_converged(move, before):
         limit = np.where(before <= move, rounding, enough)  # what no longer falls is rounding
@@ -88,7 +88,7 @@ def attempt(stages, q, v, m, force, dt):
     # as if the particles coasted before
     a, move, _, _ = next_round(np.zeros((stages, *q.shape)), 0.0, 0.0, 0.0)
     # how wide the points are and how far they go: wherever the origin is, and at rest, too
-    wide = sum_of_squares(q - total(q) / len(q))
+    wide = sum_of_squares(q - pairwise_sum(q) / len(q))
     size = wide + dt * dt * sum_of_squares(v) + move
     enough = TOL * TOL * size + 1e-300
     # A move that no longer falls is taken for rounding if it is small. All of these are squares. A
@@ -123,8 +123,9 @@ def step_in_parts(stages, parts, q, v, m, force, dt):
 def make_gauss(stages, parts=PARTS):
     """A step(q, v, m, force, dt) of Gauss-Legendre collocation: symplectic, of order 2 * `stages`.
 
-    Its stages are iterated until a round moves the end by a share of TOL, or as rounding allows.
-    Where they do not converge, the step is taken in halves, in so many `parts` at most, failed ones
-    among them; then it is NaN.
+    It takes q and v (N, 3) in m and m/s, m (N, 1) in kg, force(q, v) -> (N, 3) in N, and dt in s,
+    and returns q and v. Its stages are iterated until a round moves the end by a share of TOL, or
+    as rounding allows. Where they do not converge, the step is taken in halves, in so many `parts`
+    at most, failed ones among them; then it is NaN.
     """
     return partial(step_in_parts, stages, parts)

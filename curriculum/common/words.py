@@ -27,8 +27,8 @@ def length(x, digits=2):
     return f"{1e12 * x:g} pm"
 
 
-def tolerance(x):
-    """A tolerance of x m as one would say it: 0.001 is "1 mm"."""
+def as_given(x):
+    """A length of x m that somebody has asked for, as one would say it: 0.001 is "1 mm"."""
     return length(x, 6)
 
 

@@ -21,8 +21,8 @@ SAID = texts.ROOT / "tests" / "said"
 README = texts.ROOT / "README.md"
 
 
-class Chapter(NamedTuple):
-    """What is made of a chapter: its site/made.py has these in capitals, but for the folder."""
+class ChapterFolder(NamedTuple):
+    """A chapter, and what is made of it: all but `folder` stands in capitals in site/made.py."""
 
     folder: Path
     script: Path
@@ -32,21 +32,21 @@ class Chapter(NamedTuple):
 
 
 def chapters():
-    """All Chapters of the curriculum."""
+    """The ChapterFolder of each chapter of the curriculum."""
     found = []
     for path in sorted(FOLDER.glob("*/site/made.py")):
         folder = path.parents[1]
         made = import_module(f"curriculum.{folder.name}.site.made")
         script = texts.ROOT / made.SCRIPT
         parts = made.PASSAGES, made.MADE, made.SLOW
-        found.append(Chapter(folder, script, *parts))
+        found.append(ChapterFolder(folder, script, *parts))
     return found
 
 
 def text(path, chapter, outputs=None):
     """{path: text} of a text, with its blocks made anew."""
     try:
-        return {path: texts.filled(path.read_text(encoding="utf-8"), chapter, outputs)}
+        return {path: texts.filled(path.read_text(encoding="utf-8"), chapter, outputs or {})}
     except OSError as why:
         raise OSError(f"{short(path)}: {why}") from why
 

@@ -142,12 +142,12 @@ def unfolded(match):
     return f"**{title}**\n{body}" if PIECE.search(body) else match[0]
 
 
-def notebook(path, script, shown, about, end, picture=str):
+def notebook(path, script, shown, about, end, picture):
     """A text at `path` as a notebook, in the format that Jupyter keeps: a text.
 
     `about` and `end` are Markdown: what stands under the title, and what follows the text.
-    `shown`: where commands write their page, from the project's folder. `picture` makes a picture
-    smaller, if need be.
+    `shown`: where commands write their page, from the project's folder. picture(text) makes a
+    picture smaller.
     """
     maker = Maker(path.parent, script, shown, picture)
     folders = path.parent.relative_to(texts.ROOT).parts

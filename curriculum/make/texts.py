@@ -94,16 +94,15 @@ def differs(old, new):
     return lines_without_times(old) != lines_without_times(new)
 
 
-def filled(text, chapter, outputs=None):
+def filled(text, chapter, outputs):
     """The text with each of its blocks made anew; its Python is run.
 
-    `chapter` is the Chapter whose script, passages and studies it has. Blocks of slow studies are
-    left as they are, unless `outputs` {command: what it prints} has them. Raises OSError, which
+    `chapter` is the ChapterFolder whose script, passages and studies it has. Blocks of slow studies
+    are left as they are, unless `outputs` {command: what it prints} has them. Raises OSError, which
     names the line, if a block cannot be made.
     """
     space = {}
     said = []
-    outputs = outputs or {}
 
     def run(match):
         try:
@@ -156,10 +155,7 @@ def is_outdated(text, study):
 
 
 def said_again(text):
-    """A file of tests/said with what its commands print now; the same, but for times, if it can.
-
-    There may be several, each behind a "$" and above what it prints, errors too.
-    """
+    """A file of tests/said with what its commands print now; the same, but for times, if it can."""
     parts = []
     for command, body in re.findall(r"^\$ (.+)\n((?:(?!\$ ).*\n)*)", text, re.M):
         new, _ = ran(command, subprocess.STDOUT)

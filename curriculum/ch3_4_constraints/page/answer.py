@@ -3,7 +3,7 @@
 import math
 from html import escape
 
-from curriculum.ch3_4_constraints.rods.advice import advice, command, distance
+from curriculum.ch3_4_constraints.rods.advice import advice, command
 from curriculum.ch3_4_constraints.rods.choice import TIMES
 from curriculum.ch3_4_constraints.rods.truth import HORIZON
 from curriculum.common import words
@@ -22,7 +22,7 @@ def of_the_run(asked, results, truth, scene):
             words.length(row["max_violation"]),
             words.length(row["final_violation"]),
             NOTHING if energy is None else words.per_cent(energy),
-            distance(row["error"], truth),
+            truth.in_words(row["error"]),
             NOTHING if operations is None else words.amount(operations),
         ]
         wide = len(cells)

@@ -7,22 +7,20 @@ from curriculum.ch3_4_constraints.report.table import (
     completed,
     energy,
     force,
+    print_ratio,
     print_table,
-    print_verdict,
 )
-from curriculum.ch3_4_constraints.rods.advice import distance
 from curriculum.common.words import length
 
 __all__ = [
     "completed",
-    "distance",
     "energy",
     "find_answer",
     "force",
     "length",
     "print_answer",
     "print_table",
-    "print_verdict",
+    "print_ratio",
     "request",
     "write_files",
 ]

@@ -1,4 +1,4 @@
-"""What a run leaves behind: metrics.json, a page and a recording, all or nothing."""
+"""What a run leaves behind: metrics.json, a page and a recording, written all at once."""
 
 import json
 import math

@@ -131,14 +131,14 @@ def print_unknown(alive, truth):
         say(f"- places off: the true motion is not known: {truth.why}")
 
 
-def print_limit(stiffness, limit):
+def print_limit(dt_w, limit):
     """Print by how much dt w is past its limit; at the limit itself an error stays as it is."""
-    if stiffness > limit * (1.0 + 1e-6):
-        digits = 3 if stiffness > 1.01 * limit else 6
-        say(f"baumgarte: dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}")
+    if dt_w > limit * (1.0 + 1e-6):
+        digits = 3 if dt_w > 1.01 * limit else 6
+        say(f"baumgarte: dt w = {dt_w:.{digits}g} is past its limit {limit:.{digits}g}")
 
 
-def print_verdict(runs, results):
+def print_ratio(runs, results):
     """Print how much better baumgarte holds the rods than none, where a run has both."""
     if not {"none", "baumgarte"} <= results.keys():
         return

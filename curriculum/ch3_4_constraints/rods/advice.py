@@ -6,12 +6,12 @@ from curriculum.ch3_4_constraints.rods.schemes import ENERGY
 from curriculum.common.words import (
     LENGTHS,
     amount,
+    as_given,
     in_digits,
     length,
     milliseconds,
     per_cent,
     sentence,
-    tolerance,
 )
 
 LARGE = 0.1  # of the shortest rod: a tolerance as large says little
@@ -37,17 +37,9 @@ class Advice(NamedTuple):
     notes: list  # sentences
 
 
-def distance(x, truth):
-    """A distance from the true motion in words, no finer than that is known."""
-    if x is None:
-        return "-"
-    known = max(truth.uncertainty, 1e-12)
-    return f"< {length(known)}" if x < known else length(x)
-
-
 def advice(asked, answer):
     """The Advice of an Answer to a Request."""
-    unit = tolerance(answer.within).split()[-1]
+    unit = as_given(answer.within).split()[-1]
     lines = [line for row in answer.rows for line in lines_of(answer, row, unit)]
     alone = []
     if answer.rods:
@@ -65,7 +57,7 @@ def advice(asked, answer):
 
 def verdict(answer):
     """The first sentence."""
-    within = tolerance(answer.within)
+    within = as_given(answer.within)
     if answer.verdict:
         rung = answer.verdict.rung
         span = f", for {rung.span:.3g} s" if rung.span < answer.whole else ""

@@ -44,6 +44,13 @@ class Truth(NamedTuple):
             return None
         return distance(q[self.step], self.q)
 
+    def in_words(self, error):
+        """An error in m, or None, in words: no finer than the places are known."""
+        if error is None:
+            return "-"
+        known = max(self.uncertainty, 1e-12)
+        return f"< {length(known)}" if error < known else length(error)
+
 
 def distance(q, other):
     """The largest of a particle, in m, between two places of all (..., N, 3); inf if one is NaN."""
@@ -169,7 +176,7 @@ class TrueSteps:
         self.start = [q, v]
         self.run = CompiledSteps(step, self.start, steps, scalars=1)
 
-    def states(self, seconds, count, q=None):
+    def places(self, seconds, count, q=None):
         """All places of `count` steps, (count + 1, N, 3) in m, from q or the start's.
 
         They are NaN from a step on that fails.
@@ -181,7 +188,7 @@ class TrueSteps:
 
     def end(self, seconds, count, q=None):
         """The last places, (N, 3) in m; NaN where a step fails."""
-        return self.states(seconds, count, q)[-1]
+        return self.places(seconds, count, q)[-1]
 
 
 def agreed(true_steps, seconds, counts, enough):
@@ -268,9 +275,9 @@ def true_path(chapter, system, grid, count, uncertainty):
     It is not known where finer steps do not agree with coarser ones at all of these times.
     """
     true_steps = TrueSteps(chapter, system, count)
-    coarse = true_steps.states(count * grid, count)
+    coarse = true_steps.places(count * grid, count)
     for parts in PARTS:
-        fine = true_steps.states(count * grid, count * parts)[::parts]
+        fine = true_steps.places(count * grid, count * parts)[::parts]
         apart = distance(fine, coarse)
         if apart < limit(system):
             return Path(grid, fine, apart + uncertainty)

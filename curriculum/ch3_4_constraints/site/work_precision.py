@@ -10,7 +10,7 @@ import math
 import constraints as c
 from curriculum.ch3_4_constraints.site.drawing import Sheet
 from curriculum.common import palette
-from curriculum.common.words import milliseconds, tolerance
+from curriculum.common.words import as_given, milliseconds
 
 WIDE = 900  # units, two to a pixel: letters of 30 have 12 pixels where the whole has 360
 HIGH = 900
@@ -62,7 +62,7 @@ def diagram(measured):
     for goal in measured.answers:
         x, _ = at(goal, 1.0)
         sheet.line([(x, BOTTOM), (x, TOP)], "ink" if goal == MAIN else "reference", 2)
-        sheet.words((x, BOTTOM), tolerance(goal), "ink", up=-40)
+        sheet.words((x, BOTTOM), as_given(goal), "ink", up=-40)
     ends = []
     for scheme, line in measured.lines.items():
         points = [at(error, cost) for error, cost in line if 10.0**-FINE < error < 10.0**-COARSE]
@@ -99,7 +99,7 @@ def draw_words(sheet, measured, at):
         rung = row.rung
         point = at(rung.places, rung.operations * row.pace)
         sheet.dot(point, style_of(rung.scheme)[0], 26)
-        said = f"right to {tolerance(MAIN)}: {rung.scheme}, {milliseconds(rung.dt)}"
+        said = f"right to {as_given(MAIN)}: {rung.scheme}, {milliseconds(rung.dt)}"
         sheet.words((30, HIGH - 92), said, "ink", "start")
     how = f"to the right: nearer, at worst, to {measured.seconds:g} s"
     sheet.words((30, 66), how, "reference", "start")

@@ -24,7 +24,7 @@ ROUNDING = 1e-12  # a relative gap below is nothing else
 AS_SOFT = 'solref="0.02 1" solimp="0.95 0.95 0.001 0.5 2"'
 
 
-class Row(NamedTuple):
+class Rule(NamedTuple):
     """How an engine asks for a rod: J a = -damping gdot - stiffness g - softness diag(A) lambda."""
 
     damping: float  # 1/s
@@ -34,7 +34,7 @@ class Row(NamedTuple):
 
     @property
     def method(self):
-        """The row as a Method of the chapter."""
+        """The rule as a Method of the chapter."""
         numbers = {key: getattr(self, key) for key in ("damping", "stiffness", "softness")}
         return c.Method(partial(c.make_engine_force, **numbers), "an engine", self.post_step)
 
@@ -58,7 +58,7 @@ def gaps(system):
 
     q = system["q0"]
     v = system["v0"]
-    row = own_row("soft", DT)
+    rule = own_rule("soft", DT)
     force = c.make_methods(DT)["soft"].make_force(system)
     jac, g, gdot, _ = c.constraint_terms(system, q, v)
     A = (jac / np.repeat(system["m"], 3)) @ jac.T
@@ -67,8 +67,8 @@ def gaps(system):
         ("J / |d|", "efc_J"): jac / size[:, None],
         ("g / |d|", "efc_pos"): g / size,
         ("gdot / |d|", "efc_vel"): gdot / size,
-        ("(b + J M^-1 f) / |d|", "efc_aref"): -(row.damping * gdot + row.stiffness * g) / size,
-        ("R / |d|^2", "efc_R"): row.softness * np.diag(A) / size**2,
+        ("(b + J M^-1 f) / |d|", "efc_aref"): -(rule.damping * gdot + rule.stiffness * g) / size,
+        ("R / |d|^2", "efc_R"): rule.softness * np.diag(A) / size**2,
         ("lambda |d|", "efc_force"): -c.tensions(system, q, v, force),
         ("acceleration", "qacc"): force(q, v) / system["m"],
     }
@@ -122,33 +122,33 @@ def position_sweeps(system, q_start, q, v, dt):
     return q, v
 
 
-def own_row(name, h):
-    """The Row of a method of the chapter that asks as engines do, for steps of h s."""
-    return Row(**c.make_methods(h)[name].make_force.keywords)
+def own_rule(name, h):
+    """The Rule of a method of the chapter that asks as engines do, for steps of h s."""
+    return Rule(**c.make_methods(h)[name].make_force.keywords)
 
 
 def engines(h):
-    """{engine at a tag: its Row}, for steps (of Box2D: sub-steps) of h s.
+    """{engine at a tag: its Rule}, for steps (of Box2D: sub-steps) of h s.
 
     All work at velocity level, as `impulse` does: J v_next = -bias g - softness h diag(A) lambda.
     """
     w = 2.0 * np.pi * min(60.0, 0.25 / h)  # rad/s; Box2D's src/joint.c, b2PrepareJoint
     stiff = w / (4.0 + h * w)  # 1/s; its src/solver.h, b2MakeSoft, damping ratio 2
     return {
-        "ours, impulse": own_row("impulse", h),
+        "ours, impulse": own_rule("impulse", h),
         # src/distance_joint.c, b2SolveDistanceJoint
-        "Box2D v3.1.1": Row(1.0 / h, stiff / h, stiff / (h * w * w), velocity_sweep),
+        "Box2D v3.1.1": Rule(1.0 / h, stiff / h, stiff / (h * w * w), velocity_sweep),
         # ConstraintPart/AxisConstraintPart.h
-        "Jolt v5.5.0": Row(1.0 / h, 0.0, 0.0, position_sweeps),
+        "Jolt v5.5.0": Rule(1.0 / h, 0.0, 0.0, position_sweeps),
         # contact_solvers/sap/sap_holonomic_constraint.cc, beta = 0.1
-        "Drake v1.56.0": Row(1.0 / h, 0.5 / (h * h), 0.01 / (4.0 * np.pi**2)),
-        "ours, soft (MuJoCo)": own_row("soft", h),
+        "Drake v1.56.0": Rule(1.0 / h, 0.5 / (h * h), 0.01 / (4.0 * np.pi**2)),
+        "ours, soft (MuJoCo)": own_rule("soft", h),
     }
 
 
-def worst(system, row, steps):
+def worst(system, rule, steps):
     """The worst rod of a run in m, and the largest change of energy as a share of its scale."""
-    method = row.method
+    method = rule.method
     step = compiled(c.stabilized(c.semi_implicit_step, system, method), steps)
     _, violations, energies = c.simulate(step, system, method.make_force(system), DT, steps)
     gained = np.max(np.abs(energies - energies[0]))
@@ -156,14 +156,14 @@ def worst(system, row, steps):
 
 
 def rows():
-    """Print each engine's row, and what it makes of the double pendulum."""
+    """Print each engine's rule, a row each, and what it makes of the double pendulum."""
     system = c.build_system("double")
     what = f"rows for h = {DT} s, and what each makes of {DT * STEPS:g} s"
     print(f"(b) {what} of the double pendulum")
     print(f"{'':20}h damping h^2 stiffness  softness  rods, mm  energy, %")
-    for name, row in engines(DT).items():
-        rods, energy = worst(system, row, STEPS)
-        cells = f"{DT * row.damping:9.2g} {DT**2 * row.stiffness:13.2g} {row.softness:9.2g}"
+    for name, rule in engines(DT).items():
+        rods, energy = worst(system, rule, STEPS)
+        cells = f"{DT * rule.damping:9.2g} {DT**2 * rule.stiffness:13.2g} {rule.softness:9.2g}"
         print(f"{name:20}{cells} {1e3 * rods:9.2g} {100.0 * energy:10.2g}")
 
 

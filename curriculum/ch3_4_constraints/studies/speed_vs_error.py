@@ -18,7 +18,7 @@ from curriculum.ch3_4_constraints.rods.truth import WHOLE
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies._schemes import all_schemes, short, wider_chapter
 from curriculum.common import cli
-from curriculum.common.words import amount, in_digits, tolerance
+from curriculum.common.words import amount, as_given, in_digits
 
 SCENES = "double", "jansen_leg", "windows"
 GOALS = 1e-2, 1e-3, 1e-6, 1e-9  # m
@@ -148,7 +148,7 @@ def lines_of(measured):
     """What is printed of a scene: a row for each integrator, a column for each goal."""
     what = "method, us/s of computing / ms a step"
     yield f"{measured.scene}, places to {measured.seconds:g} s: {what}"
-    table = [["", *map(tolerance, measured.answers)]]
+    table = [["", *map(as_given, measured.answers)]]
     for name in dict.fromkeys(x.integrator for x in measured.lines):
         cells = [short(name)]
         for answer in measured.answers.values():
