@@ -107,7 +107,10 @@ def xpbd(exercise):
 
 
 def off_by(answer, right):
-    """How far off an answer is, as a share of the largest right number; NaN: not of its kind."""
+    """How far off an answer is, as a share of the largest right number; NaN: not of its kind.
+
+    Both are a text, a number or an array.
+    """
     if isinstance(right, str):
         return 0.0 if answer == right else np.nan
     if np.shape(answer) != np.shape(right):

@@ -63,7 +63,8 @@ def choose(chapter, system, within, dt, steps, knobs, truth=None, each=iter):
 
     Steps are dt s times powers of 2; rods and energy are followed for `steps` of dt s. `truth`: the
     true motion of this run, if it is known; each(names) gives the names, and may show them. Raises
-    Untraceable where a step cannot be compiled. The same everywhere, but for a Row's pace.
+    Untraceable where a step cannot be compiled. An Answer is the same everywhere, but for its
+    Rows' pace.
     """
     search = Search(chapter, system, within, dt, steps, truth)
     named = {str(scheme): scheme for scheme in schemes(chapter, knobs)}

@@ -23,9 +23,10 @@ def still(picture):
 
 
 class Sheet:
-    """A drawing of the box from `low` to `high`, `width` by `height` units, two to a pixel.
+    """A drawing of the box from `low` to `high`, (2,) each, as `width` by `height` units.
 
-    A point is (2,) or (3,), of which x and y are drawn. A colour is a name of the palette's.
+    Two units are a pixel. A point is (2,) or (3,), of which x and y are drawn, in the box's own
+    unit; widths are in units. A colour is a name that palette_css has, as "m0" or "ink".
     """
 
     def __init__(self, width, height, low, high):
@@ -35,12 +36,15 @@ class Sheet:
         self.parts = []
 
     def at(self, point):
-        """The place of a point as SVG has it, in whole units, y down."""
+        """The place of a point as SVG has it, a text: x and y in whole units, y down."""
         x, y = (np.array(point)[:2] - self.low) * self.scale
         return f"{x:.0f} {self.size[1] - y:.0f}"
 
     def line(self, points, colour, width=6, dash=""):
-        """A line through points, so many units wide, solid or in dashes."""
+        """A line through points (n, 2) or (n, 3), so many units wide.
+
+        `dash`: the lengths of dashes and gaps in units, as "9 9"; solid if it is "".
+        """
         style = f"stroke-dasharray:{dash}" if dash else "stroke-linecap:round"
         self.lines([points], colour, width, style)
 
@@ -49,13 +53,14 @@ class Sheet:
         self.line([point, point], colour, width)
 
     def lines(self, lines, *style):
-        """Several lines of points, in the style of `path`."""
+        """Several lines of points (n, 2) or (n, 3). `style`: the colour, width and more of `path`."""
         self.parts.append(path(self.outline(lines), *style))
 
     def moving(self, frames, seconds, *style):
-        """The same lines in each of several frames, which take so many seconds, again and again.
+        """Lines that move: `frames` are those of one moment after the other, as `lines` takes them.
 
-        Where nothing should move, and on paper, it is the last frame.
+        They take so many seconds, again and again. Where nothing should move, and on paper, it is
+        the last frame.
         """
         shown = ";".join(map(self.outline, frames))
         last = self.outline(frames[-1])
@@ -68,7 +73,7 @@ class Sheet:
         return "".join("M" + "L".join(map(self.at, line)) for line in lines)
 
     def arrow(self, start, end, colour):
-        """An arrow, unless it is too short to be seen, and so has no direction."""
+        """An arrow between two points, unless it is too short to be seen, and has no direction."""
         along = np.subtract(end, start)[:2]
         size = np.linalg.norm(along * self.scale)
         if size < 1.0:
@@ -80,7 +85,7 @@ class Sheet:
         self.line([start, end, left, end, right], colour)
 
     def words(self, point, words, colour="ink", anchor="middle", up=0, style=""):
-        """Words at a point, or so many units above it."""
+        """Words at a point, or `up` units above it; `anchor` and `style` are SVG's."""
         x, y = self.at(point).split()
         place = f'x="{x}" y="{int(y) - up}" text-anchor="{anchor}"'
         style = f"{style}fill:var(--{colour})"
@@ -104,15 +109,19 @@ class Sheet:
 
 
 def path(outline, colour, width, more="", kind="", inside=""):
-    """An element of SVG: lines so many units wide, and `more` of their style."""
+    """An element of SVG, a text: lines with an `outline`, so many units wide, in a colour.
+
+    `more` is CSS; `kind`, attributes; `inside`, other elements.
+    """
     style = f"stroke:var(--{colour});stroke-width:{width:.3g};{more}".rstrip(";")
     return f'<path {kind}d="{outline}" style="{style}">{inside}</path>'
 
 
 def chart(curves, x_ticks, y_ticks, y_name, covered=""):
-    """Curves (name, colour, x, y) over axes, whose ticks are {place: words}.
+    """Curves (name, colour, x (n,), y (n,)) over axes, whose ticks are {place: words}: SVG.
 
-    `covered` names those at 0 that cover each other.
+    x and y are in the units of the ticks' places, which go up. `covered` names those at 0 that
+    cover each other.
     """
     left, *_, right = x_ticks
     bottom, *_, top = y_ticks

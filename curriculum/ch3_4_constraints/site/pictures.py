@@ -36,11 +36,11 @@ def one_step(methods=tuple(METHODS)):
     d = np.array([[0.0, -1.12, 0.0]])
     v = np.array([[2.0, -1.0, 0.0]])
     system = c.build_system("pendulum")
-    held = c.make_methods(dt, baumgarte=2.0)
+    made = c.make_methods(dt, baumgarte=2.0)
     ends = {}
     for name in methods:
-        step = c.stabilized(c.semi_implicit_step, system, held[name])
-        q, _ = step(d, v, system["m"], held[name].make_force(system), dt)
+        step = c.stabilized(c.semi_implicit_step, system, made[name])
+        q, _ = step(d, v, system["m"], made[name].make_force(system), dt)
         ends[name] = q[0]
     sheet = Sheet(1200, 850, (-0.6, -1.6), (1.8, 0.1))
     sheet.parts.append(SYMBOLS)
@@ -55,7 +55,7 @@ def one_step(methods=tuple(METHODS)):
         words = f"{name} {in_words(np.linalg.norm(end) - 1.0)}"
         sheet.words((0.87, below), words, METHODS[name], "start", -10)
     for name, end in ends.items():
-        if held[name].post_step:  # from where the step ended without it
+        if made[name].post_step:  # from where the step ended without it
             sheet.arrow(ends[methods[0]], end, "lambda")
     sheet.dot((0, 0), "reference", 16)
     sheet.dot(d[0], "ink", 26)
@@ -103,8 +103,8 @@ def cliff():
     return chart(curves, {0: "0", 20: "20 steps", 40: "40 steps"}, ticks, "rod error")
 
 
-DASHES = "9 9", "28 10", ""  # of integrators
-NAMED = (-1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)  # the way in which their names stand
+DASHES = "9 9", "28 10", ""  # of integrators, in turn, in the picture of a spring
+NAMED = (-1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)  # ways (2,) in which their names stand
 
 
 def spring():

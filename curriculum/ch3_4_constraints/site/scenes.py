@@ -25,7 +25,9 @@ SPRING = {"dt": 0.4, "damping": 0.0, "stiffness": 1.0}  # s, 1/s, 1/s^2
 def equation(system, q, v):
     """J, and A, b and lambda of A lambda = b, without a spring: what constraint_force goes through.
 
-    They are its lines once more, since it returns none of them; a test compares the two.
+    At q and v (N, 3) in m and m/s: J (C, 3N) in m, A (C, C) in m^2/kg, b (C,) in m^2/s^2 and lambda
+    (C,) in N/m, by these names. They are its lines once more, since it returns none of them; a test
+    compares the two.
     """
     m = np.repeat(system["m"], 3)
     f = c.external_force(system, q, v).ravel()
@@ -41,7 +43,7 @@ def of_equation(name):
 
 
 def pull(system, q, v):
-    """How hard each rod pulls in N, without a spring."""
+    """How hard each rod pulls, (C,) in N, without a spring."""
     return c.tensions(system, q, v, c.make_force(system))
 
 

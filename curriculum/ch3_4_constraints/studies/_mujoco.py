@@ -18,8 +18,9 @@ AT_ITS_PLACE = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'  # of a bo
 def started(system, model_of, constraint, dt, options=""):
     """MuJoCo's model and data of a system at its start, for steps of dt s.
 
-    `model_of` is tendons or linkage, which return the model's parts, its coordinates and their
-    rates. `constraint` has the settings of its constraints.
+    `model_of` is tendons or linkage, which return the model's parts, as XML, its coordinates in m
+    or rad, and their rates. `constraint` and `options` are attributes in XML: of
+    each equality constraint, and of the model's options.
     """
     import mujoco
 
@@ -40,7 +41,10 @@ def started(system, model_of, constraint, dt, options=""):
 
 
 def tendons(system, constraint):
-    """Particles that slide along each axis from where they start, and rods as tendons."""
+    """Particles that slide along each axis from where they start, and rods as tendons.
+
+    The parts; coordinates, which are 0; and rates (3N,) in m/s.
+    """
     slides = "".join(f'<joint type="slide" axis="{x}"/>' for x in ("1 0 0", "0 1 0", "0 0 1"))
     bodies = ""
     ropes = ""
@@ -60,7 +64,10 @@ def tendons(system, constraint):
 
 
 def linkage(system, constraint):
-    """A body for each rod of a plane system, hinged where its partner is; loops by `connect`."""
+    """A body for each rod of a plane system, hinged where its partner is; loops by `connect`.
+
+    The parts; coordinates (C,) in rad, each from the body before; and their rates in rad/s.
+    """
     pairs = system["pairs"]
     lengths = system["lengths"]
     share = shares(system)
