@@ -53,7 +53,7 @@ class Sheet:
         self.line([point, point], colour, width)
 
     def lines(self, lines, *style):
-        """Several lines of points (n, 2) or (n, 3). `style`: the colour, width and more of `path`."""
+        """Several lines of points (n, 2) or (n, 3). `style`: colour, width, more of `path`."""
         self.parts.append(path(self.outline(lines), *style))
 
     def moving(self, frames, seconds, *style):

@@ -19,8 +19,8 @@ def started(system, model_of, constraint, dt, options=""):
     """MuJoCo's model and data of a system at its start, for steps of dt s.
 
     `model_of` is tendons or linkage, which return the model's parts, as XML, its coordinates in m
-    or rad, and their rates. `constraint` and `options` are attributes in XML: of
-    each equality constraint, and of the model's options.
+    or rad, and their rates. `constraint` and `options` are attributes in XML: of each equality
+    constraint, and of the model's options.
     """
     import mujoco
 
