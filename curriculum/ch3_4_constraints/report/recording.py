@@ -12,9 +12,9 @@ from curriculum.common import palette
 from curriculum.common.words import in_digits, length
 
 TIMELINE = "sim_time"  # in s
-FRAME_RATE = 60  # states shown in a simulated second,
-FEW = 50  # but at least so many, if there are,
-MANY = 3600  # and at most so many
+FRAME_RATE = 60  # states shown in a simulated second, if that is neither too FEW nor too MANY
+FEW = 50  # states of a run that are shown, at least, if it has them
+MANY = 3600  # states of a run that are shown, at most
 POINTS = 300_000  # of particles, at most, in all states of a method
 TRAIL = 1.0  # s of the last particle's path
 FIELD_OF_VIEW = np.radians(55.0)  # from top to bottom, of Rerun's eye

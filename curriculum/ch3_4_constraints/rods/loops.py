@@ -9,9 +9,9 @@ from curriculum.common.tracing.arrays import eliminated, nonzero
 # Rods in a loop may be one too many, or lose rank as they move. So something is added to their
 # matrix: a share of its diagonal, well over rounding, and h^2 Jdot M^-1 Jdot^T, from what J changes
 # by in a time h. That is LOOKAHEAD, in s, or the time in which a rod turns by TURN, in rad.
-SLACK = 1e-12
-LOOKAHEAD = 1e-4
-TURN = 1e-2
+SLACK = 1e-12  # of the diagonal
+LOOKAHEAD = 1e-4  # s
+TURN = 1e-2  # rad
 ROUNDS = 100  # of refinement, at most, in which what was added is taken back
 # In least squares, M x = y. M_k is column k of M.
 RIDGE = 1e-9  # of M^T M's diagonal, which is added: what is much smaller counts as lost

@@ -15,9 +15,9 @@ from curriculum.common.words import length
 DT = 0.005  # s, of all runs
 SECONDS = 6.0  # so long all pictures move
 SPANS = {"double": (14.0, 20.0), "triple": (14.0, 20.0), "spin": (0.0, 1.0)}  # s: what they show
-USUAL = 0.0, SECONDS  # and of other scenes
-FRAMES = 90  # of a picture, at most,
-RODS = 3000  # and so many rods in all frames of a tile
+USUAL = 0.0, SECONDS  # s: what pictures of other scenes show
+FRAMES = 90  # of a picture, at most
+RODS = 3000  # in all frames of a tile, at most
 WAY = 150  # points of the last particle's way
 WIDTH = 1500  # units of a sheet, two to a pixel
 HIGHEST = 560  # units of what moves in a tile, from top to bottom

@@ -19,10 +19,10 @@ from curriculum.common.tracing import CompiledSteps, ordered
 STARTS = 20  # of each scene
 SECONDS = 10.0  # to be held
 LADDER = 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005  # s
-RODS = 0.01  # of the shortest: what holding allows, see above
-ENERGY = 0.1
-ROUNDING = 1e-14  # how large the two changes of a start are, relatively
-OTHER = 0.3
+RODS = 0.01  # of the shortest rod: where a start is held, none is off by more
+ENERGY = 0.1  # of its scale: where a start is held, it changes by no more
+ROUNDING = 1e-14  # a share by which masses and speeds of every other start are changed
+OTHER = 0.3  # a share by which masses of the starts between them are changed
 PUSH = 0.5  # m/s: of a changed start, as a standard deviation
 MANY = 10**6  # steps in all: enough to be worth machine code
 SCENES = list(scenes.SHIPPED)

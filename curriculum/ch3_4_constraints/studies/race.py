@@ -22,7 +22,7 @@ SETTINGS = {  # m: stages, rounds and steps of Gauss's rule, and heyoka's tolera
     1e-9: (6, 6, 88, 1e-9),
     1e-12: (6, 6, 138, 1e-11),
 }
-TURNS = 25
+TURNS = 25  # of either, one after the other
 RUNS = 20  # of a turn, one after the other, so that caches are warm
 SYSTEM = c.build_system("double")
 SECONDS = 5.0

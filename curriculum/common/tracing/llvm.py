@@ -20,7 +20,7 @@ ARITHMETIC = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
 COMPARED = {"<": "olt", "<=": "ole"}
 INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "max": "maximum", "min": "minimum"}
 START = 1_500_000  # operations of Python that take as long as to load llvmlite
-BUILD = 1_800  # and as long as to build a line, of those that a tape counts
+BUILD = 1_800  # operations of Python that take as long as to build a line that a tape counts
 LONG = 10_000  # lines: more are not optimized, which takes seconds and grows as their square
 MANY = 100_000  # operations a line, so many repay that it is optimized to the full
 FAILED = []  # why llvmlite, though installed, cannot be used, in words
