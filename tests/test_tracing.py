@@ -29,7 +29,7 @@ from curriculum.common.tracing import (
 from curriculum.common.tracing.compare import Comparisons
 from curriculum.common.tracing.counting import Counter
 from curriculum.common.tracing.javascript import javascript_of
-from curriculum.common.tracing.python import source_of
+from curriculum.common.tracing.python import NUMBERS, source_of
 from curriculum.common.tracing.trace import fori_loop, trace_loop, while_loop
 
 HERE = Path(__file__).name
@@ -448,6 +448,24 @@ def test_what_changes_beside_the_arguments_is_said_of_the_step_that_differs(edit
     with pytest.raises(StepChanged, match="--plain") as error:
         drive(compiled(fall, 800), edit)
     assert int(str(error.value).split()[1]) in CHANGED[edit]
+
+
+@pytest.mark.parametrize("name", ["sin", "pow", "sqrt", "abs"])
+def test_sines_and_powers_of_a_library_may_have_another_last_digit_and_roots_may_not(
+    name, monkeypatch
+):
+    def step(x):
+        return x + {"sin": np.sin, "pow": lambda x: x**1.5, "sqrt": np.sqrt, "abs": abs}[name](x)
+
+    usual = NUMBERS[name]
+    monkeypatch.setattr(llvm, "START", np.inf)  # so it becomes Python
+    monkeypatch.setitem(NUMBERS, name, lambda *x: usual(*x) * (1.0 + 4e-16))
+    fast = compiled(step, 10)
+    if name in ("sin", "pow"):
+        assert fast(np.ones(2)) == pytest.approx(step(np.ones(2)), rel=1e-15)
+    else:
+        with pytest.raises(StepChanged):
+            fast(np.ones(2))
 
 
 def test_a_step_that_keeps_something_from_call_to_call_is_told_to_run_plainly(language):
