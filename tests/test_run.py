@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import BEGIN, FORCE, KEEP, ROOT, STEP, edited, python
+from conftest import BARE, BEGIN, FORCE, KEEP, ROOT, STEP, edited, python
 from independent import energy_off, smallest_pulls, weight
 from machines import make_system, row, thrown, torn
 
@@ -276,6 +276,17 @@ def test_what_the_page_says_that_compare_prints_is_what_it_prints(capsys):
     assert printed == said.replace("#     ", "")
     earlier = re.search(r"rod ([\d.]+) mm off with w = 0, and ([\d.]+) mm", source).groups()
     assert [*map(float, earlier)] == [float(x.split()[1]) for x in printed.splitlines()[:2]]
+
+
+def test_the_rows_of_a_table_that_the_page_shows_are_those_that_main_prints(capsys, tmp_path):
+    source = (ROOT / "constraints.py").read_text(encoding="utf-8")
+    comment = re.search(r"((?: +# .*\n)+) +return \[\n", source)[1]
+    shown = [re.sub(r"^    # ", "", line) for line in comment.splitlines()]
+    c.main([*BARE, "--out", str(tmp_path)])
+    printed = capsys.readouterr().out.splitlines()
+    first = printed.index("") + 1  # of the table
+    without_time = slice(0, -len("  a step"))
+    assert [x[without_time] for x in shown] == [x[without_time] for x in printed[first:][:3]]
 
 
 @pytest.mark.parametrize(("name", "integrator"), BY_HAND)
