@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -95,6 +95,76 @@ def visit():
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield opened
+
+
+# What a canvas has drawn since it was cleared is then in its `marks`, in pixels; `aimed` is how
+# metres became pixels. A line that ends in a head is an arrow.
+RECORD = """() => {
+  const before = (proto, name, does) => {
+    const own = proto[name];
+    proto[name] = function(...given) {
+      does(this.canvas, this, ...given);
+      return own.apply(this, given);
+    };
+  };
+  const pen = CanvasRenderingContext2D.prototype;
+  const apart = ([a, b], [c, d]) => Math.hypot(a - c, b - d);
+  const isArrow = ([from, tip, left, again, right, more]) => {
+    if (!right || more || apart(tip, again) > 0) return false;
+    const neck = [0, 1].map(k => (left[k] + right[k]) / 2); // on the shaft
+    const off = apart(from, neck) + apart(neck, tip) - apart(from, tip);
+    return off < 0.01 && Math.abs(apart(tip, left) - apart(tip, right)) < 0.01;
+  };
+  const named = value => [...inks].find(([, each]) => each.trim() === value)?.[0];
+  const add = (canvas, {globalAlpha}, color, mark) =>
+    canvas.marks?.push({...mark, color: named(color), alpha: globalAlpha});
+  const strokes = {stroke: "strokeStyle", fill: "fillStyle"};
+  for (const [name, style] of Object.entries(strokes)) before(pen, name, (canvas, each) => {
+    const {lineWidth: width, [style]: color} = each;
+    for (const {at, radius} of canvas.path) {
+      const kind = radius ? {stroke: "circle", fill: "disc"}[name] : isArrow(at) ? "arrow" : "line";
+      const ends = kind === "arrow" ? at.slice(0, 2) : at;
+      add(canvas, each, color, {kind, at: ends, radius, width, dash: each.getLineDash()});
+    }
+  });
+  before(pen, "clearRect", canvas => { canvas.marks = []; });
+  before(pen, "beginPath", canvas => { canvas.path = []; });
+  before(pen, "moveTo", (canvas, each, ...at) => canvas.path.push({at: [at]}));
+  before(pen, "lineTo", (canvas, each, ...at) => canvas.path.at(-1).at.push(at));
+  before(pen, "arc", (canvas, each, x, y, radius) => canvas.path.push({at: [x, y], radius}));
+  before(pen, "fillText", (canvas, each, text, x, y) => {
+    const {actualBoundingBoxLeft: left, actualBoundingBoxRight: right,
+      actualBoundingBoxAscent: above, actualBoundingBoxDescent: below} = each.measureText(text);
+    const at = [x - left, y + (below - above) / 2];
+    add(canvas, each, each.fillStyle, {kind: "words", text, width: left + right, at});
+  });
+  const {aim} = Stage.prototype;
+  Stage.prototype.aim = function() {
+    aim.call(this);
+    this.canvas.aimed = [this.origin, this.scale];
+  };
+  dark.dispatchEvent(new Event("change"));
+}"""
+
+
+def drawn(found, kind, color=None, nth=0):
+    """The marks of a kind and a colour on the nth canvas in sight, from behind to front.
+
+    Their points `at`, (2,) or (many, 2), are in metres, and `pixels` are the same in pixels, as are
+    `width` and `radius`. The point of words is the middle of their left edge.
+    """
+    canvas = found.locator("canvas").filter(visible=True).nth(nth)
+    marks, (origin, scale) = canvas.evaluate("x => [x.marks, x.aimed]")
+    marks = [x for x in marks if x["kind"] == kind and color in (None, x["color"])]
+    for mark in marks:
+        mark["pixels"] = np.array(mark["at"])
+        mark["at"] = (mark["pixels"] - origin) / scale * [1.0, -1.0]
+    return [SimpleNamespace(**mark) for mark in marks]
+
+
+def places(*which):
+    """Where such marks are, in metres."""
+    return np.array([mark.at for mark in drawn(*which)])
 
 
 def click(shown, name):

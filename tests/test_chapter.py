@@ -5,7 +5,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from conftest import ROOT, SCREENS, click, contrast
+from conftest import RECORD, ROOT, SCREENS, click, contrast, drawn, places
 
 import constraints as c
 from curriculum.ch3_4_constraints.rods.stability import stability_limit
@@ -21,28 +21,20 @@ FIGURES += ["pump", "cliff", "step_baumgarte", "step_impulse", "soft", "step_pro
 FIGURES += ["work_precision_double", "flat_pose", "chaos", "jansen_leg"]
 DESKTOP = {"width": 1440, "height": 900}
 PHONE = {"width": 390, "height": 844}
+KINDS = "line", "arrow"
 SLIDER = "[type=range]"
 DT = 0.005  # s: the step of all figures at first, but for spring's, drift's and one_step's
 SOURCE = ROOT / "constraints.py"
 FRAMES = """() => {
     const waiting = [];
     let now = 0;
-    performance.now = () => 0;
+    performance.now = () => now;
     window.requestAnimationFrame = frame => waiting.push(frame);
-    window.passes = () => { now += 100; waiting.splice(0).forEach(frame => frame(now)); };
-}"""  # passes() is a frame, 0.1 s after the last one
-DISCS = """() => {
-    const {arc} = CanvasRenderingContext2D.prototype;
-    const {clearRect} = CanvasRenderingContext2D.prototype;
-    CanvasRenderingContext2D.prototype.clearRect = function(...box) {
-        this.canvas.discs = [];
-        clearRect.call(this, ...box);
-    };
-    CanvasRenderingContext2D.prototype.arc = function(x, y, ...more) {
-        this.canvas.discs?.push([x, y]);
-        arc.call(this, x, y, ...more);
-    };
-}"""  # a canvas then has `discs`: where they are in pixels, since it was cleared
+    window.passes = () => { now += 50.001; waiting.splice(0).forEach(frame => frame(now)); };
+}"""  # passes() is a frame, 0.05 s after the last one
+METHODS = list(c.make_methods())
+PENDULUM = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
+DOUBLE = c.build_system("double")
 
 
 @pytest.fixture(scope="module")
@@ -54,17 +46,11 @@ def built(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def shown(built, visit):
-    return visit(built, viewport=DESKTOP)
-
-
-@pytest.fixture
-def stopped(built, visit):
-    """The page, in which time passes only when a test lets it."""
+    """The page, in which time passes only when a test lets it, and what is drawn is recorded."""
     page = visit(built, viewport=DESKTOP)
-    page.evaluate(DISCS)
+    page.evaluate(RECORD)
     page.evaluate(FRAMES)
-    yield page
-    page.close()
+    return page
 
 
 def figure(shown, name):
@@ -72,6 +58,15 @@ def figure(shown, name):
     found = shown.locator(f"[data-figure={name}]")
     found.evaluate("x => x.scrollIntoView({block: 'center'})")
     return found
+
+
+def pass_frames(found, many):
+    """Let time pass: 0.05 s a frame, but for the first one of a clock that is started."""
+    found.page.evaluate("many => { while (many--) passes(); }", many)
+
+
+def slide(found, index):
+    found.locator(SLIDER).fill(str(index))
 
 
 def middle(box):
@@ -95,6 +90,65 @@ def said(found):
 def numbers(found, pattern):
     """Those of each match of a pattern in what a figure says."""
     return np.array(re.findall(pattern, said(found)), float)
+
+
+def metres(found, box):
+    """Where a figure of [left, bottom, right, top] in m has its origin, and how long a metre is.
+
+    Both in pixels, the first on the screen.
+    """
+    canvas = found.locator("canvas").bounding_box()
+    low, high = np.reshape(box, (2, 2))
+    scale = np.min((np.array([canvas["width"], canvas["height"]]) - 12.0) / (high - low))
+    return middle(canvas) + 0.5 * scale * (low + high) * [-1.0, 1.0], scale
+
+
+def off_by(error):
+    """What the page says of a rod's error in m."""
+    side = "long" if error > 0.0 else "short"
+    return f"{length(abs(error))} too {side}" if abs(error) > 5e-7 else "right"
+
+
+def distance(point, line):
+    """How far a point is from a line through points."""
+    along = np.diff(line, axis=0, append=line[-1:])
+    ahead = np.sum((point - line) * along, axis=1)
+    share = np.clip(ahead / np.maximum(1e-9, np.sum(along**2, axis=1)), 0.0, 1.0)
+    return np.min(np.linalg.norm(line + share[:, None] * along - point, axis=1))
+
+
+def check_words(found):
+    """What stands on a figure's canvases is in sight, apart, and beside what has its colour."""
+    for nth, canvas in enumerate(found.locator("canvas").all()):
+        _, _, width, height = canvas.bounding_box().values()
+        words = [*{x.text: x for x in drawn(found, "words", None, nth)}.values()]
+        for k, each in enumerate(words):
+            x, y = each.pixels
+            assert 0.0 <= x <= width - each.width
+            assert 6.0 < y < height - 6.0
+            for other in words[:k]:
+                gap = np.array([x, y]) - other.pixels
+                assert gap[0] > other.width or -gap[0] > each.width or abs(gap[1]) > 11.0
+            if each.color != "quiet":
+                marks = [mark for kind in KINDS for mark in drawn(found, kind, each.color, nth)]
+                ends = [each.pixels + [share * each.width, 0.0] for share in (0.0, 0.5, 1.0)]
+                near = min(distance(end, mark.pixels) for end in ends for mark in marks)
+                assert 3.0 < near < 60.0, each.text
+
+
+def in_space(points):
+    """Those of the plane, with z = 0."""
+    return np.insert(points, 2, 0.0, axis=-1)
+
+
+def rods_of(points):
+    """Each rod of a chain as a vector, for the places of its bobs."""
+    return np.diff(points, axis=0, prepend=0.0)
+
+
+def spun(q, spin):
+    """Velocities of a double pendulum whose lower rod turns by so many rad/s."""
+    return np.array([np.zeros(3), np.cross([0.0, 0.0, spin], q[1] - q[0])])
 
 
 def pendulum(*d):
@@ -241,76 +295,107 @@ def test_a_figure_alone_waits_until_it_is_started(visit, built, name):
     page.close()
 
 
-# --- a figure, a gesture, a number ---
+# --- a figure, a gesture, what it says and draws ---
+def test_words_stand_in_sight_apart_and_beside_what_has_their_colour(visit, built):
+    page = visit(built, viewport=DESKTOP)
+    page.evaluate(RECORD)
+    for name in FIGURES:
+        check_words(figure(page, name))
+    page.close()
+
+
 def test_the_opening_begins_alike_and_at_rest_and_comes_apart_as_runs_do(shown):
     found = figure(shown, "double")
     assert said(found).count("rods off by < 1 pm") == 5
     assert "0.0 s" in said(found)
     for index, dt in (2, DT), (4, 0.02):
-        found.locator(SLIDER).fill(str(index))
+        slide(found, index)
         click(found, "All 20 s")
         assert "20.0 s" in said(found)
-        for method in c.make_methods(dt):
-            ended = run(c.build_system("double"), method, 20.0, dt)
-            worst = f"rods off by {length(np.max(ended.violations))}"
-            lost = re.search(rf"{method}\nlost at", said(found))
-            assert lost if ended.stopped else f"{method}\n{worst}" in said(found)
+        for k, method in enumerate(c.make_methods(dt)):
+            ended = run(DOUBLE, method, 20.0, dt)
+            bobs = places(found, "disc", f"m{k}", k)
+            lost = numbers(found, rf"{method}\nlost at (\S+) s: diverged")
+            if ended.lost:
+                assert lost == pytest.approx([len(ended.q) * dt], abs=0.06)
+                assert len(bobs) == 0
+            else:
+                assert f"{method}\nrods off by {length(np.max(ended.violations))}" in said(found)
+                assert bobs == pytest.approx(ended.q[-1, :, :2])
+    click(found, "Play")
+    pass_frames(found, 5)
+    assert "0.2 s" in said(found), "it begins again"
 
 
-def test_one_bob_that_is_thrown_throws_all_five_with_rods_of_their_length(stopped):
-    found = figure(stopped, "double")
-    discs = "x => [...x.querySelectorAll('canvas')].map(x => x.discs)"
-    bob = found.get_by_role("button", name="Bob 1").nth(3)
-    let_go = drag(bob, -40, 70)
-    held = np.array(found.evaluate(discs))  # (5, 3, 2): an anchor and two bobs
-    rods = np.linalg.norm(np.diff(held, axis=1), axis=2)
-    assert held == pytest.approx(np.broadcast_to(held[3], held.shape), abs=1e-6)
-    assert rods == pytest.approx(rods[0, 0], rel=1e-6)
-    assert rods[0, 0] > 55.0  # pixels
+@pytest.mark.parametrize("waits", [0, 4])
+def test_one_bob_throws_all_five_or_is_let_go_at_rest_if_it_was_held_still(shown, waits):
+    found = figure(shown, "double")
+    slide(found, 2)
+    before = rods_of(places(found, "disc", "m3", 3))[1]
+    let_go = drag(found.get_by_role("button", name="Bob 1").nth(3), -40, 70)
+    pass_frames(found, waits)
+    q = in_space(places(found, "disc", "m3", 3))
     assert "0.0 s" in said(found)
     let_go()
-    for _ in range(3):
-        stopped.evaluate("passes()")
-    thrown = np.array(found.evaluate(discs))
-    assert "0.2 s" in said(found)
-    moved = thrown[:, 2] - held[:, 2]
-    assert np.all(np.linalg.norm(moved, axis=1) > 0.5 * rods[0, 0])  # at 12 rad/s
-    assert np.ptp(moved, axis=0) == pytest.approx([0.0, 0.0], abs=0.4 * rods[0, 0])
+    pass_frames(found, 5)
+    way = 0.0 if waits else np.sign(np.linalg.det([before, rods_of(q)[1, :2]]))
+    system = DOUBLE | {"q0": q, "v0": spun(q, 12.0 * way)}
+    for k, method in enumerate(METHODS):
+        thrown = run(system, method, 0.2).q[-1, :, :2]
+        assert places(found, "disc", f"m{k}", k) == pytest.approx(thrown, abs=1e-9)
     click(found, "Let go level")
-    level = np.array(found.evaluate(discs))
-    assert np.ptp(level[:, :, 1]) < 0.1 * rods[0, 0]
+    assert places(found, "disc", "m3", 3) == pytest.approx(DOUBLE["q0"][:, :2])
 
 
-def test_the_bob_comes_to_the_pointer_and_pulls_by_how_far_it_fell(shown):
+def test_a_bob_feels_its_weight_and_a_pull_that_grows_with_how_far_it_fell(shown):
     found = figure(shown, "question")
     click(found, "Let go level")
-    found.get_by_text(f"The hardest pull so far: {3 * 9.81:.2f} N").wait_for(timeout=30_000)
-    canvas = found.locator("canvas").bounding_box()
-    scale = min((canvas["width"] - 12) / 2.4, (canvas["height"] - 12) / 2.55)  # pixels for 1 m
-    anchor = middle(canvas) + [0.0, 0.5 * scale * (1.1 - 1.45)]
-    shown.mouse.move(*(anchor + [0.6 * scale, -0.6 * scale]))  # far from the bob
-    shown.mouse.down()
-    assert "Now let it go" in said(found)
-    bob = middle(found.locator(".hand").bounding_box()) - anchor
-    assert bob == pytest.approx(scale * np.array([1.0, -1.0]) / 2**0.5, abs=2.0)
-    shown.mouse.up()
-    hardest = 9.81 * (3.0 - 2.0 * bob[1] / scale)  # N
-    pulls = """least => parseFloat(document.querySelector("[data-figure=question] .says")
-        .textContent.match(/[\\d.]+/)[0]) > least"""
-    shown.wait_for_function(pulls, arg=0.99 * hardest)
-    click(found, "Pause")
-    assert numbers(found, r"so far: (\S+) N") < 1.01 * hardest
+    anchor, scale = metres(found, [-1.2, -1.45, 1.2, 1.1])
+    per_newton = 0.03  # m
+    for start in 0.0, 0.5**0.5:  # m below the anchor
+        if start:  # from far away it comes to the pointer
+            shown.mouse.move(*(anchor + 0.6 * scale))
+            shown.mouse.down()
+            assert "Now let it go" in said(found)
+            shown.mouse.up()
+        for frames in 1, 6:
+            pass_frames(found, frames)
+            [d] = places(found, "disc", "ink")
+            pull = 9.81 * (-3.0 * d[1] - 2.0 * start)  # N
+            for color, force in ("lambda", -pull * d), ("quiet", np.array([0.0, -9.81])):
+                [arrow] = places(found, "arrow", color)
+                assert arrow == pytest.approx(np.array([d, d + per_newton * force]), abs=1e-3)
+            [word] = drawn(found, "words", "lambda")
+            assert float(word.text.removesuffix(" N")) == pytest.approx(pull, abs=0.06)
+        assert numbers(found, r"so far: (\S+) N") == pytest.approx([pull], abs=0.02)
+    found.get_by_role("checkbox").uncheck()
+    pass_frames(found, 7)
+    [fallen] = places(found, "disc", "ink")
+    assert fallen == pytest.approx(d - [0.0, 0.5 * 9.81 * 0.3**2], abs=2e-3)
+    assert "Nothing holds it" in said(found)
+    assert not drawn(found, "arrow", "lambda")
+    pass_frames(found, 16)
+    assert places(found, "disc", "ink")[0, 1] > -4.0, "it falls once more"
+    found.get_by_role("checkbox").check()
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.4])
-def test_the_spring_ends_with_the_energy_that_integrators_leave_it(shown, dt):
+def test_the_spring_goes_and_ends_as_each_integrator_leaves_it(shown, dt):
     found = figure(shown, "spring")
-    found.locator(SLIDER).fill(str([0.05, 0.1, 0.2, 0.4].index(dt)))
-    for name, integrator in c.INTEGRATORS.items():
-        q, v = np.array([[1.0]]), np.array([[0.0]])
+    slide(found, [0.05, 0.1, 0.2, 0.4].index(dt))
+    drag(found.get_by_role("button"), -20, 30)()
+    [start] = places(found, "disc", "ink")
+    for k, (name, integrator) in enumerate(c.INTEGRATORS.items()):
+        states = [start[:, None, None]]
         for _ in range(round(12.8 / dt)):
-            q, v = integrator(q, v, np.ones((1, 1)), lambda q, v: -q, dt)
-        assert f"{name} has {(q**2 + v**2).item():.2f} times" in said(found)
+            states.append(integrator(*states[-1], np.ones((1, 1)), lambda q, v: -q, dt))
+        states = np.reshape(states, (-1, 2))
+        ratio = np.sum(states[-1] ** 2) / np.sum(start**2)
+        assert f"{name} has {ratio:.2f} times" in said(found)
+        curve = drawn(found, "line", "ink")[k]
+        assert curve.at == pytest.approx(states[np.max(np.abs(states), axis=1) < 9.0])
+        dash = found.locator("path").nth(k).get_attribute("stroke-dasharray")
+        assert dash == ",".join(map(str, curve.dash))
 
 
 @pytest.mark.parametrize("end", [(-140, -30), (40, -900), (-2000, 60)])
@@ -319,110 +404,147 @@ def test_g_and_its_rate_are_the_chapters_and_what_is_dragged_away_stays_in_sight
     bob, tip = found.locator(".hand").all()
     drag(tip, 30, 40)()
     drag(bob, *end)()
-    d, v = np.insert(numbers(found, r"[dv] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
+    [(d, tip)] = places(found, "arrow", "v")
+    v = (tip - d) / 0.6
+    _, g, rate, _ = c.constraint_terms(PENDULUM, in_space([d]), in_space([v]))
+    assert numbers(found, r"[dv] = \((\S+), (\S+)\)") == pytest.approx(np.array([d, v]), abs=0.006)
     seen = numbers(found, r"[gġ] = (\S+) m²")
+    assert seen == pytest.approx([g[0], rate[0]], abs=6e-4)
     sentence = found.locator(".whole").inner_text()
-    canvas = found.locator("canvas").bounding_box()
-    _, g, rate, _ = c.constraint_terms(c.build_system("pendulum"), d[None], v[None])
-    assert seen == pytest.approx([g[0], rate[0]], abs=0.01 * (1.0 + max(abs(d)) + max(abs(v))))
     error = np.linalg.norm(d) - 1.0
     assert ("too long" in sentence, "too short" in sentence) == (error > 0.01, error < -0.01)
     assert ("grows" in sentence, "shrinks" in sentence) == (seen[1] > 0.0, seen[1] < 0.0)
+    foot = d + d * ((tip - d) @ d) / (d @ d)  # of what v has along the rod
+    assert places(found, "line", "v") == pytest.approx(np.array([[d, foot]]))
+    assert places(found, "line", "quiet") == pytest.approx(np.array([[tip, foot]]))
+    [tangent] = places(found, "line", "pale")
+    assert (tangent - d) @ d == pytest.approx([0.0, 0.0])
+    canvas = found.locator("canvas").bounding_box()
     place = middle(bob.bounding_box()) - [canvas["x"], canvas["y"]]
     assert np.all((place >= 0.0) & (place <= [canvas["width"], canvas["height"]]))
+    assert place == pytest.approx(drawn(found, "disc", "ink")[0].pixels, abs=0.2)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_velocity_that_is_nearly_along_the_circle_is_along_it(stopped, way):
-    found = figure(stopped, "tangent")
+def test_what_is_nearly_on_the_circle_or_along_it_is_so(shown, way):
+    found = figure(shown, "tangent")
     bob, tip = found.locator(".hand").all()
-    canvas = found.locator("canvas").bounding_box()
-    scale = min((canvas["width"] - 12) / 3.0, (canvas["height"] - 12) / 1.95)
-    along = way * scale * np.array([0.24, -0.18])  # the bob is at 0.66, -0.88
+    anchor, scale = metres(found, [-1.3, -1.65, 1.7, 0.3])
+    drag(bob, *(anchor + scale * 1.02 * np.array([0.6, 0.8]) - middle(bob.bounding_box())))()
+    along = way * scale * np.array([0.24, -0.18])
     drag(tip, *(middle(bob.bounding_box()) + along + 1.0 - middle(tip.bounding_box())))()
-    assert numbers(found, r"ġ = (\S+) m²") == [0.0]
-    assert "stays so" in said(found)
+    assert numbers(found, r"[gġ] = (\S+) m²") == pytest.approx([0.0, 0.0])
+    assert "The rod is right, and stays so" in said(found)
 
 
-def test_the_entries_of_J_follow_a_bob_and_say_what_they_are(shown):
+def test_the_entries_of_J_follow_a_bob_and_say_and_show_what_they_are(shown):
     found = figure(shown, "jacobian")
-    canvas = found.locator("canvas").bounding_box()
-    scale = min((canvas["width"] - 12) / 4.0, (canvas["height"] - 12) / 3.1)
+    _, scale = metres(found, [-1.9, -2.2, 2.1, 0.9])
     drag(found.get_by_role("button", name="Bob 0"), -60, 30)()
-    q = np.array([[0.6 - 60 / scale, -0.8 - 30 / scale, 0.0], [1.4, -1.4, 0.0]])
-    jac, *_ = c.constraint_terms(c.build_system("double"), q, np.zeros((2, 3)))
-    wanted = jac.reshape(2, 2, 3)[:, :, :2].reshape(2, 4)
-    cells = found.locator(".cell")
-    texts = [x.replace("\N{MINUS SIGN}", "-") for x in cells.locator("span").all_text_contents()]
-    assert np.array(texts, float).reshape(2, 4) == pytest.approx(wanted, abs=0.02)
-    assert found.locator("[aria-pressed=true]").count() == 1
-    cells.nth(5).click()
-    value = texts[5]
-    assert cells.nth(5).get_attribute("aria-pressed") == "true"
-    assert f"Bob 0 along y: g of rod 1 changes by {value} m²" in said(found)
-    cells.nth(2).hover()
-    assert "Rod 0 does not end at bob 1" in said(found)
+    q = places(found, "disc", "ink")
+    assert q == pytest.approx(np.array([[0.6 - 60 / scale, -0.8 - 30 / scale], [1.4, -1.4]]))
+    jac, *_ = c.constraint_terms(DOUBLE, in_space(q), np.zeros((2, 3)))
+    texts = found.locator(".cell span").all_text_contents()
+    seen = np.array([x.replace("\N{MINUS SIGN}", "-") for x in texts], float)
+    assert seen == pytest.approx(jac.reshape(4, 3)[:, :2].ravel(), abs=0.006)
+    for k, cell in enumerate(found.locator(".cell").all()):
+        (cell.hover, cell.click)[k % 2]()
+        rod, bob, axis = np.unravel_index(k, (2, 2, 2))
+        pressed = found.locator(".cell").evaluate_all("all => all.map(x => x.ariaPressed)")
+        assert [x == "true" for x in pressed] == [n == k for n in range(8)]
+        assert places(found, "arrow", "v") - q[bob] == pytest.approx(
+            0.5 * np.eye(3)[[[2, axis]], :2]
+        )
+        thick = [max(x.width for x in drawn(found, "line", color)) for color in ("d", "rod1")]
+        assert np.argmax(thick) == rod
+        says = f"Bob {bob} along {'xy'[axis]}: g of rod {rod} changes by {texts[k]} m²"
+        none = f"Rod {rod} does not end at bob {bob}"
+        assert (none if (rod, bob) == (0, 1) else says) in found.inner_text()
 
 
 @pytest.mark.parametrize("gesture", ["hangs", "held", "thrown"])
-def test_the_solve_is_the_chapters_hanging_held_or_thrown(stopped, gesture):
-    system = c.build_system("double")
-    spin = 12.0 * (gesture == "thrown")  # rad/s, the fastest
-    found = figure(stopped, "solve")
+def test_the_solve_is_the_chapters_and_its_arrows_are_the_forces_on_each_bob(shown, gesture):
+    found = figure(shown, "solve")
+    click(found, "Hang")
     if gesture != "hangs":
         let_go = drag(found.get_by_role("button", name="Bob 1"), 90, -70)
     if gesture == "thrown":
         let_go()
+    q = places(found, "disc", "ink")
+    v = np.diff(places(found, "arrow", "v"), axis=1)[:, 0] / 0.15
+    assert v == pytest.approx(spun(in_space(q), 12.0 * (gesture == "thrown"))[:, :2])
+    forces = np.zeros((2, 2))
+    for start, tip in places(found, "arrow", "lambda"):
+        forces[np.argmin(np.linalg.norm(q - start, axis=1))] += (tip - start) / 0.025
+    rods = c.constraint_force(DOUBLE, in_space(q), in_space(v))
+    assert forces == pytest.approx(rods[:, :2])
     texts = [x.replace("\N{MINUS SIGN}", "-") for x in found.locator("mn").all_text_contents()]
-    v = np.insert(numbers(found, r"v[₀₁] = \((\S+), (\S+)\)"), 2, 0.0, axis=1)
     seen = np.split(np.array(texts, float), [8, 12, 14])  # J without the z axis, A, lambda, b
-    first = seen[0][:2]
-    x, y = seen[0][6:]  # d of each rod
-    q = np.insert(np.cumsum([first, (x, y)], axis=0), 2, 0.0, axis=1)
-    assert v == pytest.approx(spin * np.array([[0.0, 0.0, 0.0], [-y, x, 0.0]]), abs=0.1)
-    jac, A, b, lam = scenes.equation(system, q, v).values()
-    rounded = 0.15 + 0.1 * np.max(np.abs(v))  # to two digits
+    jac, A, b, lam = scenes.equation(DOUBLE, in_space(q), in_space(v)).values()
     for each, right in zip(seen, (jac.reshape(4, 3)[:, :2], A, lam, b), strict=True):
-        assert each == pytest.approx(right.ravel(), abs=0.02 if right.ndim > 1 else rounded)
+        assert each == pytest.approx(right.ravel(), abs=0.006)
+    assert numbers(found, r"v[₀₁] = \((\S+), (\S+)\)") == pytest.approx(v, abs=0.006)
+    check_words(found)
+    straight, arc = drawn(found, "line", "A")
+    d = rods_of(q)
+    assert straight.at[1] - q[0] == pytest.approx(0.6 * d[0])
+    assert arc.at[[0, -1]] - q[0] == pytest.approx(0.45 * d)
+    if gesture == "held":
+        let_go()
 
 
-def test_the_entry_beside_a_bob_and_the_one_in_A_change_in_the_same_frame(stopped):
-    stopped.evaluate("""() => {
-        CanvasRenderingContext2D.prototype.fillText = text => { window.beside = text; };
-    }""")
-    found = figure(stopped, "solve")
+def test_the_entry_beside_a_bob_and_the_one_in_A_change_in_the_same_frame(shown):
+    found = figure(shown, "solve")
     click(found, "Let go level")
     seen = set()
     for _ in range(12):
-        stopped.evaluate("window.beside = null, passes()")
-        drawn = found.evaluate("x => x.querySelectorAll('mn')[9].textContent")
-        words = found.evaluate("x => x.querySelector('b.A').textContent")
-        assert drawn == words
-        seen.add(words)
-    assert len(seen) > 1
+        pass_frames(found, 1)
+        [beside] = drawn(found, "words", "A")
+        assert found.locator("mn").nth(9).text_content() == beside.text
+        assert found.locator("b.A").text_content() == beside.text
+        seen.add(beside.text)
+    assert 1 < len(seen) < 4, "not in each frame: nobody could read that"
 
 
 @pytest.mark.parametrize("how", ["slider", "line"])
 def test_a_time_shows_both_runs_as_they_were_then(shown, how):
     found = figure(shown, "two_methods")
-    found.locator(SLIDER).fill("100")
+    slide(found, 100)
     if how == "line":
         drag(found.get_by_role("button", name="The time"), 60, 0)()
     (time,) = numbers(found, r"at (\S+) s:")
     assert time == 2.0 if how == "slider" else 2.5 < time < 8.0
-    for method in "none", "baumgarte":
-        then = run(c.build_system("double"), method, time)
-        assert f"{method} {length(then.violations[-1])}" in said(found)
+    assert places(found, "line", "ink", 1)[-1][:, 0] == pytest.approx([time, time])
+    for color, method in ("m0", "none"), ("m1", "baumgarte"):
+        whole = run(DOUBLE, method, 20.0)
+        now = round(time / DT)
+        assert f"{method} {length(whole.violations[now])}" in said(found)
+        assert places(found, "disc", color) == pytest.approx(whole.q[now, :, :2])
+        curve = drawn(found, "line", color, 1)[0].at
+        wanted = np.log10(np.maximum(1e-6, whole.violations[::4]))
+        assert curve == pytest.approx(np.transpose([np.arange(1001) * 0.02, wanted]))
 
 
 def test_a_long_step_leaves_a_wedge_and_half_the_step_halves_the_drift(shown):
     says = r"step (\d+) g = (.*) m²"
     found = figure(shown, "drift")
-    assert re.findall(says, said(found)) == [("1", "?")]
-    click(found, "Then the circle")
-    click(found, "Then the wedge")
-    ((_, g),) = numbers(found, says)
-    assert g == pytest.approx(0.5 * (0.3**2 * 9.81) ** 2, abs=1e-6)  # of the first step
+    start = np.array([1.0, 0.0])
+    step = np.array([0.0, -(0.3**2) * 9.81])  # m: the first
+    for part, button in enumerate(["Then the circle", "Then the wedge", "Now shorter steps"]):
+        [arrow] = places(found, "arrow", "v")
+        assert arrow == pytest.approx(np.array([start, start + step]))
+        circles = drawn(found, "line", "ink") + drawn(found, "circle", "quiet")
+        assert len(circles) == 2 * (part > 0)
+        assert (len(drawn(found, "line", "long")) > 64) == (part > 1)
+        [(_, g)] = re.findall(says, said(found))
+        if part < 2:
+            assert g == "?"
+            click(found, button)
+    assert np.linalg.norm(drawn(found, "line", "ink")[0].at, axis=1) == pytest.approx(1.0)
+    assert float(g) == pytest.approx(0.5 * step @ step, abs=1e-6)
+    for k, (on, off) in enumerate(places(found, "line", "long")[:65]):
+        assert off == pytest.approx(start + k / 64 * step)
+        assert on == pytest.approx(off / np.linalg.norm(off))
     slider = found.locator(SLIDER)
     assert slider.is_disabled()
     click(found, "it halves")
@@ -430,9 +552,10 @@ def test_a_long_step_leaves_a_wedge_and_half_the_step_halves_the_drift(shown):
     for k, dt in enumerate([0.1, 0.05, 0.025]):
         slider.fill(str(k))
         ((n, now),) = numbers(found, says)
-        ended = run(pendulum(1.0, 0.0), "none", 0.7, dt)
+        ended = run(PENDULUM, "none", 0.7, dt)
         assert n * dt == pytest.approx(0.7)
         assert now == pytest.approx((np.sum(ended.tip[-1] ** 2) - 1) / 2, abs=1e-6)
+        assert places(found, "line", "v")[0] == pytest.approx(ended.tip[:, :2])
     assert "As you said: it halves. In the end g is" in said(found)
 
 
@@ -440,15 +563,21 @@ def test_the_pump_gains_energy_as_its_run_does_and_less_with_a_stiffer_spring(sh
     found = figure(shown, "pump")
     gains = []
     for index, w in (1, 20.0), (3, 80.0):
-        found.locator(SLIDER).fill(str(index))
+        slide(found, index)
         click(found, "All 20 s")
-        ended = run(pendulum(1.0, 0.0), "baumgarte", 20.0, baumgarte=w)
+        ended = run(PENDULUM, "baumgarte", 20.0, baumgarte=w)
         gains.append((ended.energies[-1] - ended.energies[0]) / 9.81)
-        assert gains[-1] > 0.0
         assert f"It has gained {100 * gains[-1]:.2g} % of" in said(found)
-        error = np.linalg.norm(ended.tip[-1]) - 1.0
-        assert f"{length(abs(error))} too {'long' if error > 0.0 else 'short'}" in said(found)
-    assert gains[1] < 0.5 * gains[0]
+        size = np.linalg.norm(ended.tip[-1])
+        assert off_by(size - 1.0) in said(found)
+        bob = ended.tip[-1, :2] * (1.0 + 20.0 * (size - 1.0)) / size
+        assert places(found, "disc", "ink") == pytest.approx(np.array([bob]))
+        assert places(found, "line", "quiet")[0][-1] == pytest.approx(bob)
+        curve = drawn(found, "line", "m1", 1)[0].at
+        assert curve[-1] == pytest.approx([20.0, gains[-1]], abs=1e-6)
+    assert 0.0 < gains[1] < 0.5 * gains[0]
+    [before] = [x for x in drawn(found, "line", "quiet", 1) if x.dash]
+    assert before.at[-1] == pytest.approx([20.0, gains[0]], abs=1e-6)
 
 
 def test_the_error_dies_rings_or_explodes_as_its_eigenvalues_say_and_not_before_the_guess(shown):
@@ -469,12 +598,19 @@ def test_the_error_dies_rings_or_explodes_as_its_eigenvalues_say_and_not_before_
         assert (f"{limit:.3f}" in found.locator(".verdict").inner_text()) == (z > limit)
         assert spoiler.is_visible() == (z > limit)
         ended = run(pendulum(0.0, -1.001), "baumgarte", 60 * DT, baumgarte=z / DT)
-        error = length(ended.violations[-1])
-        assert f"It {kind}: after 60 steps it is {error}." in said(found)
+        assert f"It {kind}: after 60 steps it is {length(ended.violations[-1])}." in said(found)
+        errors = 1e3 * (np.linalg.norm(ended.tip, axis=1) - 1.0)  # mm
+        stems = places(found, "line", "m1")[:, 1]
+        wanted = np.transpose([np.arange(61), np.clip(errors, -1.3, 1.3)])
+        assert stems == pytest.approx(wanted, abs=1e-6)
+        assert places(found, "disc", "m1") == pytest.approx(wanted[np.abs(errors) < 1.3], abs=1e-6)
         step = np.array([[1.0 - 2.0 * z, -(z**2)], [1.0 - 2.0 * z, 1.0 - z**2]])  # of u and g
-        wanted = sorted(np.linalg.eigvals(step), reverse=True)
+        values = sorted(np.real(np.linalg.eigvals(step)), reverse=True)
         (seen,) = numbers(found, r"Eigenvalues: (\S+) and (\S+)")
-        assert seen == pytest.approx(np.real(wanted), abs=6e-4)
+        assert seen == pytest.approx(values, abs=6e-4)
+        for disc, value in zip(drawn(found, "disc", None, 1), values, strict=True):
+            assert disc.at == pytest.approx([value, 0.0], abs=1e-6)
+            assert disc.color == ("long" if abs(value) > 1.0 else "m1")
 
 
 STARTS = {  # of one_step, by its buttons: d in m, v in m/s
@@ -487,48 +623,63 @@ STARTS = {  # of one_step, by its buttons: d in m, v in m/s
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("name", ["step_baumgarte", "step_impulse", "step_project", "one_step"])
 def test_one_step_of_each_method_ends_where_the_chapters_does(shown, name, start):
-    system = c.build_system("pendulum")
     d, v = np.array(STARTS[start])[:, None]
     found = figure(shown, name)
     click(found, start)
+    assert places(found, "arrow", "v") == pytest.approx(
+        np.array([[d[0], (d + 0.2 * v)[0]]])[:, :, :2]
+    )
     methods = c.make_methods(0.2, baumgarte=2.0)
     seen = {word for word in methods if re.search(rf"^{word} ", said(found), re.M)}
     assert seen == (set(methods) if name == "one_step" else {"none", name.removeprefix("step_")})
-    for word in seen:
-        method = methods[word]
-        step = c.stabilized(c.semi_implicit_step, system, method)
-        q, _ = step(d, v, system["m"], method.make_force(system), 0.2)
-        error = c.rod_lengths(system, q)[0] - 1.0
-        words = f"{length(abs(error))} too {'long' if error > 0.0 else 'short'}"
-        words = words if abs(error) > 1e-9 else "right"
+    moves = []
+    for k, (word, method) in enumerate(methods.items()):
+        if word not in seen:
+            continue
+        force = method.make_force(PENDULUM)
+        step = c.stabilized(c.semi_implicit_step, PENDULUM, method)
+        q, _ = step(d, v, PENDULUM["m"], force, 0.2)
+        says = f"{word} {off_by(c.rod_lengths(PENDULUM, q)[0] - 1.0)}"
         if method.post_step:
-            plain, _ = c.semi_implicit_step(d, v, system["m"], method.make_force(system), 0.2)
-            words += f", moved by {length(np.linalg.norm(q - plain))}: -M⁻¹ J₀ᵀ μ"
-        assert f"{word} {words}\n" in said(found) + "\n"
+            plain, _ = c.semi_implicit_step(d, v, PENDULUM["m"], force, 0.2)
+            says += f", moved by {length(np.linalg.norm(q - plain))}: -M⁻¹ J₀ᵀ μ"
+            moves.append([plain[0, :2], q[0, :2]])
+        assert f"{says}\n" in said(found) + "\n"
+        assert places(found, "disc", f"m{k}") == pytest.approx(q[:, :2])
+    assert places(found, "arrow", "lambda").tolist() == pytest.approx(np.array(moves))
 
 
 def test_a_bob_that_is_thrown_too_far_for_a_way_back_says_so(shown):
     found = figure(shown, "one_step")
     click(found, "Off its rod, at rest")
-    _, tip = found.locator(".hand").all()
+    bob, tip = found.locator(".hand").all()
     drag(tip, 300, 0)()
     assert "project no way back onto the rods" in said(found)
+    drag(bob, 30, -60)()
+    [(d, _)] = places(found, "arrow", "v")
+    assert f"Before the step the rod is {off_by(np.linalg.norm(d) - 1.0)}" in said(found)
 
 
 @pytest.mark.parametrize("values", [(0.05, 0.95, 1.0), (0.02, 0.8, 30.0)])
 def test_a_soft_rod_rests_where_the_chapters_does_whatever_the_mass(shown, values):
     time_constant, impedance, mass = values
     found = figure(shown, "soft")
-    places = [0.01, 0.02, 0.03, 0.04, 0.05], [0.8, 0.9, 0.95], [0.1, 0.3, 1.0, 3.0, 10.0, 30.0]
-    for slider, place, value in zip(found.locator(SLIDER).all(), places, values, strict=True):
-        slider.fill(str(place.index(value)))
+    choices = [0.01, 0.02, 0.03, 0.04, 0.05], [0.8, 0.9, 0.95], [0.1, 0.3, 1.0, 3.0, 10.0, 30.0]
+    for k, (choice, value) in enumerate(zip(choices, values, strict=True)):
+        found.locator(SLIDER).nth(k).fill(str(choice.index(value)))
     method = c.make_methods(DT, time_constant=time_constant, impedance=impedance)["soft"]
     system = pendulum(0.0, -1.0) | {"m": np.array([[mass]])}
     step = c.stabilized(c.semi_implicit_step, system, method)
     rests = c.trajectory(step, system, method.make_force(system), DT, 300)[0][-1]
     error = c.rod_lengths(system, rests)[0] - 1.0
-    assert error == pytest.approx((1.0 - impedance) * time_constant**2 * 9.81, rel=0.01)
-    assert f"At rest the rod is {length(error)} too long" in said(found)
+    formula = (1.0 - impedance) * time_constant**2 * 9.81
+    assert error == pytest.approx(formula, rel=0.01)
+    assert f"At rest the rod is {off_by(error)}.\n" in said(found)
+    assert f"9.81 m/s² = {length(formula)}" in said(found)
+    [bob] = drawn(found, "disc", "ink")
+    assert bob.at == pytest.approx([0.0, -1.0 - 150.0 * error])
+    assert bob.radius == pytest.approx(5.0 + 4.0 * np.cbrt(mass))
+    assert places(found, "line", "long") == pytest.approx(np.array([[[0.0, -1.0], bob.at]]))
 
 
 def test_a_tolerance_shows_what_choose_advises(shown):
@@ -536,63 +687,80 @@ def test_a_tolerance_shows_what_choose_advises(shown):
     x, y, _, height = found.locator("canvas").bounding_box().values()
     shown.mouse.move(x + 516, y + 0.515 * height)  # between two of its steps
     assert found.locator(".whole").first.inner_text() == "rk4 with baumgarte"
+    assert len(drawn(found, "line", "ink")) == 2, "the line that was touched, and the tolerance"
     before = said(found)
     drag(found.get_by_role("button", name="The tolerance"), -70, 0)()  # to the left: coarser
     assert said(found) != before
-    found.locator(SLIDER).fill("1")
+    slide(found, 1)
     assert "Right to 1 cm" in said(found)
-    answer = c.choose(c.build_system("double"), 1e-2)
+    [goal] = [x.at for x in drawn(found, "line", "ink") if len(x.at) == 2]
+    assert goal[:, 0] == pytest.approx([2.0, 2.0])
+    answer = c.choose(DOUBLE, 1e-2)
     rows = [row.rung for row in answer.rows if not row.ends]
     assert len(rows) == 3
     for rung in rows:
         cost = float(f"{rung.operations:.4g}")
-        words = rf"{rung.scheme}\s+{1e3 * rung.dt:.3g} ms\s+{cost:,.0f}"
-        assert re.search(words, said(found)), words
+        says = rf"{rung.scheme}\s+{1e3 * rung.dt:.3g} ms\s+{cost:,.0f}"
+        assert re.search(says, said(found)), says
+        at = [-np.log10(rung.places), np.log10(cost)]
+        color = f"m{METHODS.index(rung.scheme.method)}"
+        assert any(place == pytest.approx(at, abs=0.01) for place in places(found, "disc", color))
 
 
 def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):
     system = c.build_system("peaucellier")
+    right = system["q0"][-1, 0]
     kept = []
     found = figure(shown, "flat_pose")
     click(found, "all of them")
     click(found, "All 5 s")
-    for method in c.make_methods(DT):
-        x = run(system, method, 5.0).tip[:, 0]
-        gap = np.abs(x - x[0])
+    for k, method in enumerate(METHODS):
+        ended = run(system, method, 5.0)
+        gap = np.abs(ended.tip[:, 0] - right)
         gone = gap > 0.05
-        words = f"left its line at {np.argmax(gone) * DT:.1f} s" if gone.any() else "on its line"
-        assert f"{method}\n{words}, gap up to {length(np.max(gap))}" in said(found)
+        says = f"left its line at {np.argmax(gone) * DT:.1f} s" if gone.any() else "on its line"
+        assert f"{method}\n{says}, gap up to {length(np.max(gap))}" in said(found)
         kept += [method] * (not gone.any())
+        assert places(found, "disc", f"m{k}", k) == pytest.approx(ended.q[-1, :, :2])
+        red = [x.at for x in drawn(found, "line", "long", k) if x.width == 3]
+        tip = ended.tip[-1, :2]
+        wanted = [[tip, [right, tip[1]]]] if gone.any() else []
+        assert np.array(red) == pytest.approx(np.array(wanted))
     assert f"No: {' and '.join(kept)} kept it there." in said(found)
 
 
 def test_equal_starts_stay_equal_and_others_part_as_runs_do(shown):
     found = figure(shown, "chaos")
-    found.locator(SLIDER).fill("0")
-    click(found, "All 20 s")
-    assert "Of the 8 numbers in their places and velocities 8 are equal" in said(found)
-    found.locator(SLIDER).fill("5")
-    click(found, "All 20 s")
-    ends = [run(c.build_system("double", seed), "baumgarte", 20.0).tip[-1] for seed in (0, 1)]
-    apart = length(np.linalg.norm(ends[1] - ends[0]))
-    assert f"The tips are {apart} apart" in said(found)
-    assert "velocities 0 are equal" in said(found)
+    for index, seed, equal in (0, 0, 8), (5, 1, 0):
+        slide(found, index)
+        click(found, "All 20 s")
+        assert f"velocities {equal} are equal" in said(found)
+        ends = [run(c.build_system("double", each), "baumgarte", 20.0).q[-1] for each in (0, seed)]
+        apart = np.linalg.norm(ends[1][-1] - ends[0][-1])
+        assert f"The tips are {length(apart)} apart" in said(found)
+        for color, q in zip(["ink", "m1"], ends, strict=True):
+            assert places(found, "disc", color) == pytest.approx(q[:, :2])
+        curve = drawn(found, "line", "m1", 1)[0].at
+        assert curve[-1] == pytest.approx([20.0, max(-12.0, np.log10(max(apart, 1e-99)))])
 
 
-def test_the_leg_falls_as_its_run_does_and_a_hand_pulls_its_foot(stopped):
-    found = figure(stopped, "jansen_leg")
+def test_the_leg_falls_as_its_run_does_and_a_hand_pulls_its_foot(shown):
+    found = figure(shown, "jansen_leg")
     click(found, "Play")
-    for _ in range(11):  # the first one begins
-        stopped.evaluate("passes()")
+    pass_frames(found, 21)  # the first one begins
     ended = run(c.build_system("jansen_leg"), "baumgarte", 1.0)
     assert f"rods off by {length(np.max(ended.violations))}" in said(found)
-    foot = found.get_by_role("button", name="Joint 5")
+    assert places(found, "disc", "ink") == pytest.approx(ended.q[-1, :, :2])
+    assert drawn(found, "line", "quiet")[0].at == pytest.approx(ended.tip[1:, :2])
     ends = []
-    for right in -60, 60:
+    for right in -60, 60:  # pixels
         click(found, "Again")
-        let_go = drag(foot, right, 0)
-        for _ in range(8):
-            stopped.evaluate("passes()")
-        ends.append(middle(foot.bounding_box()))
+        *_, before = drawn(found, "disc", "ink")
+        let_go = drag(found.get_by_role("button", name="Joint 5"), right, 0)
+        pass_frames(found, 16)
+        *_, foot = drawn(found, "disc", "ink")
+        *_, pull = drawn(found, "line", "quiet")
+        assert pull.pixels == pytest.approx(np.array([foot.pixels, before.pixels + [right, 0.0]]))
+        ends.append(foot.at[0])
         let_go()
-    assert ends[1][0] - ends[0][0] > 30.0  # pixels
+    assert ends[1] - ends[0] > 0.1  # m

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import SCREENS, click, contrast
+from conftest import RECORD, SCREENS, click, contrast, drawn, places
 
 import constraints as c
 from curriculum.ch3_4_constraints.page import answer as answers
@@ -24,6 +24,7 @@ from curriculum.common import palette, words
 
 KNOBS = {"baumgarte": 20.0, "time_constant": 0.02}
 METHODS = list(c.make_methods())
+BOARD = -1  # the last canvas: the plot
 LEVER = {  # of centimetres, with masses that are not 1
     "about": "A lever of two centimetres. It swings.",
     "particles": [
@@ -105,7 +106,9 @@ def small(written, lever):
 
 @pytest.fixture(scope="module")
 def lever_page(visit, small):
-    return visit(small.path)
+    page = visit(small.path)
+    page.evaluate(RECORD)
+    return page
 
 
 @pytest.fixture
@@ -136,25 +139,6 @@ def cells(text, start):
     body = re.search("<tbody>(.*?)</table>", text[text.index(start) :], re.S)[1]
     rows = [re.split("<t[hd][^>]*>", row)[1:] for row in body.split("<tr>")[1:]]
     return [[unescape(cell).strip() for cell in row] for row in rows]
-
-
-DRAWN = """stage => {
-  const marks = [], own = {
-    lines: (each, color, width, dash = []) => each.forEach(at =>
-      marks.push({kind: "line", at, color, dash})),
-    words: (text, at) => marks.push({kind: text, at}),
-  };
-  Object.assign(stage, own);
-  stage.draw();
-  for (const name in own) delete stage[name];
-  return marks;
-}"""
-
-
-def drawn(shown, stage, color=None):
-    """The lines of a colour that a stage draws, or all marks: where, in metres."""
-    marks = shown.evaluate(f"({DRAWN})({stage})")
-    return [x for x in marks if color in (None, x.get("color"))]
 
 
 # --- its bits ---
@@ -319,15 +303,20 @@ def test_as_it_was_has_the_numbers_of_the_run(shown, small):
         away = f"{words.length(small.results[name]['error'])} from true motion"
         assert now == ["rods are right" if name == "project" else rods, away]
         assert f"{name} {words.length(np.max(run.violations))}" in told(shown)
-    [*_, rod] = drawn(shown, "run.copies[1].view", "reference")
-    assert np.array(rod["at"]) == pytest.approx(small.truth.q[[1, 0], :2], abs=1e-4)
+    for k in range(len(METHODS)):
+        true = places(shown, "line", "reference", k)[2]
+        assert true == pytest.approx(small.truth.q[[1, 0], :2], abs=1e-4)
     click(shown, "Energy")
-    for name, run in runs.items():
-        most = max((run.energies - run.energies[0]) / energy_scale(system, c.GRAVITY), key=abs)
+    for k, (name, run) in enumerate(runs.items()):
+        gains = (run.energies - run.energies[0]) / energy_scale(system, c.GRAVITY)
+        most = max(gains, key=abs)
         assert f"{name} {'+' if most > 0 else '−'}{words.per_cent(abs(most))}" in told(shown)
+        curve = drawn(shown, "line", f"m{k}", BOARD)[0].at
+        now = np.rint(curve[:, 0] / 0.002).astype(int)
+        assert curve[:, 1] == pytest.approx(gains[now], abs=1e-9)
     assert shown.evaluate("board.plot.axis.ticks.at(-1)[1]") == "+10 %", "above soft's 6.9 %"
-    [trail] = drawn(shown, "run.copies[1].view", "m1")
-    assert np.array(trail["at"]) == pytest.approx(runs["baumgarte"].tip[1:, :2])
+    [trail] = places(shown, "line", "m1", 1)
+    assert trail == pytest.approx(runs["baumgarte"].tip[1:, :2])
 
 
 @pytest.mark.parametrize("name", ["lever", "jansen_leg"])
@@ -400,15 +389,17 @@ def test_a_method_that_is_lost_says_when_and_why(shown, small):
     assert texts == [""] * 4 + ["lost at 0 s: no way back onto the rods. Try a shorter step."]
 
 
-@pytest.mark.parametrize("stretch", [0.2, -0.2])
-def test_what_is_too_long_is_red_and_what_is_too_short_dashed_blue(shown, stretch):
-    color = "long" if stretch > 0 else "short"
-    right = np.array(LEVER["particles"][0]["position"])
-    assert drawn(shown, "run.copies[1].view", color) == [], "as it starts, all rods are right"
-    shown.evaluate(f"run.copies[1].state.set({((1.0 + stretch) * right).tolist()})")
-    first = drawn(shown, "run.copies[1].view", color)[0]
-    assert np.array(first["at"]) == pytest.approx(np.outer([1.0, 1.0 + stretch], right[:2]))
-    assert bool(first["dash"]) == (color == "short")
+@pytest.mark.parametrize(("stretch", "color"), [(0.2, "long"), (-0.2, "short")])
+def test_what_is_too_long_is_red_and_what_is_too_short_dashed_blue(shown, stretch, color):
+    right = np.array(LEVER["particles"][0]["position"][:2])
+    assert drawn(shown, "line", color, 1) == [], "as it starts, all rods are right"
+    at = (1.0 + stretch) * right
+    shown.evaluate("at => { run.copies[1].state.set(at); drawing.draw(); }", at.tolist())
+    first = drawn(shown, "line", color, 1)[0]
+    assert first.at == pytest.approx(np.array([right, at]))
+    assert bool(first.dash) == (color == "short")
+    solid = places(shown, "line", "ink", 1)[0]
+    assert solid == pytest.approx(np.array([[0.0, 0.0], min(right, at, key=np.linalg.norm)]))
 
 
 def test_what_is_rounding_is_measured_by_the_shortest_rod(shown):
@@ -424,14 +415,14 @@ def test_what_is_rounding_is_measured_by_the_shortest_rod(shown):
 
 def test_the_plot_has_a_decade_a_tick_down_to_a_millionth_of_the_rods(shown, small):
     steps(shown, 100)
-    marks = drawn(shown, "board.plot")
-    places = {x["kind"]: x["at"] for x in marks}
-    assert [places[x][1] for x in ("10 cm", "1 mm", "≤ 100 nm")] == [-1, -3, -7]
+    marks = {mark.text: mark for mark in drawn(shown, "words", None, BOARD)}
+    heights = [marks[tick].at[1] for tick in ("10 cm", "1 mm", "≤ 100 nm")]
+    assert heights == pytest.approx([-1.0, -3.0, -7.0], abs=0.08)
     worst = np.max(own(small, "none", 100).violations)
-    assert f"none {words.length(worst)}" in places
+    assert f"none {words.length(worst)}" in marks
     for color, end in ("m0", np.log10(worst)), ("m4", -7.0):
-        curve = next(x for x in marks if x.get("color") == color)
-        assert curve["at"][-1] == pytest.approx([0.2, end])
+        curve = drawn(shown, "line", color, BOARD)[0]
+        assert curve.at[-1] == pytest.approx([0.2, end])
     kept = """copy => {
       for (copy.time = 0.22; copy.time < 30; copy.time += 0.04) copy.note("rods", 0);
       return [0, -1].map(k => copy.curves.rods.at(k)[0]);
@@ -439,9 +430,9 @@ def test_the_plot_has_a_decade_a_tick_down_to_a_millionth_of_the_rods(shown, sma
     first, last = shown.evaluate(f"({kept})(run.copies[1])")
     assert last > 29.9 and 20.0 < last - first < 23.0
     shown.evaluate("run.copies[0].curves.rods.push([30, 1e9]); board.draw()")
-    *_, stub = drawn(shown, "board.plot", "m0")
-    assert stub["at"][0] == pytest.approx([30, shown.evaluate("board.plot.box[3]")])
-    assert any(x["kind"].endswith("▲") for x in drawn(shown, "board.plot"))
+    *_, stub = drawn(shown, "line", "m0", BOARD)
+    assert stub.at[0] == pytest.approx([30.0, shown.evaluate("board.plot.box[3]")])
+    assert any(x.text.endswith("▲") for x in drawn(shown, "words", "m0", BOARD))
     assert shown.evaluate("board.plot.box.filter((_, k) => k % 2 === 0)") == [10, 30], (
         "the last 20 s"
     )
