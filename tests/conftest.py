@@ -147,10 +147,31 @@ RECORD = """() => {
 }"""
 
 
+MISPLACED = """all => all.flatMap(({marks, clientWidth, clientHeight}) => {
+  const words = [...new Map(marks.filter(x => x.text).map(x => [x.text, x])).values()];
+  const far = ([x, y], [[a, b], [c, d]]) => {
+    const [along, up] = [c - a, d - b];
+    const share = ((x - a) * along + (y - b) * up) / (along * along + up * up) || 0;
+    const on = Math.max(0, Math.min(1, share));
+    return Math.hypot(a + on * along - x, b + on * up - y);
+  };
+  return words.filter(({at: [x, y], width, color, text}) => {
+    const out = x < 0 || x + width > clientWidth || y < 6 || y > clientHeight - 6;
+    const over = words.some(({at, text: other, width: wide}) => other !== text
+      && Math.abs(at[1] - y) < 11 && at[0] < x + width && x < at[0] + wide);
+    const pieces = marks.filter(x => x.color === color && ["line", "arrow"].includes(x.kind))
+      .flatMap(({at}) => at.map((point, k) => [point, at[k + 1] ?? point]));
+    const nearest = Math.min(...[0, 0.5, 1].flatMap(share =>
+      pieces.map(piece => far([x + share * width, y], piece))));
+    return out || over || (color !== "quiet" && !(nearest > 3 && nearest < 64));
+  }).map(({text}) => text);
+})"""
+
+
 def drawn(found, kind, color=None, nth=0):
     """The marks of a kind and a colour on the nth canvas in sight, from behind to front.
 
-    Their points `at`, (2,) or (many, 2), are in metres, and `pixels` are the same in pixels, as are
+    Their points `at`, (3,) or (many, 3), are in metres, and `pixels` are the same in pixels, as are
     `width` and `radius`. The point of words is the middle of their left edge.
     """
     canvas = found.locator("canvas").filter(visible=True).nth(nth)
@@ -158,13 +179,29 @@ def drawn(found, kind, color=None, nth=0):
     marks = [x for x in marks if x["kind"] == kind and color in (None, x["color"])]
     for mark in marks:
         mark["pixels"] = np.array(mark["at"])
-        mark["at"] = (mark["pixels"] - origin) / scale * [1.0, -1.0]
+        at = (mark["pixels"] - origin) / scale * [1.0, -1.0]
+        mark["at"] = np.insert(at, 2, 0.0, axis=-1)
     return [SimpleNamespace(**mark) for mark in marks]
 
 
 def places(*which):
     """Where such marks are, in metres."""
     return np.array([mark.at for mark in drawn(*which)])
+
+
+def draws(found, kind, color, wanted, nth=0, within=1e-6):
+    """The marks of a kind and a colour are those that are wanted, by their places in m."""
+    wanted = np.array(wanted)
+    near(places(found, kind, color, nth)[..., : wanted.shape[-1]], wanted, within)
+
+
+def near(found, wanted, within=1e-6):
+    assert np.array(found) == pytest.approx(np.array(wanted), abs=within)
+
+
+def misplaced(found):
+    """The words on canvases that are out of sight, over others, or far from all of their colour."""
+    return found.locator("canvas").evaluate_all(MISPLACED)
 
 
 def click(shown, name):
