@@ -155,16 +155,21 @@ MISPLACED = """all => all.flatMap(({marks, clientWidth, clientHeight}) => {
     const on = Math.max(0, Math.min(1, share));
     return Math.hypot(a + on * along - x, b + on * up - y);
   };
-  return words.filter(({at: [x, y], width, color, text}) => {
-    const out = x < 0 || x + width > clientWidth || y < 6 || y > clientHeight - 6;
-    const over = words.some(({at, text: other, width: wide}) => other !== text
-      && Math.abs(at[1] - y) < 11 && at[0] < x + width && x < at[0] + wide);
+  const isOut = ({kind, at: [x, y], width}) => {
+    const far = kind === "words" ? x + width : x;
+    return x < 0 || far > clientWidth || y < 0 || y > clientHeight;
+  };
+  const isOver = ({at: [x, y], width, text}) => words.some(({at, text: other, width: wide}) =>
+    other !== text && Math.abs(at[1] - y) < 11 && at[0] < x + width && x < at[0] + wide);
+  const isLost = ({at: [x, y], width, color}) => {
     const pieces = marks.filter(x => x.color === color && ["line", "arrow"].includes(x.kind))
       .flatMap(({at}) => at.map((point, k) => [point, at[k + 1] ?? point]));
     const nearest = Math.min(...[0, 0.5, 1].flatMap(share =>
       pieces.map(piece => far([x + share * width, y], piece))));
-    return out || over || (color !== "quiet" && !(nearest > 3 && nearest < 64));
-  }).map(({text}) => text);
+    return color !== "quiet" && !(nearest > 3 && nearest < 64);
+  };
+  const out = [...words, ...marks.filter(x => x.kind === "disc")].filter(isOut);
+  return [...out, ...words.filter(x => isOver(x) || isLost(x))];
 })"""
 
 
@@ -200,7 +205,10 @@ def near(found, wanted, within=1e-6):
 
 
 def misplaced(found):
-    """The words on canvases that are out of sight, over others, or far from all of their colour."""
+    """What stands on canvases out of sight, and words over others or far from what they name.
+
+    That has their colour.
+    """
     return found.locator("canvas").evaluate_all(MISPLACED)
 
 

@@ -328,6 +328,7 @@ def test_a_touch_on_a_row_plays_the_answer_as_it_was_found(name, small, written,
     rungs = [rung for rung, _ in answers.rungs(page.answer)]
     others = {str(x.scheme) for x in rungs if x.scheme.integrator != "semi_implicit"}
     assert {*shown.evaluate("Object.keys(scene.method_of)")} == {*METHODS, *others}
+    shown.evaluate(RECORD)
     row = shown.locator("#ladder button").nth(1)
     row.click()
     shown.wait_for_function("() => run.time > 0.1")
@@ -335,6 +336,8 @@ def test_a_touch_on_a_row_plays_the_answer_as_it_was_found(name, small, written,
     steps(shown, round(page.answer.seconds / shown.evaluate("run.tick")))
     tiles = shown.locator(".tile:visible")
     assert tiles.nth(1).get_attribute("class") == "tile marked"
+    thick = [x.color for x in drawn(shown, "line", None, BOARD) if x.width == 4]
+    assert thick == [f"m{METHODS.index(rungs[1].scheme.method)}"]
     assert shown.locator("#board").bounding_box()["width"] > 500.0, "in one column it is crowded"
     for rung, tile in zip(rungs, tiles.all_inner_texts(), strict=True):
         assert tile.startswith(f"{rung.scheme} in steps of {words.milliseconds(rung.dt)}")
@@ -387,6 +390,13 @@ def test_a_method_that_is_lost_says_when_and_why(shown, small):
     steps(shown, 1)
     texts = shown.locator(".lost:visible").all_inner_texts()
     assert texts == [""] * 4 + ["lost at 0 s: no way back onto the rods. Try a shorter step."]
+    shown.locator("#ladder button").first.click()
+    shown.evaluate(
+        "hand.drag(run.copies[1], 0, [0, 0]); run.copies[0].lost = 'so'; clock.set(false)"
+    )
+    assert shown.locator(".lost:visible").first.inner_text() == "lost at 0 s: so.", (
+        "of its own step"
+    )
 
 
 @pytest.mark.parametrize(("stretch", "color"), [(0.2, "long"), (-0.2, "short")])
@@ -563,8 +573,10 @@ def test_any_bob_is_reached_by_keys_and_keys_of_the_browser_are_its_own(shown):
         assert f"none: pull bob {bob} of 2" in shown.evaluate("document.activeElement.ariaLabel")
     shown.keyboard.press("Alt+ArrowRight")
     assert not shown.evaluate("hand.copy || clock.going"), "that is the browser's"
-    shown.keyboard.press("ArrowRight")
+    top = shown.evaluate("scrollY")
+    shown.keyboard.press("ArrowDown")
     shown.wait_for_function("() => run.time > 0.1")
+    assert shown.evaluate("scrollY") == top, "and this one is the hand's"
     shown.keyboard.press("Escape")
     assert not shown.evaluate("hand.copy || clock.going"), "it is let go"
 
