@@ -122,7 +122,7 @@ RECORD = """() => {
   for (const [name, style] of Object.entries(strokes)) before(pen, name, (canvas, each) => {
     const {lineWidth: width, [style]: color} = each;
     for (const {at, radius} of canvas.path) {
-      const kind = radius ? {stroke: "circle", fill: "disc"}[name] : isArrow(at) ? "arrow" : "line";
+      const kind = radius ? "disc" : isArrow(at) ? "arrow" : "line";
       const ends = kind === "arrow" ? at.slice(0, 2) : at;
       add(canvas, each, color, {kind, at: ends, radius, width, dash: each.getLineDash()});
     }
