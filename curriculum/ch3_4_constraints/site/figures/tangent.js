@@ -13,7 +13,7 @@ figures.tangent = figure => {
     stage.line([d, plus(d, grows)], "v", 3, [5, 6]);
     stage.arrow(d, times(v, perSpeed), "v");
     drawSymbol(stage, "v", tip, "v", times(unit(v), 16));
-    drawSymbol(stage, "d", times(along, 0.5), "d", times(aside, 16));
+    drawSymbol(stage, "d", times(d, 0.5), "d", times(aside, 16));
     const then = Math.abs(gdot) < 5e-4 ? "stays so" : gdot > 0 ? "grows" : "shrinks";
     stage.says.innerHTML = `<p class="whole">The rod is ${offBy(error)}, and ${then}.</p>
       <p>${symbol("d")} = ${pair(d)} m<br>${symbol("g")} = ${fixed(g, 3)} m²</p>
