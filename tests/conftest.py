@@ -216,6 +216,22 @@ def click(shown, name):
     shown.get_by_role("button", name=name, exact=True).click()
 
 
+def middle(found):
+    """That of an element, in pixels on the screen."""
+    x, y, width, height = found.bounding_box().values()
+    return np.array([x + width / 2, y + height / 2])
+
+
+def drag(hand, right, down, aside=(0, 0)):
+    """Take a hand, `aside` from its middle, and move it by so many pixels; returns what lets go."""
+    mouse = hand.page.mouse
+    x, y = middle(hand) + aside
+    mouse.move(x, y)
+    mouse.down()
+    mouse.move(x + right, y + down, steps=5)
+    return mouse.up
+
+
 def contrast(*colors):
     """That of two colours, such as "#1f2328", as WCAG 2 defines it."""
     parts = np.array([[*bytes.fromhex(color[1:])] for color in colors]) / 255.0

@@ -5,7 +5,20 @@ from html import unescape
 
 import numpy as np
 import pytest
-from conftest import RECORD, ROOT, SCREENS, click, contrast, drawn, draws, misplaced, near, places
+from conftest import (
+    RECORD,
+    ROOT,
+    SCREENS,
+    click,
+    contrast,
+    drag,
+    drawn,
+    draws,
+    middle,
+    misplaced,
+    near,
+    places,
+)
 
 import constraints as c
 from curriculum.ch3_4_constraints.rods.stability import stability_limit
@@ -66,20 +79,6 @@ def pass_frames(found, many):
 
 def slide(found, index):
     found.locator(SLIDER).fill(str(index))
-
-
-def middle(box):
-    return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
-
-
-def drag(hand, right, down):
-    """Take a hand with the mouse and move it by so many pixels; returns what lets it go."""
-    mouse = hand.page.mouse
-    x, y = middle(hand.bounding_box())
-    mouse.move(x, y)
-    mouse.down()
-    mouse.move(x + right, y + down, steps=5)
-    return mouse.up
 
 
 def said(found):
@@ -231,11 +230,11 @@ def test_an_address_shows_one_figure_as_large_as_the_window_and_still_in_hand(vi
     assert box["x"] >= 0
     canvas = found.locator("canvas")
     ratio = "x => x.width / x.getBoundingClientRect().width"
-    assert canvas.evaluate(ratio) == pytest.approx(1.0, rel=0.02)  # sharp
+    near(canvas.evaluate(ratio), 1.0, 0.02)  # sharp
     bob, _ = found.locator(".hand").all()
-    before = middle(bob.bounding_box())
+    before = middle(bob)
     drag(bob, 60, -40)()
-    assert middle(bob.bounding_box()) == pytest.approx(before + [60, -40], abs=1.5)
+    near(middle(bob), before + [60, -40], 1.5)
     found.get_by_role("link").click()
     page.locator("h1").wait_for()
     assert page.locator(".alone").count() == 0
@@ -373,7 +372,7 @@ def test_what_is_nearly_on_the_circle_or_along_it_is_so(shown, way):
     d = drawn(found, "disc", "ink")[0].pixels - anchor
     drag(bob, *(scale * np.array([0.6, 0.82]) - d))()
     along = scale * way * np.array([1.0, -0.75]) + 1.0
-    drag(tip, *(along + middle(bob.bounding_box()) - middle(tip.bounding_box())))()
+    drag(tip, *(along + middle(bob) - middle(tip)))()
     reads(found, r"[gġ] = (\S+) m²", [0.0, 0.0])
     shows(found, "The rod is right, and stays so")
 
@@ -517,7 +516,7 @@ def test_the_error_dies_rings_or_explodes_as_its_eigenvalues_say_and_not_before_
     guess = found.get_by_role("button", name="at some point it explodes")
     assert slider.is_disabled()
     assert not spoiler.is_visible()
-    assert middle(slider.bounding_box())[1] - middle(guess.bounding_box())[1] < 150.0
+    assert middle(slider)[1] - middle(guess)[1] < 150.0
     guess.click()
     for z, kind in (0.1, "decays"), (0.82, "rings"), (0.83, "explodes"), (0.85, "explodes"):
         slide(found, round(100 * z) - 5)

@@ -1,18 +1,16 @@
-"""The page of a scene: its bits in node, its words beside Python's, and what Chromium shows."""
+"""The page of a scene: its bits, its words beside Python's, and what Chromium shows."""
 
 import contextlib
 import io
 import json
 import re
-import shutil
-import subprocess
 from functools import partial
 from html import unescape
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import RECORD, SCREENS, click, contrast, drawn, draws, near, places
+from conftest import RECORD, SCREENS, click, contrast, drag, drawn, draws, near, places
 
 import constraints as c
 from curriculum.ch3_4_constraints.page import answer as answers
@@ -34,40 +32,25 @@ LEVER = {  # of centimetres, with masses that are not 1
     "anchors": [[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]],
     "rods": [{"pair": [0, -1]}, {"pair": [1, -2]}, {"pair": [1, 0]}],
 }
-NO_BROWSER = """
-const document = {documentElement: null}, getComputedStyle = () => null;
-const matchMedia = () => ({addEventListener() {}});
-"""
-TAKE_STEPS = """
-const scene = %s;
-const found = Object.keys(scene.method_of).map(name => {
-  const motion = new Motion(scene, name, Motion.knobs(scene, %s));
-  for (let k = 0; k < %d; k++) motion.step();
-  return [name, Array.from(motion.state), [motion.energy, ...motion.errors]];
-});
-console.log(JSON.stringify(found));
-"""
+TAKE_STEPS = """() => {
+  const scene = %s;
+  return Object.keys(scene.method_of).map(name => {
+    const motion = new Motion(scene, name, Motion.knobs(scene, %s));
+    for (let k = 0; k < 100; k++) motion.step();
+    return [name, Array.from(motion.state), [motion.energy, ...motion.errors]];
+  });
+}"""
 
 
-def node(script):
-    """What a script prints as JSON, after parts.js."""
-    if shutil.which("node") is None:
-        pytest.skip("node is not installed")
-    whole = NO_BROWSER + scene.page_file("parts.js") + script
-    done = subprocess.run(["node", "-"], input=whole, capture_output=True, text=True, timeout=60)
-    assert done.stderr == ""
-    return json.loads(done.stdout)
-
-
-def states(system, others=(), **settings):
-    """{scheme: (q, v), [energy, *errors]} after 100 steps of 2 ms that node takes as a page does.
+def states(shown, system, others=(), **settings):
+    """{scheme: (q, v), [energy, *errors]} after 100 steps of 2 ms, as a page takes them.
 
     `settings` of knobs and hand are other than those the page begins with.
     """
     knobs = {"dt": 0.002, **KNOBS}
     made = scene.scene_of(c.this_chapter(), system, "semi_implicit", knobs, others=others)
-    script = TAKE_STEPS % (scene.as_script(made), json.dumps(settings), 100)
-    return {x: (np.reshape(state, (2, -1, 3)), told) for x, state, told in node(script)}
+    found = shown.evaluate(TAKE_STEPS % (scene.as_script(made), json.dumps(settings)))
+    return {x: (np.reshape(state, (2, -1, 3)), told) for x, state, told in found}
 
 
 @pytest.fixture(scope="module")
@@ -145,23 +128,23 @@ def cells(text, start):
 
 
 @pytest.mark.parametrize("name", ["double", "jansen_leg", "spin", "lever"])
-def test_steps_of_each_scheme_are_pythons_bits(name, lever):
+def test_steps_of_each_scheme_are_pythons_bits(name, lever, lever_page):
     system = c.build_system(lever if name == "lever" else name)
     pairs = [("semi_implicit", x) for x in METHODS]
     others = [("rk4", "project"), ("euler", "none")]
     schemes = [scheme_of(c.this_chapter(), *pair, KNOBS) for pair in others]
-    found = states(system, schemes)
+    found = states(lever_page, system, schemes)
     assert [*found] == METHODS + [str(scheme) for scheme in schemes]
     for (integrator, method), (state, told) in zip(pairs + others, found.values(), strict=True):
         run = c.run_method(system, method, integrator, 0.002, 100)
         assert np.array_equal(state, [run.q[-1], run.v[-1]]), method
         energy = run.energies[-1] / energy_scale(system, c.GRAVITY)
         errors = c.rod_lengths(system, run.q[-1]) - system["lengths"]
-        assert told == pytest.approx([energy, *errors], abs=1e-12)
+        near(told, [energy, *errors], 1e-12)
 
 
 @pytest.mark.parametrize("hand", [[0.02, -0.03, 0.0], [100.0, -2.0, 0.0]])
-def test_sliders_and_a_hand_pull_each_method_as_a_force_would(hand, lever):
+def test_sliders_and_a_hand_pull_each_method_as_a_force_would(hand, lever, lever_page):
     system = c.build_system(lever)
     knobs = {"baumgarte": 40.0, "time_constant": 0.05}
 
@@ -171,11 +154,11 @@ def test_sliders_and_a_hand_pull_each_method_as_a_force_would(hand, lever):
         return method.make_force({**system, "load": pull * np.array([[0.0], [1.0]])})(q, v)
 
     with np.errstate(all="ignore"):
-        found = states(system, hand=hand[:2], pulls=[0, 5], **knobs)
+        found = states(lever_page, system, hand=hand[:2], pulls=[0, 5], **knobs)
     for name, method in c.make_methods(0.002, **knobs).items():
         step = c.stabilized(c.semi_implicit_step, system, method)
         q, v = c.trajectory(step, system, partial(pulled, method), 0.002, 100)
-        assert found[name][0] == pytest.approx(np.array([q[-1], v[-1]]), abs=1e-7)
+        near(found[name][0], [q[-1], v[-1]], 1e-7)
 
 
 def test_what_a_page_cannot_hold_is_refused():
@@ -192,10 +175,9 @@ def test_what_a_page_cannot_hold_is_refused():
             scene.scene_of(chapter, system, "semi_implicit", {"dt": 0.005})
 
 
-def test_lengths_and_shares_are_written_as_python_writes_them():
+def test_lengths_and_shares_are_written_as_python_writes_them(lever_page):
     numbers = [x * 10.0**k for x in (1.0, 1.25, 3.14159, 9.949, 9.96) for k in range(-14, 3)]
-    listed = f"{json.dumps(numbers)}.map(x => [metric(x), perCent(x)])"
-    found = node(f"console.log(JSON.stringify({listed}))")
+    found = lever_page.evaluate("all => all.map(x => [metric(x), perCent(x)])", numbers)
     assert found == [[words.length(x), words.per_cent(x)] for x in numbers]
 
 
@@ -267,7 +249,7 @@ def test_a_screen_is_sharp_and_legible_and_no_control_shifts_the_tiles(small, vi
     assert min(contrast(x, palette.PAPER[theme == "dark"]) for x in colors) >= 4.5
     sizes = "all => all.map(x => [x.width / x.clientWidth, x.height / x.clientHeight])"
     sharp = shown.locator("canvas:visible").evaluate_all(sizes)
-    assert np.array(sharp) == pytest.approx(np.full((len(METHODS) + 1, 2), 2.0), abs=0.02)
+    near(sharp, np.full((6, 2), 2.0), 0.02)
     place = """() => {
       clock.set(false);
       const top = byId("tiles").getBoundingClientRect().top + scrollY;
@@ -470,14 +452,11 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(shown):
     hand = shown.locator(".tile").nth(3).locator(".hand").last
     click(shown, "Energy")
     for key in "Escape", "Tab", "Shift":  # or by the mouse alone
-        box = hand.bounding_box()
         before = shown.evaluate("run.time")
-        shown.mouse.move(box["x"] + 22, box["y"] + 22)
-        shown.mouse.down()
-        shown.mouse.move(box["x"] + 3000, box["y"])  # far away, but its force is bounded
+        let_go = drag(hand, 3000, 0)  # far away, but its force is bounded
         shown.wait_for_function("before => run.time > before + 0.1", arg=before)
         shown.keyboard.press(key)
-        shown.mouse.up()
+        let_go()
         assert not shown.evaluate("hand.copy || clock.going"), "it stands still again"
         assert not any(shown.locator(".lost:visible").all_inner_texts())
         assert "%" not in told(shown)
@@ -499,30 +478,25 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(shown):
 
 def test_a_bob_that_is_taken_at_its_edge_goes_as_far_as_the_mouse(shown):
     shown.evaluate("() => { clock.advance = () => {}; }")  # the bob stays where it is
-    box = shown.locator(".tile").nth(3).locator(".hand").last.bounding_box()
-    shown.mouse.move(box["x"] + 10, box["y"] + 22)
-    shown.mouse.down()
-    taken = shown.evaluate("knobs.hand")
-    shown.mouse.move(box["x"] + 10, box["y"] - 28)
-    shown.mouse.up()
+    bob = shown.locator(".tile").nth(3).locator(".hand").last
     x, y, scale = shown.evaluate("[...run.copies[3].point(1), run.copies[3].view.scale[0]]")
-    shown.mouse.move(box["x"] + 22, box["y"] - 20)
-    shown.mouse.down()
+    for up, aside in (0, -12), (50, -12):  # pixels: it does not jump to the mouse
+        drag(bob, 0, -up, (aside, 0))()
+        near(shown.evaluate("knobs.hand"), [x, y + up / scale], 1.0 / scale)
+    let_go = drag(bob, 0, 0, (0, -42))
     assert not shown.evaluate("hand.copy"), "too far from any"
-    shown.mouse.up()
+    let_go()
     shown.evaluate("delete clock.advance")
-    assert taken == pytest.approx([x, y], abs=1.0 / scale), "it does not jump to the mouse"
-    assert shown.evaluate("knobs.hand") == pytest.approx([x, y + 50.0 / scale], abs=1.0 / scale)
 
 
 def test_a_hand_is_a_spring_for_the_mass_it_holds_in_steps_that_bear_it(shown):
     pull = "k => { hand.drag(run.copies[0], k, [0, 0]); return knobs.pulls.slice(); }"
     for k, particle in enumerate(LEVER["particles"]):
-        assert shown.evaluate(pull, k)[k] == pytest.approx(225.0 * particle["mass"])
+        near(shown.evaluate(pull, k)[k], 225.0 * particle["mass"])
         shown.evaluate("hand.letGo()")
     assert shown.evaluate("knobs.pulls") == [0, 0]
     shown.evaluate("run.copies[2].dt = () => 0.1")
-    assert shown.evaluate(pull, 1)[1] == pytest.approx(100.0 * 0.2)
+    near(shown.evaluate(pull, 1)[1], 100.0 * 0.2)
     shown.evaluate("hand.letGo(); run.copies[2].dt = () => knobs.dt")
 
 
@@ -531,7 +505,7 @@ def test_steps_longer_than_a_frame_are_taken_when_they_are_due(written, visit):
     frames = "clock.going = true; for (let k = 0; k < 60; k++) clock.advance(1 / 60);"
     assert shown.evaluate(frames + "[run.taken, clock.late]") == [2, False]
     box = shown.evaluate("home")
-    assert box == pytest.approx([-1.0, -1.0, 1.0, 0.0], abs=1e-3), "as far as it truly swings"
+    near(box, [-1.0, -1.0, 1.0, 0.0], 1e-3)  # as far as it truly swings
     shown.evaluate("run.begin()")
     widen = "at => { run.box = home; run.copies[0].state.set(at); run.widen(); return run.box; }"
     for side in range(4):  # left, bottom, right, top
@@ -539,7 +513,7 @@ def test_steps_longer_than_a_frame_are_taken_when_they_are_due(written, visit):
             at = [0.0, -0.5]
             at[side % 2] = box[side] + off * (1.0 if side > 1 else -1.0)
             wider = [at[side % 2] if k == side and off < 1.0 else x for k, x in enumerate(box)]
-            assert shown.evaluate(widen, at) == pytest.approx(wider)
+            near(shown.evaluate(widen, at), wider)
 
 
 def test_a_processor_that_is_too_slow_shows_slow_motion_and_does_not_race(shown):
@@ -604,7 +578,7 @@ def test_sliders_set_exact_values_say_them_and_begin_again_if_they_must(written,
     assert said == "17.3/s × 3.3 ms = 0.06, breaks at 0.83"
     edge = 2.0 * (np.sqrt(2.0) - 1.0) / 0.0033  # 251/s: after ten ticks is 200, then 320
     breaks = "parseFloat(byId('baumgarte').style.getPropertyValue('--breaks'))"
-    assert shown.evaluate(breaks) == pytest.approx((10 + (edge - 200) / 120) / 11)
+    near(shown.evaluate(breaks), (10 + (edge - 200) / 120) / 11)
     shown.locator("#dt input").fill("0")
     assert np.isnan(shown.evaluate(breaks)), "nothing breaks on this slider"
 
