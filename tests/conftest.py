@@ -135,7 +135,7 @@ RECORD = """() => {
   before(pen, "fillText", (canvas, each, text, x, y) => {
     const {actualBoundingBoxLeft: left, actualBoundingBoxRight: right,
       actualBoundingBoxAscent: above, actualBoundingBoxDescent: below} = each.measureText(text);
-    const at = [x - left, y + (below - above) / 2];
+    const at = [x + (right - left) / 2, y + (below - above) / 2];
     add(canvas, each, each.fillStyle, {kind: "words", text, width: left + right, at});
   });
   const {aim} = Stage.prototype;
@@ -155,16 +155,16 @@ MISPLACED = """all => all.flatMap(({marks, clientWidth, clientHeight}) => {
     const on = Math.max(0, Math.min(1, share));
     return Math.hypot(a + on * along - x, b + on * up - y);
   };
-  const isOut = ({kind, at: [x, y], width}) => {
-    const far = kind === "words" ? x + width : x;
-    return x < 0 || far > clientWidth || y < 0 || y > clientHeight;
+  const isOut = ({at: [x, y], width, text}) => {
+    const half = text ? width / 2 : 0;
+    return x < half || x > clientWidth - half || y < 0 || y > clientHeight;
   };
   const isOver = ({at: [x, y], width, text}) => words.some(({at, text: other, width: wide}) =>
-    other !== text && Math.abs(at[1] - y) < 11 && at[0] < x + width && x < at[0] + wide);
+    other !== text && Math.abs(at[1] - y) < 11 && Math.abs(at[0] - x) < (width + wide) / 2);
   const isLost = ({at: [x, y], width, color}) => {
     const pieces = marks.filter(x => x.color === color && ["line", "arrow"].includes(x.kind))
       .flatMap(({at}) => at.map((point, k) => [point, at[k + 1] ?? point]));
-    const nearest = Math.min(...[0, 0.5, 1].flatMap(share =>
+    const nearest = Math.min(...[-0.5, 0, 0.5].flatMap(share =>
       pieces.map(piece => far([x + share * width, y], piece))));
     return color !== "quiet" && !(nearest > 3 && nearest < 64);
   };
@@ -177,7 +177,7 @@ def drawn(found, kind, color=None, nth=0):
     """The marks of a kind and a colour on the nth canvas in sight, from behind to front.
 
     Their points `at`, (3,) or (many, 3), are in metres, and `pixels` are the same in pixels, as are
-    `width` and `radius`. The point of words is the middle of their left edge.
+    `width` and `radius`. The point of words is their middle.
     """
     canvas = found.locator("canvas").filter(visible=True).nth(nth)
     marks, (origin, scale) = canvas.evaluate("x => [x.marks, x.aimed]")
