@@ -138,6 +138,9 @@ RECORD = """() => {
     const at = [x + (right - left) / 2, y + (below - above) / 2];
     add(canvas, each, each.fillStyle, {kind: "words", text, width: left + right, at});
   });
+  before(pen, "strokeText", (canvas, each, text) => { // over what stood there
+    canvas.marks = canvas.marks?.filter(mark => mark.text !== text);
+  });
   const {aim} = Stage.prototype;
   Stage.prototype.aim = function() {
     aim.call(this);
@@ -148,7 +151,7 @@ RECORD = """() => {
 
 
 MISPLACED = """all => all.flatMap(({marks, clientWidth, clientHeight}) => {
-  const words = [...new Map(marks.filter(x => x.text).map(x => [x.text, x])).values()];
+  const words = marks.filter(x => x.text);
   const far = ([x, y], [[a, b], [c, d]]) => {
     const [along, up] = [c - a, d - b];
     const share = ((x - a) * along + (y - b) * up) / (along * along + up * up) || 0;
