@@ -127,7 +127,9 @@ RECORD = """() => {
       add(canvas, each, color, {kind, at: ends, radius, width, dash: each.getLineDash()});
     }
   });
-  before(pen, "clearRect", canvas => { canvas.marks = []; });
+  before(pen, "clearRect", (canvas, each, left, top, width, height) => {
+    if (width >= canvas.clientWidth && height >= canvas.clientHeight) canvas.marks = [];
+  });
   before(pen, "beginPath", canvas => { canvas.path = []; });
   before(pen, "moveTo", (canvas, each, ...at) => canvas.path.push({at: [at]}));
   before(pen, "lineTo", (canvas, each, ...at) => canvas.path.at(-1).at.push(at));
@@ -169,7 +171,7 @@ MISPLACED = """all => all.flatMap(({marks, clientWidth, clientHeight}) => {
       .flatMap(({at}) => at.map((point, k) => [point, at[k + 1] ?? point]));
     const nearest = Math.min(...[-0.5, 0, 0.5].flatMap(share =>
       pieces.map(piece => far([x + share * width, y], piece))));
-    return color !== "quiet" && !(nearest > 3 && nearest < 64);
+    return color !== "quiet" && !(nearest > 3 && nearest < 80);
   };
   const out = [...words, ...marks.filter(x => x.kind === "disc")].filter(isOut);
   return [...out, ...words.filter(x => isOver(x) || isLost(x))];

@@ -408,6 +408,7 @@ def test_the_solve_is_the_chapters_and_its_arrows_are_the_forces_on_each_bob(sho
     reads(found, r"v[₀₁] = \((\S+), (\S+)\)", v[:, :2], 0.006)
     straight, arc = drawn(found, "line", "A")
     near(straight.at, [q[0], 1.6 * q[0]])
+    assert [x.radius for x in drawn(found, "disc")] == pytest.approx([4.9, 7.0, 7.0])
     d = np.diff(q, axis=0, prepend=0.0)
     near(arc.at[[0, -1]], q[0] + 0.45 * d)
     beside, *names = places(found, "words")  # of A, and of each lambda across its rod from that
@@ -444,12 +445,12 @@ def test_a_long_step_leaves_a_wedge_and_half_the_step_halves_the_drift(shown):
     found = figure(shown, "drift")
     start = np.array([1.0, 0.0, 0.0])
     end = np.array([1.0, -(0.3**2) * 9.81, 0.0])  # of the first step
-    for button, seen, many in [  # parts of the circle and of the wedge
-        ("Then the circle", start, (0, 1)),
-        ("Then the wedge", start, (1, 1)),
-        ("Now shorter steps", end, (1, 67)),
+    for sentence, button, seen, many in [  # parts of the circle and of the wedge
+        ("A long step first", "Then the circle", start, (0, 1)),
+        ("The circle that", "Then the wedge", start, (1, 1)),
+        ("The wedge between", "Now shorter steps", end, (1, 67)),
     ]:
-        shows(found, button, arrow_v=[[start, end]], line_d=[[0.0 * start, seen]])
+        shows(found, sentence, button, arrow_v=[[start, end]], line_d=[[0.0 * start, seen]])
         assert tuple(len(drawn(found, "line", color)) for color in ("quiet", "long")) == many
         if seen is start:
             shows(found, "step 1 g = ? m²")
@@ -512,6 +513,8 @@ def test_the_error_dies_rings_or_explodes_as_its_eigenvalues_say_and_not_before_
         wanted = np.sort(np.real(np.linalg.eigvals(step)))[::-1]
         reads(found, r"Eigenvalues: (\S+) and (\S+)", [wanted], 6e-4)
         discs = np.transpose([wanted, 0.0 * wanted])
+        ticks = drawn(found, "words", None, 1)
+        near([float(x.text.replace("−", "-")) for x in ticks], [x.at[0] for x in ticks], 0.02)
         grows = np.abs(wanted) > 1.0
         shows(found, on=1, disc_long=discs[grows].tolist(), disc_m1=discs[~grows].tolist())
 
@@ -581,6 +584,7 @@ def test_a_soft_rod_rests_where_the_chapters_does_whatever_the_mass(shown, indic
     told = f"At rest the rod is {length(error)} too long.", f"= {length(formula)}", f"{mass:g} kg"
     shows(found, *told, disc_ink=[bob], line_long=[[[0.0, -1.0], bob]])
     near(drawn(found, "disc", "ink")[0].radius, 5.0 + 4.0 * np.cbrt(mass))
+    assert misplaced(found) == []
 
 
 def test_a_tolerance_shows_what_choose_advises(shown):
@@ -626,6 +630,10 @@ def test_the_flat_pose_keeps_when_each_method_left_the_line(shown):
 
 def test_equal_starts_stay_equal_and_others_part_as_runs_do(shown):
     found = figure(shown, "chaos")
+    for index, angle in enumerate([1e-12, 1e-9, 1e-6, 1e-3], 1):
+        slide(found, index)
+        pass_frames(found, 1)
+        shows(found, f"The tips are {length(angle * np.linalg.norm(DOUBLE['q0'][1]))} apart")
     for index, seed, equal in (0, 0, 8), (5, 1, 0):
         slide(found, index)
         click(found, "All 20 s")

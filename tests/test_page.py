@@ -276,6 +276,7 @@ def test_on_paper_it_is_light_and_without_what_only_a_screen_can_do(small, visit
 
 
 def test_as_it_was_has_the_numbers_of_the_run(shown, small):
+    assert "from true motion" in shown.locator(".now").first.inner_text()
     steps(shown, 200)
     system = small.asked.system
     runs = {name: own(small, name, 200) for name in METHODS}
@@ -321,6 +322,7 @@ def test_a_touch_on_a_row_plays_the_answer_as_it_was_found(name, small, written,
     for rung, tile in zip(rungs, tiles.all_inner_texts(), strict=True):
         assert tile.startswith(f"{rung.scheme} in steps of {words.milliseconds(rung.dt)}")
         assert f"places {words.length(rung.places)} off" in tile
+        assert f" {words.milliseconds(rung.dt)} " in told(shown)
         if rung.span == page.answer.seconds and rung.scheme.method != "project":
             assert f"{words.length(rung.rods)} too " in tile
     assert shown.locator("input:enabled").count() == 0
@@ -470,6 +472,7 @@ def test_time_passes_while_a_hand_pulls_and_what_it_adds_is_no_error(shown):
         assert not shown.evaluate("hand.copy || clock.going"), "it stands still again"
         assert not any(shown.locator(".lost:visible").all_inner_texts())
         assert "%" not in told(shown)
+        assert shown.locator("#time").inner_text() == shown.evaluate("`${run.time.toFixed(2)} s`")
     gain = """() => {
       run.begin();
       const energy = run.copies[4].energy;
