@@ -595,6 +595,8 @@ def test_a_tolerance_shows_what_choose_advises(shown):
     drag(found.get_by_role("button", name="The tolerance"), -70, 0)()  # to the left: coarser
     assert "Right to 1 mm" not in said(found)
     slide(found, 1)
+    lines = np.concatenate([line.at for line in drawn(found, "line")])
+    assert np.min(lines[:, 0]) > -np.log10(0.3001), "none begins left of its axis"
     touched, goal = drawn(found, "line", "ink")
     near(goal.at[:, 0], [2.0, 2.0])
     assert len(touched.at) > 4
