@@ -540,7 +540,7 @@ def test_one_step_of_each_method_ends_where_the_chapters_does(shown, name):
             click(found, start)
         d, v = np.array(STARTS[start or [*STARTS][FIRST[name]]])[:, None]
         before = f"Before the step the rod is {off_by(d)}"
-        shows(found, before, arrow_v=[[*d, *(d + 0.2 * v)]])
+        shows(found, before, arrow_v=[[*d, *(d + 0.2 * v)]], disc_ink=d)
         assert misplaced(found) == []
         for k, word in enumerate(METHODS):
             if name not in ("one_step", f"step_{word}") and word != "none":
@@ -652,6 +652,7 @@ def test_the_leg_falls_as_its_run_does_and_a_hand_pulls_its_foot(shown):
     worst = f"rods off by {length(np.max(ended.violations))}"
     shows(found, worst, disc_ink=ended.q[-1], line_quiet=[ended.tip[1:]])
     click(found, "Again")
+    shows(found, disc_ink=ended.q[0])
     before = drawn(found, "disc", "ink")[-1].pixels
     let_go = drag(found.get_by_role("button", name="Joint 5"), 60, 0)
     pass_frames(found, 16)

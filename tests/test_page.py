@@ -298,6 +298,7 @@ def test_as_it_was_has_the_numbers_of_the_run(shown, small):
         now = np.rint(curve[:, 0] / 0.002).astype(int)
         near(curve[:, 1], gains[now], 1e-9)
     assert shown.evaluate("board.plot.axis.ticks.at(-1)[1]") == "+10 %", "above soft's 6.9 %"
+    assert shown.evaluate("[0, 0.03, 0.3].map(roundUp)") == [0.01, 0.05, 0.5]
     draws(shown, "line", "m1", [runs["baumgarte"].tip[1:]], 1)
 
 
@@ -607,10 +608,11 @@ def test_half_the_step_is_compared_at_the_same_time(shown, small):
     click(shown, "What does half the step buy?")
     shown.evaluate("clock.set(false); run.begin()")
     steps(shown, 100)
-    for name in METHODS:
-        each = [own(small, name, many, 0.2 / many).violations for many in (100, 200)]
-        worst = ", ".join(words.length(np.max(violations)) for violations in each)
-        assert f"{name} {worst}" in told(shown)
+    thin = [x for x in drawn(shown, "line", None, BOARD) if x.width < 0.9]
+    for name, line in zip(METHODS, thin, strict=True):
+        each = [np.max(own(small, name, many, 0.2 / many).violations) for many in (100, 200)]
+        assert f"{name} {', '.join(map(words.length, each))}" in told(shown)
+        near(line.at[-1, 1], np.log10(max(1e-7, each[1])))
     lifted = """() => {
       run.begin();
       hand.drag(run.copies[4], 1, [0.06, 1]);
