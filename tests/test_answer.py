@@ -203,8 +203,8 @@ def test_what_is_right_by_luck_is_not_advised(name):
 def test_of_an_integrator_whose_rungs_are_right_by_luck_only_that_is_said():
     """With drag, so that no energy is to blame."""
 
-    def drag(system, q, v=None):
-        return c.external_force(system, q) - 0.1 * (0.0 * q if v is None else v)
+    def drag(system, q, v):
+        return c.external_force(system, q, v) - 0.1 * v
 
     powers = right_at(lambda dt: sum(near(dt, 0.005 * 2.0**k) for k in range(-12, 9)))
     answer = chosen(integrators=powers, external_force=drag)
