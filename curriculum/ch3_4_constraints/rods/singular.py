@@ -11,7 +11,7 @@ import numpy as np
 
 from curriculum.ch3_4_constraints.rods.systems import differences, has_loop, unit_rows
 
-LOST = 1e-6  # of the largest singular value: what is less is 0
+LOST = 1e-10  # of the largest singular value: what is less is rounding, and so 0
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
 LEVELS = 3  # of looking closer,
 PARTS = 16  # each time with so many steps for one
@@ -73,6 +73,8 @@ def closes_exactly(system, q):
     signs = np.sign(along[:, axis])
     if np.max(np.abs(along - signs[:, None] * np.eye(3)[axis])) > FLAT:
         return False
+    if np.any(np.delete(system["anchors"] - system["anchors"][0], axis, axis=1)):
+        return False  # anchors that are not in line to the last digit
     places = {-1 - k: Fraction(x[axis]) for k, x in enumerate(system["anchors"])}
     rods = list(zip(system["pairs"], signs, system["lengths"], strict=True))
     while rods:  # each tells where its other end is, or has to fit

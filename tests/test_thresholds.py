@@ -1,0 +1,429 @@
+"""Thresholds: what is known, refused and advised hangs on none, within a band; beyond it is false.
+
+A case is a function that asks for something whose truth is known without the code, and says whether
+what comes back is right. All cases of a module have to say the same at both ends of the band of
+each of its constants; beyond the band, one of them has to say something else, or none ever does.
+"""
+
+from fractions import Fraction
+from math import cos, inf, pi, sin, sqrt
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from independent import acceleration, motion, smallest_pulls, weight
+from machines import CRANKS, QUICK, TIED, TRIPLE, make_system, row
+
+import constraints as c
+from curriculum.ch3_4_constraints.rods import choice, loops, singular, statics, truth
+from curriculum.ch3_4_constraints.rods.schemes import Rung, steps_of
+
+LINE = [(0, -1), (1, 0), (1, -2)]  # a four-bar, or a cable
+
+
+def word(off, allowed):
+    """What is said of something that is so far off."""
+    if off is None or np.isnan(off):
+        return "unknown"
+    return "right" if off <= allowed else "wrong"
+
+
+# --- loops: the pulls of rods, in least squares ---
+def pulls_on_a_line(sag, across):
+    """Two rods pull at a bob between them, `sag` rad below their line: 1 N along it, `across` N."""
+
+    def found():
+        across_rods = across / sin(sag)
+        expected = 0.5 * np.array([across_rods - 1.0 / cos(sag), across_rods + 1.0 / cos(sag)])
+        rods = np.array([[-cos(sag), cos(sag)], [sin(sag), sin(sag)]])
+        pulls = loops.least_squares(rods, np.array([1.0, across]), np.zeros(2))
+        return word(np.max(np.abs(pulls - expected)) / np.max(np.abs(expected)), 0.01)
+
+    return found
+
+
+def pulls_of_one_too_many(noise):
+    """Three cranks hold a triangle, one too many, by 1 N, of which a share is along no rod."""
+
+    def found():
+        rng = np.random.default_rng(0)
+        jac, *_ = c.constraint_terms(TRIPLE, TRIPLE["q0"], TRIPLE["v0"])
+        force = jac.T @ rng.normal(size=6)
+        force = force / np.linalg.norm(force)
+        other = rng.normal(size=9)
+        force = force + noise * other / np.linalg.norm(other)
+        pulls = -loops.least_squares(jac.T, force, np.zeros(9)) * TRIPLE["lengths"]
+        expected = smallest_pulls(TRIPLE, force.reshape(3, 3))
+        return word(np.max(np.abs(pulls - expected)), 1e-4)
+
+    return found
+
+
+# --- loops: the force of rods that close them ---
+def force_on(system, expected=None):
+    """The accelerations of a system, beside those of an SVD or what is expected, (N, 3)."""
+
+    def found():
+        a = c.make_force(system)(system["q0"], system["v0"]) / system["m"]
+        known = acceleration(system, weight(system)) if expected is None else expected
+        off = np.max(np.abs(a - known)) / np.max(np.abs(known) + 9.81)
+        return "wrong" if np.isnan(off) else word(off, 0.01)
+
+    return found
+
+
+def sagging(by):
+    """A bob at rest between anchors 2 m apart, so many metres below their line."""
+    return make_system([[1.0, -by, 0.0]], [(0, -1), (0, -2)], [[0, 0, 0], [2, 0, 0]])
+
+
+def folded(left, right):
+    """A four-bar of rods of 1 m, folded into a line, whose joints are thrown across it."""
+    v = [[0.0, left, 0.0], [0.0, right, 0.0]]
+    return make_system([[1, 0, 0], [2, 0, 0]], LINE, [[0, 0, 0], [1, 0, 0]], v)
+
+
+def crank_rocker(short, angle):
+    """A crank of 2 m, shorter by `short` m, at an angle (...) from the line to the other anchor.
+
+    It is tied by a rod of 3 m to one of 2 m, 3 m from its own pivot. Beside a parallelogram's flat
+    pose it passes by some sqrt(short) rad. Where its joints are, (..., 2, 3) in m.
+    """
+    p = (2.0 - short) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    if short == 0.0:
+        r = p + [3.0, 0.0]
+    else:
+        to_anchor = [3.0, 0.0] - p
+        distance = np.linalg.norm(to_anchor, axis=-1)[..., None]
+        along = to_anchor / distance
+        reach = (distance**2 + 9.0 - 4.0) / (2.0 * distance)
+        left = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        r = p + reach * along + np.sqrt(9.0 - reach**2) * left
+    q = np.stack([p, r], axis=-2)
+    return np.concatenate([q, 0.0 * q[..., :1]], axis=-1)
+
+
+def turning_rocker(gap, rate, size=1.0):
+    """A crank-rocker, `gap` rad from its dead pose, turning at a rate in rad/s, so many times 1 m."""
+    q = crank_rocker(gap * gap, np.array(0.0))
+    anchor = np.array([3.0, 0.0, 0.0])
+    crank = rate * np.cross([0.0, 0.0, 1.0], q[0])
+    rocker = np.cross([0.0, 0.0, 1.0], q[1] - anchor)
+    coupler = q[1] - q[0]
+    v = [crank, rocker * (coupler @ crank) / (coupler @ rocker)]
+    return make_system(size * q, LINE, size * np.array([0.0 * anchor, anchor]), np.multiply(size, v))
+
+
+def twisted(angle, rate, size=1.0):
+    """A parallelogram near its flat pose, its cranks 1 urad apart, and how it falls.
+
+    That is within what `project` lets rods be off; a pendulum's acceleration is 1e-3 from its own.
+    """
+    angles = np.array([[angle], [angle + 1e-6]])
+    along = np.concatenate([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    across = np.concatenate([-np.sin(angles), np.cos(angles), 0.0 * angles], axis=1)
+    anchors = size * np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    q = anchors + 2.0 * size * along
+    system = make_system(q, [(0, -1), (1, -2), (1, 0)], anchors, 2.0 * size * rate * across)
+    system["lengths"] = size * np.array([2.0, 2.0, 3.0])
+    return system, -2.0 * size * rate**2 * along + (c.GRAVITY @ across.T)[:, None] * across
+
+
+PARALLELOGRAM = twisted(3e-6, 1.0)
+SMALL = twisted(3e-6, 3000.0, 1e-6)
+LOOPS = {  # what is asked, and what is true
+    "pulls at 0.1 mrad": (pulls_on_a_line(1e-4, 1.0), "right"),
+    "pulls at 10 urad": (pulls_on_a_line(1e-5, 1.0), "right"),
+    "pulls of 2 % of what counts": (pulls_on_a_line(1e-6, 2e-8), "unknown"),
+    "pulls at 0.1 nrad": (pulls_on_a_line(1e-10, 1e-10), "unknown"),
+    "pulls at 10 prad": (pulls_on_a_line(1e-11, 1e-12), "unknown"),
+    "pulls on what is a line": (pulls_on_a_line(1e-12, 1e-8), "unknown"),
+    "pulls of one too many": (pulls_of_one_too_many(0.0), "right"),
+    "pulls and rounding": (pulls_of_one_too_many(1e-13), "right"),
+    "pulls and what an impulse leaves": (pulls_of_one_too_many(1e-10), "right"),
+    "a sag of 3 um": (force_on(sagging(3e-6), np.zeros((1, 3))), "right"),
+    "folded flat": (force_on(folded(1.0, 1.0)), "right"),
+    "near a dead pose": (force_on(turning_rocker(1e-3, 1.0)), "right"),
+    "fast, near a dead pose": (force_on(turning_rocker(0.1, 1e3, 1e-6)), "right"),
+    "through the flat pose": (force_on(*PARALLELOGRAM), "right"),
+    "fast, through the flat pose": (force_on(*SMALL), "right"),
+}
+
+
+# --- singular: whether a motion goes through a pose in which J loses rank ---
+def goes_on(q_of, system, count=40):
+    """Whether it is decided how a motion q_of(t) (..., N, 3) of a system goes on, within 1 s."""
+
+    def run(state, count, dt):
+        _, start = state
+        t = start + dt * np.arange(count + 1)
+        return q_of(t), t
+
+    def found():
+        exact = SimpleNamespace(start=[None, 0.0], run=run)
+        is_undecided = singular.is_undecided(system, exact, 1.0, count)
+        return "unknown" if is_undecided else "known"
+
+    return found
+
+
+def linkage(lengths, anchors=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))):
+    rods = {"pairs": [(0, -1), (1, -2), (1, 0)], "lengths": np.array(lengths)}
+    return rods | {"anchors": np.array(anchors), "m": np.ones((2, 1))}
+
+
+def round_and_round(count, short=0.0, longer=0.0, level=0.0):
+    """A crank turns once in so many steps. The coupler may be longer, and an anchor higher, by m."""
+    anchors = [[0.0, 0.0, 0.0], [3.0, level, 0.0]]
+    system = linkage([2.0 - short, 2.0, 3.0 + longer], anchors)
+    return goes_on(lambda t: crank_rocker(short, 2.2 + 2.0 * pi * t), system, count)
+
+
+def to_and_fro(amplitude, longer):
+    """A parallelogram that swings about its flat pose, by an amplitude in rad."""
+    system = linkage([2.0, 2.0, 3.0 + longer])
+    return goes_on(lambda t: crank_rocker(0.0, amplitude * np.cos(2.0 * pi * t + 0.3)), system)
+
+
+def three_cranks(far):
+    """They hold a triangle, one too many, `far` m from the origin; no pose is worse than others."""
+
+    def q_of(t):
+        along = np.stack([np.cos(2.0 * pi * t), np.sin(2.0 * pi * t), 0.0 * t], axis=-1)
+        return np.array(CRANKS) + far + along[..., None, :]
+
+    lengths = np.linalg.norm(np.array(CRANKS) - np.roll(CRANKS, -1, axis=0), axis=1)
+    system = linkage([*lengths, 1.0, 1.0, 1.0], np.array(CRANKS) + far)
+    return goes_on(q_of, system | {"pairs": TIED, "m": np.ones((3, 1))})
+
+
+SINGULAR = {
+    "one that closes": (round_and_round(40), "known"),
+    "one that closes, in long steps": (round_and_round(12), "known"),
+    "one that does not": (round_and_round(40, longer=1e-14), "unknown"),
+    "one that does not, in long steps": (round_and_round(10, longer=1e-14), "unknown"),
+    "anchors that are not level": (round_and_round(40, level=1e-6), "unknown"),
+    "one that passes by 3 mrad": (round_and_round(12, short=1e-5), "known"),
+    "one that passes by 10 mrad": (round_and_round(12, short=1e-4), "known"),
+    "a small swing": (to_and_fro(1e-6, 1e-14), "unknown"),
+    "a small swing of one that closes": (to_and_fro(1e-6, 0.0), "known"),
+    "one crank too many": (three_cranks(0.0), "known"),
+    "one crank too many, far away": (three_cranks(1e4), "known"),
+}
+
+
+# --- statics: whether finite tensions can hold a start ---
+def stands(system):
+    def found():
+        return "known" if statics.refusal(system, c.GRAVITY) is None else "refused"
+
+    return found
+
+
+def stretched(rate):
+    """A rod that turns at 1 rad/s, and grows at a rate in m/s."""
+    v = np.array([0.8, 0.6, 0.0]) + rate * np.array([0.6, -0.8, 0.0])
+    return make_system([[0.6, -0.8, 0.0]], row(1), v=[v])
+
+
+STATICS = {  # a folded four-bar unfolds if both of its joints are as fast, or the first is at rest
+    "speeds of six digits": (stands(stretched(5e-7)), "known"),
+    "a rod that grows": (stands(stretched(1e-4)), "refused"),
+    "one that unfolds": (stands(folded(1.0, 1.0)), "known"),
+    "one that unfolds, by six digits": (stands(folded(1.0, 1.000002)), "known"),
+    "one that tears": (stands(folded(1.0, 1.002)), "refused"),
+    "one that tears slowly": (stands(folded(1e-4, 2e-4)), "refused"),
+    "a sag that the solve sees": (stands(sagging(3e-6)), "known"),
+    "a sag that it does not see": (stands(sagging(1e-7)), "refused"),
+}
+
+
+# --- truth: whether places are known, and if so are where they should be ---
+def place(system, time, expected):
+    """The places after a time in s, beside all that are expected(): a list of some (N, 3)."""
+
+    def found():
+        known = truth.true_motion(c.this_chapter(), system, time / 20.0, 20)
+        if known.q is None:
+            return "unknown"
+        return word(max(truth.distance(known.q, q) for q in expected()), known.uncertainty)
+
+    return found
+
+
+def thrown(speed, time, far=0.0):
+    """A pendulum of 1 m, `far` m from the origin, thrown from the bottom at so many rad/s.
+
+    Its angle is 2 am(speed t / 2, k), with k^2 = 4 g / (L speed^2).
+    """
+    system = make_system([[far, -1, 0]], row(1), [[far, 0, 0]], [[speed, 0, 0]])
+
+    def expected():
+        special = pytest.importorskip("scipy.special", reason="scipy is not installed")
+        sn, cn, *_ = special.ellipj(0.5 * speed * time, 4.0 * 9.81 / speed**2)
+        return [np.array([[2.0 * sn * cn + far, sn * sn - cn * cn, 0.0]])]
+
+    return place(system, time, expected)
+
+
+def typed(digits):
+    """A pendulum whose place has so many digits: its length may be right, or the place."""
+    rounded = make_system(np.round([[0.744, -0.248, 0.6204]], digits), row(1))
+    moved = make_system(rounded["q0"] / rounded["lengths"], row(1))
+    system = rounded | {"lengths": np.array([1.0])}
+    return place(system, 0.2, lambda: [motion(x, [0.2])[-1] for x in (rounded, moved)])
+
+
+def on_a_tight_line(time):
+    """QUICK swings about its line as a pendulum does, from level, whose length its rods leave.
+
+    sin(angle / 2) = k sn(K + w t, k), where k^2 = 1/2.
+    """
+
+    def expected():
+        special = pytest.importorskip("scipy.special", reason="scipy is not installed")
+        radius = sqrt(Fraction(QUICK["lengths"][0]) ** 2 - 1)
+        phase = special.ellipk(0.5) + sqrt(9.81 / radius) * time
+        sn, _, dn, _ = special.ellipj(phase, 0.5)
+        return [radius * np.array([[0.0, sn * sn - 1.0, sqrt(2.0) * sn * dn]])]
+
+    return place(QUICK, time, expected)
+
+
+TRUTH = {
+    "a fast pendulum": (thrown(3000.0, 0.01), "right"),
+    "a pendulum far away": (thrown(20.0, 0.1, 1e4), "right"),
+    "one too far away": (thrown(20.0, 0.1, 1e7), "unknown"),
+    "a bob on a tight line": (on_a_tight_line(0.02), "right"),
+    "a place of four digits": (typed(4), "right"),
+    "a place of one digit": (typed(1), "unknown"),
+}
+
+
+# --- choice: what is advised, of schemes whose errors are given ---
+class Given(NamedTuple):
+    """A scheme that is off by places(dt) and rods(dt) in m, as long as steps of dt s hold, in s."""
+
+    places: callable
+    rods: callable = lambda dt: 0.0
+    holds: callable = lambda dt: inf
+    work: float = 100.0  # operations, of a step
+    system: dict = {"lengths": [1.0]}
+    scheme: SimpleNamespace = SimpleNamespace(integrator="given")
+    time: float = 1e-9
+
+    def take(self, dt, span, path, within, part):
+        dt = dt * float(part)
+        held = min(span, self.holds(dt))
+        return Rung(
+            scheme=self.scheme,
+            dt=dt,
+            span=span,
+            places=self.places(dt),
+            rods=self.rods(dt) if held == span else inf,
+            energy=0.0,
+            operations=self.work / dt,
+            held=held,
+            lost=None,
+        )
+
+
+def answered(*given):
+    """The Answer to 1 mm for 100 s, of which the true motion is known for 2 s; steps are 2^-k s."""
+    path = truth.Path(1.0 / 256.0, np.zeros((513, 1, 3)), 0.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(choice, "known_path", lambda *_: (path, ""))
+        search = choice.Search(None, given[0].system, 1e-3, 1.0 / 128.0, 12_800)
+    for stepper in given:
+        search.add(stepper)
+    return search.answer()
+
+
+def advised(places, **how):
+    """Whether the step that is advised is right, and so are all shorter ones, for how long."""
+
+    def found():
+        verdict = answered(Given(places, **how)).verdict
+        if verdict is None:
+            return "unknown"
+        rung = verdict.rung
+        shorter = rung.dt * 0.5 ** np.arange(20)
+        is_right = max(map(places, shorter)) <= 1e-3
+        return f"{'right' if is_right else 'wrong'} for {rung.span:g} s"
+
+    return found
+
+
+def said_of_rods(work):
+    """Whether a word is said of a scheme that is right in its rods alone, with so little work."""
+
+    def found():
+        one = Given(lambda dt: 0.0 if dt < 0.01 else 1.0, lambda dt: 0.0 if dt < 0.01 else 1.0)
+        other = one._replace(places=lambda dt: 1.0, work=100.0 * work)
+        return "said" if answered(one, other).rods else "not said"
+
+    return found
+
+
+def by_luck(dt):
+    """Right in two steps by luck, with all that are a little shorter, and below 4 ms."""
+    if dt < 0.004 or 0.01 < dt < 0.04:
+        return 0.0
+    return 0.01 if dt < 0.01 else dt
+
+
+def tiring(dt):
+    """For how long energy is right: 5 s in steps of 1/16 s, 9 s of 1/32 s, and then 10 s."""
+    return 5.0 if dt > 0.04 else 9.0 if dt > 0.02 else 10.0
+
+
+CHOICE = {
+    "of first order": (advised(lambda dt: dt), "right for 100 s"),
+    "of order one half": (advised(lambda dt: 0.02 * sqrt(dt)), "right for 100 s"),
+    "of fourth order, from as far as the machine is large": (
+        advised(lambda dt: min(0.5, (100.0 * dt) ** 4)),
+        "right for 100 s",
+    ),
+    "a method that is off by 1 cm": (advised(lambda dt: 0.01 + dt), "unknown"),
+    "right by luck": (advised(by_luck), "right for 100 s"),
+    "one that tires": (advised(lambda dt: 0.01 * dt, holds=tiring), "right for 9 s"),
+    "rods for 70 % of the work": (said_of_rods(0.7), "said"),
+    "rods for 90 % of the work": (said_of_rods(0.9), "not said"),
+}
+
+CASES = {loops: LOOPS, singular: SINGULAR, statics: STATICS, truth: TRUTH, choice: CHOICE}
+EVERY = [(module, name) for module, cases in CASES.items() for name in cases]
+
+
+def label(x):
+    return x.__name__.rpartition(".")[-1] if hasattr(x, "__name__") else None
+
+
+@pytest.mark.parametrize(("module", "case"), EVERY, ids=label)
+def test_as_they_stand_what_is_said_is_true(module, case):
+    ask, true = CASES[module][case]
+    assert ask() == true
+
+
+class Band(NamedTuple):
+    """Two factors of a constant between which nothing changes; and others, with what they make of
+    a case: {factor: (case, what is said)}."""
+
+    module: object
+    name: str
+    least: float
+    most: float
+    beyond: dict
+
+
+BANDS = [
+    Band(loops, "SLACK", 1e-3, 3, {1e-8: ("folded flat", "wrong"), 100: ("a sag of 3 um", "wrong")}),
+    Band(
+        loops,
+        "LOOKAHEAD",
+        0.3,
+        3,
+        {0.01: ("through the flat pose", "wrong"), 10: ("near a dead pose", "wrong")},
+    ),
+]
