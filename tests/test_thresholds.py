@@ -17,6 +17,7 @@ from machines import CRANKS, QUICK, TIED, TRIPLE, four_bar, make_system, row
 import constraints as c
 from curriculum.ch3_4_constraints.rods import choice, loops, singular, statics, truth
 from curriculum.ch3_4_constraints.rods.schemes import Rung
+from curriculum.ch3_4_constraints.rods.systems import energy_scale
 
 LINE = [(0, -1), (1, 0), (1, -2)]  # a four-bar, or a cable
 
@@ -500,6 +501,7 @@ def test_within_its_band_a_constant_changes_nothing_that_is_said(module, name, f
     assert said == {case: true for case, (_, true) in CASES[module].items()}
 
 
+@pytest.mark.filterwarnings("ignore:invalid value")  # of 0 / 0
 @pytest.mark.parametrize(("module", "name", "factor", "case", "what"), BEYOND, ids=label)
 def test_beyond_its_band_something_else_is_said(module, name, factor, case, what, monkeypatch):
     scale(monkeypatch, module, name, factor)
@@ -519,9 +521,8 @@ BUDGETS = [  # what is divided by 10, or as good as nothing
     (truth, "DIVIDED", 2),
     (choice, "WORK", 2.5e6),
     (choice, "MORE", 1e7),
-    (choice, "SPAN", 1.5e7),
     (choice, "RODS", 1e7),
-    (choice, "RUN", 0.015),
+    (choice, "RUN", 0.0015),  # of SPAN
 ]
 
 
@@ -533,13 +534,24 @@ def test_a_smaller_budget_leaves_unknown_what_it_does_not_find(module, name, val
         assert said in {true, "unknown", "not said"} or said.startswith("right for")
 
 
-def test_an_answer_with_a_tenth_of_the_work_is_right_for_as_long_as_it_says(monkeypatch):
+def test_what_is_advised_for_a_tenth_of_the_work_is_right_too(monkeypatch):
+    """For as long as it says, not for all of 20 s; an integrator that needs more has no answer."""
     for module, name, value in BUDGETS:
         monkeypatch.setattr(module, name, value)
     chapter = c.this_chapter()._replace(integrators={"rk4": c.rk4_step, "euler": c.euler_step})
     for system, within in ((c.build_system("double"), 1e-4), (four_bar(), 1e-5)):
-        answer = choice.choose(chapter, system, within, 0.005, 200, {})
-        print(answer.seconds, answer.why, answer.rows, answer.missing)
-        assert answer.missing
-        for row in answer.rows:
-            pass
+        answer = choice.choose(chapter, system, within, 0.005, 4000, {})
+        (found,) = answer.rows
+        (missing,) = answer.missing
+        assert missing.integrator == "euler" and missing.best.places > within
+        rung = found.rung
+        assert answer.seconds <= rung.span < 20.0
+        states = 1 + int(answer.seconds / rung.dt + 1e-6)
+        known = motion(system, rung.dt * np.arange(states))
+        for parts in (1, 2):
+            dt = rung.dt / parts
+            run = c.run_method(system, rung.scheme.method, "rk4", dt, parts * rung.steps)
+            off = np.linalg.norm(run.q[::parts][:states] - known, axis=2)
+            assert max(np.max(off), np.max(run.violations)) <= within
+            gone = np.max(np.abs(run.energies - run.energies[0]))
+            assert gone <= 0.05 * energy_scale(system, c.GRAVITY)
