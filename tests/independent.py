@@ -19,6 +19,14 @@ def weight(system):
     return system["m"] * GRAVITY + system.get("load", 0.0)
 
 
+def energy_off(system, q, v):
+    """The largest change of energy in states q, v (T, N, 3), as a share of its scale."""
+    kinetic = np.sum(0.5 * system["m"] * v * v, axis=(1, 2))
+    energy = kinetic - np.sum(weight(system) * q, axis=(1, 2))
+    m_g_L = np.sum(system["m"]) * 9.81 * np.sum(system["lengths"])
+    return np.max(np.abs(energy - energy[0])) / max(m_g_L, kinetic[0])
+
+
 def acceleration(system, f, use_jdotv=1.0, damping=0.0, stiffness=0.0, regularization=0.0):
     """a (N, 3) that meets what is asked and is nearest, weighed with masses, to the free f / m.
 

@@ -75,6 +75,12 @@ TIED = [(1, 0), (2, 1), (2, 0), (0, -1), (1, -2), (2, -3)]
 TRIPLE = make_system(np.add(CRANKS, [0.8, -0.6, 0.0]), TIED, CRANKS)
 
 
+def torn(system, q_start, q, v, dt):
+    """A post_step, that of a method that is lost as soon as the first bob is below -0.5 m."""
+    low = {"most": 5, "failure": "it is torn"}
+    return c.tracing.while_loop(lambda x: x[0, 1] < -0.5, lambda x: x, q, **low), v
+
+
 def as_scene(system):
     """What a scene's file has of a system, as JSON."""
     load = system.get("load", 0.0 * system["q0"])

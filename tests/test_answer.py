@@ -4,11 +4,12 @@ import json
 import math
 import shlex
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from conftest import BARE, FORCE, STEP, edited
-from independent import motion
+from independent import energy_off, motion
 from machines import at_random, four_bar, make_system, row, thrown
 
 import constraints as c
@@ -16,7 +17,6 @@ from curriculum.ch3_4_constraints.report.files import METRICS, PAGE
 from curriculum.ch3_4_constraints.rods import choice
 from curriculum.ch3_4_constraints.rods.advice import advice
 from curriculum.ch3_4_constraints.rods.schemes import Stepper, scheme_of
-from curriculum.common import cli
 
 CASES = {  # a system, how far it may be off in m, and how many steps of 5 ms the run has
     "double": (c.build_system("double"), 4e-3, 400),
@@ -25,13 +25,21 @@ CASES = {  # a system, how far it may be off in m, and how many steps of 5 ms th
 }
 
 
+class Case(NamedTuple):
+    """A system with its Answer."""
+
+    system: dict
+    answer: choice.Answer
+    times: np.ndarray  # (401,) in s
+    places: np.ndarray  # the true ones at these times, (401, N, 3) in m
+
+
 @pytest.fixture(scope="module", params=CASES)
 def case(request):
-    """A system, its Answer, and 401 times with the true places, (401, N, 3) in m."""
     system, within, steps = CASES[request.param]
     answer = c.choose(system, within, steps=steps)
     times = np.linspace(0.0, answer.seconds, 401)
-    return system, answer, times, motion(system, times)
+    return Case(system, answer, times, motion(system, times))
 
 
 def measured(system, scheme, dt, span):
@@ -39,42 +47,26 @@ def measured(system, scheme, dt, span):
     run = c.run_method(system, scheme.method, scheme.integrator, dt, math.floor(span / dt + 1e-6))
     if run.lost:
         return run, math.inf, math.inf
-    m_g_L = np.sum(system["m"]) * 9.81 * np.sum(system["lengths"])
-    scale = max(m_g_L, 0.5 * np.sum(system["m"] * system["v0"] ** 2))
-    return run, run.violations.max(), np.max(np.abs(run.energies - run.energies[0])) / scale
-
-
-def right_until(case, rung):
-    """For how long, in s, rods and energy of a rung are right, or its span."""
-    k = 0
-    while (k + 1) * rung.dt <= rung.span + 1e-9:
-        _, rods, energy = measured(case[0], rung.scheme, rung.dt, (k + 1) * rung.dt)
-        if rods > case[1].within or energy > 0.05:
-            return k * rung.dt
-        k += 1
-    return rung.span
+    return run, run.violations.max(), energy_off(system, run.q, run.v)
 
 
 def places_off(case, run):
     """The largest distance in m from the true places, at all times that are among a run's steps."""
-    _, _, times, known = case
-    shared = [(round(t / run.dt), k) for k, t in enumerate(times)]
-    at, k = np.transpose([(i, k) for i, k in shared if abs(i * run.dt - times[k]) < 1e-9])
-    assert len(at) > 5
-    return np.max(np.linalg.norm(run.q[at] - known[k], axis=2))
+    at = np.round(case.times / run.dt).astype(int)
+    shared = np.abs(at * run.dt - case.times) < 1e-9
+    assert np.sum(shared) > 5
+    return np.max(np.linalg.norm(run.q[at[shared]] - case.places[shared], axis=2))
 
 
 def is_right(case, rung, dt, span=None, places=True):
     """Whether a run of a rung's scheme is right."""
-    system, answer, _, _ = case
-    run, rods, energy = measured(system, rung.scheme, dt, span or rung.span)
-    if rods > answer.within or energy > 0.05 or not places:
-        return rods <= answer.within and energy <= 0.05
-    return places_off(case, run) <= answer.within
+    run, rods, energy = measured(case.system, rung.scheme, dt, span or rung.span)
+    good = rods <= case.answer.within and energy <= 0.05
+    return good and (not places or places_off(case, run) <= case.answer.within)
 
 
 def test_what_is_advised_is_right_at_all_times_and_twice_the_step_is_not(case):
-    _, answer, _, _ = case
+    answer = case.answer
     assert {x.rung.scheme.integrator for x in answer.rows} == {*c.INTEGRATORS}
     assert answer.verdict is answer.rows[0]
     for found in answer.rows:
@@ -82,24 +74,30 @@ def test_what_is_advised_is_right_at_all_times_and_twice_the_step_is_not(case):
         assert rung.span >= answer.seconds > 0.0 and not found.ends
         for dt in (rung.dt, rung.dt / 2.0, rung.dt / 4.0):
             assert is_right(case, rung, dt)
+        for part in (15 / 16, 7 / 8):  # whose times are not among those with known places
+            assert is_right(case, rung, part * rung.dt, places=False)
         assert not is_right(case, rung, 2.0 * rung.dt, found.twice.span)
     work = [x.rung.operations for x in answer.rows]
     assert work == sorted(work)
 
 
 def test_the_figures_of_a_rung_are_the_worst_of_its_run(case):
-    _, answer, _, _ = case
+    answer = case.answer
     for rung in [*(x.rung for x in answer.rows), *(x.twice for x in answer.rows)]:
-        run, rods, energy = measured(case[0], rung.scheme, rung.dt, rung.span)
+        run, rods, energy = measured(case.system, rung.scheme, rung.dt, rung.span)
         assert rung.rods == pytest.approx(rods, rel=1e-5, abs=1e-15)
         assert rung.energy == pytest.approx(energy, rel=1e-5, abs=1e-15)
         assert rung.places == pytest.approx(places_off(case, run), rel=0.02)
 
 
 def test_a_rung_is_right_up_to_the_last_state_that_is(case):
-    _, answer, _, _ = case
-    rung = min((x.twice for x in answer.rows), key=lambda x: x.held / x.dt)
-    assert rung.held == pytest.approx(right_until(case, rung))
+    rung = min((x.twice for x in case.answer.rows), key=lambda x: x.held / x.dt)
+    held = rung.span
+    for k in range(rung.steps):
+        if not is_right(case, rung, rung.dt, (k + 1) * rung.dt, places=False):
+            held = k * rung.dt
+            break
+    assert rung.held == pytest.approx(held)
 
 
 def test_a_rung_that_is_lost_has_the_figures_of_the_time_before():
@@ -113,17 +111,9 @@ def test_a_rung_that_is_lost_has_the_figures_of_the_time_before():
     assert rung.rods == pytest.approx(run.violations.max(), rel=1e-5) and rung.held == 0.0
 
 
-def test_a_little_shorter_steps_are_right_too(case):
-    _, answer, _, _ = case
-    for found in answer.rows:
-        for part in (15 / 16, 7 / 8):
-            rods = measured(case[0], found.rung.scheme, part * found.rung.dt, found.rung.span)
-            assert rods[1] <= answer.within and rods[2] <= 0.05
-
-
 @pytest.mark.parametrize("case", ["four-bar"], indirect=True)
 def test_if_only_rods_must_be_right_something_cheaper_is(case):
-    _, answer, _, _ = case
+    answer = case.answer
     rung = answer.rods.rung
     assert rung.operations < 0.8 * answer.verdict.rung.operations
     assert is_right(case, rung, rung.dt, places=False)
@@ -210,6 +200,19 @@ def test_what_is_right_by_luck_is_not_advised(name):
     assert missing.best.dt == 0.04 and missing.shortest < 0.01
 
 
+def test_of_an_integrator_whose_rungs_are_right_by_luck_only_that_is_said():
+    """With drag, so that no energy is to blame."""
+
+    def drag(system, q, v=None):
+        return c.external_force(system, q) - 0.1 * (0.0 * q if v is None else v)
+
+    powers = right_at(lambda dt: sum(near(dt, 0.005 * 2.0**k) for k in range(-12, 9)))
+    answer = chosen(integrators=powers, external_force=drag)
+    said = advice(SimpleNamespace(system=PENDULUM), answer).missing
+    assert not answer.rows and answer.missing[0].best.energy is None
+    assert len(said) == 1 and "luck" in said[0]
+
+
 def test_where_nothing_is_right_for_the_whole_time_it_is_right_for_as_long_as_is_said():
     """Under euler the energy grows."""
     only = {"euler": c.euler_step}
@@ -235,7 +238,7 @@ def test_where_energy_need_not_stay_it_does_not_count(monkeypatch):
 
 
 # --- where the motion is not known ---
-@pytest.mark.parametrize("links", [41, 61])
+@pytest.mark.parametrize("links", [60, 61])
 def test_of_many_rods_at_least_rods_and_energy_are_right(links):
     system = c.build_system("chain", links=links)
     answer = chosen(1e-3, 12, system=system, integrators=RK4)
@@ -297,8 +300,8 @@ def test_what_is_extreme_has_an_answer_too(name):
 
 # --- what is said of it ---
 def test_cells_have_the_figures_and_a_mark_where_one_is_more_than_it_may_be(case):
-    system, answer, _, _ = case
-    said = advice(SimpleNamespace(system=system), answer)
+    answer = case.answer
+    said = advice(SimpleNamespace(system=case.system), answer)
     unit = {4e-3: 1e-3, 1e-4: 1e-6, 1e-2: 1e-2}[answer.within]
     pairs = [rung for row in answer.rows for rung in (row.rung, row.twice)]
     assert [line.rung for line in said.lines] == pairs
@@ -375,24 +378,3 @@ def test_where_there_is_no_answer_a_reason_says_why(word, tmp_path, capsys):
     found = json.loads((tmp_path / METRICS).read_bytes())["choice"]
     assert found["rows"] == [] and word in found["why"]
     assert found["why"][:20] in capsys.readouterr().out
-
-
-LENGTHS = {
-    "1mm": 1e-3,
-    "0.5mm": 5e-4,
-    "1um": 1e-6,
-    "1µm": 1e-6,
-    "1\N{GREEK SMALL LETTER MU}m": 1e-6,
-}
-LENGTHS |= {"2cm": 0.02, "2 cm": 0.02, "3nm": 3e-9, "1m": 1.0, "0.001": 1e-3, "1e-6": 1e-6}
-
-
-@pytest.mark.parametrize(("text", "metres"), LENGTHS.items())
-def test_a_tolerance_is_a_length_with_a_unit_or_a_number_of_metres(text, metres):
-    assert cli.length(text) == metres
-
-
-@pytest.mark.parametrize("text", ["1 foot", "mm", "", "0", "-1mm", "nan", "1e9", "0.1pm", "1mmm"])
-def test_a_wrong_tolerance_is_refused_by_flag_and_value(text, refused):
-    for said in (refused(f"--within={text}"), refused("--within", text)):
-        assert "--within" in said and repr(text) in said

@@ -36,18 +36,29 @@ WRONG = {  # flags: what the line names
 }
 
 
+for text in ["1foot", "mm", "", "0", "-1mm", "nan", "1e9", "0.1pm", "1mmm"]:
+    WRONG[f"--within={text}"] = "--within", repr(text)
+
+
 @pytest.mark.parametrize("flags", WRONG, ids=lambda flags: flags[:30].encode("unicode_escape"))
 def test_a_wrong_flag_is_one_line_that_names_flag_value_and_what_is_allowed(flags, refused):
     said = refused(*flags.split())
     assert all(word in said for word in WRONG[flags])
 
 
-TIMES = {"5ms": 0.005, "200us": 2e-4, "200\N{MICRO SIGN}s": 2e-4, "0.01 s": 0.01, "1e-3": 1e-3}
+SIZES = {  # what is typed for metres or for seconds, and how many they are
+    cli.length: {"0.5mm": 5e-4, "1um": 1e-6, "1µm": 1e-6, "1\N{GREEK SMALL LETTER MU}m": 1e-6},
+    cli.seconds: {"5ms": 0.005, "200us": 2e-4, "0.01 s": 0.01, "1e-3": 1e-3},
+}
+SIZES[cli.length] |= {"2cm": 0.02, "2 cm": 0.02, "3nm": 3e-9, "1m": 1.0, "0.001": 1e-3}
 
 
-@pytest.mark.parametrize(("text", "seconds"), TIMES.items())
-def test_a_step_is_a_time_with_a_unit_or_a_number_of_seconds(text, seconds, tmp_path):
-    assert c.parse_args([f"--dt={text}", f"--out={tmp_path}"]).dt == cli.seconds(text) == seconds
+@pytest.mark.parametrize("parse", SIZES)
+def test_a_size_has_a_unit_or_is_a_number_of_metres_or_seconds(parse, tmp_path):
+    for text, size in SIZES[parse].items():
+        assert parse(text) == size
+    asked = c.parse_args(["--within=0.5mm", "--dt=200us", f"--out={tmp_path}"])
+    assert (asked.within, asked.dt) == (5e-4, 2e-4)
 
 
 CHANGED = [  # a command line, its flags that are changed, and the new one

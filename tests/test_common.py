@@ -119,7 +119,6 @@ SAID = [  # what says a number, the number, and what it says
     (words.amount, 0.33123, "0.331"),
     (words.amount, 99.96, "100"),
     (words.sentence, "why not", "Why not."),
-    (words.sentence, "", ""),
 ]
 
 

@@ -25,6 +25,7 @@ MISTAKES = [
     ("ex1_drift", "expected_g", lambda speeds, dt: [0.5 * dt**2 * np.sum(speeds**2)] * 2),
     ("ex2_solve", "jdotv", lambda d, d_dot: d @ d_dot),
     ("ex2_solve", "target", lambda g, gdot, w: -w * gdot - w**2 * g),
+    ("ex2_solve", "target", lambda g, gdot, w: -2.0 * w * gdot - w * g),
     ("ex3_chaos", "guess", lambda: {1e-12: 27.2, 1e-24: 60.0}),
     ("ex3_chaos", "guess", lambda: {1e-12: 34.4, 1e-24: 120.0}),
     ("ex4_cliff", "guess", lambda: dict.fromkeys(("euler", "semi_implicit", "rk4"), "earlier")),
@@ -136,14 +137,6 @@ def test_the_teachers_plan_is_ninety_minutes_of_figures_and_exercises_that_there
     for name in NAMES:
         about = import_module(f"{PACKAGE}.{name}").__doc__
         assert f"({rows[name[2]]} minutes)" in about
-
-
-def test_a_launch_angle_that_is_higher_is_higher():
-    turned = import_module(f"{PACKAGE}.ex3_chaos").turned
-    up = c.build_system("pendulum") | {"q0": np.array([[1.0, 0.0, 0.0]])}
-    for angle in 0.5, 1.0, 1.5:
-        up = turned(up, 0.5)
-        assert np.allclose(up["q0"], [[np.cos(angle), np.sin(angle), 0.0]])
 
 
 @pytest.mark.parametrize(("name", "blank", "mistake"), MISTAKES)

@@ -162,5 +162,5 @@ def test_a_recording_has_60_states_a_second_and_a_long_one_stays_small(steps, sh
 def test_the_force_is_the_largest_so_far_of_all_steps_though_few_are_shown():
     run = SimpleNamespace(pulls=np.array([1.0, 9.0, 2.0, np.nan, 4.0]), violations=np.ones(5))
     row = {"conserves": False, "energy_rel_max": None, "tension_max": 9.0}
-    curves = recording.curves_of(c.this_chapter(), {}, run, row, np.array([0, 2, 4]))
+    curves = recording.curves_of(run, row, 1.0, np.array([0, 2, 4]))
     assert curves["force"].tolist() == [1.0, 9.0, 9.0] and "energy" not in curves

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-import constraints as c
 from curriculum.make import __main__ as make
 from curriculum.make import texts
 
@@ -14,16 +13,16 @@ FOLDER = ROOT / "curriculum" / "ch3_4_constraints"
 CHAPTER = FOLDER / "README.md"
 EVERY = [ROOT / "README.md", *sorted(ROOT.glob("curriculum/**/*.md"))]  # and no user's notes
 FENCED = re.compile(r"^```.*?^```$", re.S | re.M)
-QUICK, _, CHECKS = make.everything()
+QUICK, SLOW_ONES = make.everything()
 
 
-@pytest.mark.parametrize("name", [*QUICK, *CHECKS])
+@pytest.mark.parametrize("name", [*QUICK, *SLOW_ONES])
 def test_what_is_made_is_what_would_be_made_now_times_aside(name):
-    if name.endswith(".md") or name in CHECKS:
+    if name.endswith(".md") or name in SLOW_ONES:
         for peer in "llvmlite", "heyoka", "mujoco":
             pytest.importorskip(peer, reason="a peer: pip install -e '.[fast,peers]'")
     try:
-        stale = CHECKS[name]() if name in CHECKS else [*make.fresh(QUICK[name])]
+        stale = SLOW_ONES[name][1]() if name in SLOW_ONES else [*make.fresh(QUICK[name])]
     except ModuleNotFoundError as why:
         pytest.skip(f"{why.name} is not installed: pip install -e '.[site]'")
     assert stale == [], make.__doc__
@@ -150,10 +149,9 @@ def toy(monkeypatch, tmp_path):
     another = "python -c 'print(5)'"
     write("studies/README.md", study + BLOCK.format(f"printed by: {another}", f"$ {another}\n5"))
     script = write("script.py", SCRIPT)
-    tables = {"rows": lambda: "| new |\n"}
     passages = {"words": lambda: "new words"}
     quick = {"pictures": dict}
-    chapter = make.Chapter(folder, script, tables, passages, quick, {"slow": slow})
+    chapter = make.Chapter(folder, script, passages, quick, {"slow": slow})
     monkeypatch.setattr(texts, "ROOT", tmp_path)
     monkeypatch.setattr(make, "README", write("../../README.md", "nothing is made\n"))
     monkeypatch.setattr(make, "SAID", tmp_path / "said")
@@ -174,17 +172,16 @@ def made(path):
 def test_each_kind_of_block_is_made(toy):
     script = toy("prints.py", "import sys; print(f'{sys.argv[1]} 12.5 µs')")
     region = "<!-- region: one -->\n```python\n{}\n```\n"
-    table = "<!-- table: rows -->\n{}\n\nafter\n"
     passage = "<!-- passage: words -->\n{}\n<!-- end of passage -->\n\nafter\n"
     python = "```python\nx = 1\nprint(x)\n```\n\n```python\nprint(x + 1)\n```\n"
     command = f"python {script} 'a b'"
     printed = BLOCK.format(f"printed by: {command}", f"$ {command}\n{{}} µs")
     path = toy("A.md", "")
     above = "printed by: lines above"
-    text = "\n".join([region, table, passage, python, BLOCK, printed]).format
-    path.write_text(text("old", "| old |", "old", above, 3, "a c 9"), encoding="utf-8")
+    text = "\n".join([region, passage, python, BLOCK, printed]).format
+    path.write_text(text("old", "old", above, 3, "a c 9"), encoding="utf-8")
     found = made(path)
-    assert found.split() == text("x = 1", "| new |", "new words", above, 2, "a b 12.5").split()
+    assert found.split() == text("x = 1", "new words", above, 2, "a b 12.5").split()
     path.write_text(found.replace("12.5 µs", "9 µs"), encoding="utf-8")
     assert make.main(["--check", make.short(path)]) == 0  # which differs in a time only
 
@@ -251,9 +248,3 @@ def test_an_extra_that_is_missing_is_told_and_how_to_get_it(toy, monkeypatch, ca
     with pytest.raises(SystemExit, match="2"):
         make.main([])
     assert re.search("pictures needs pygments: pip install .*site", capsys.readouterr().err)
-
-
-def test_a_table_of_methods_has_their_own_words():
-    (chapter,) = make.chapters()
-    rows = chapter.tables["methods"]().splitlines()[2:]
-    assert rows == [f"| `{name}` | {x.words} |" for name, x in c.make_methods().items()]

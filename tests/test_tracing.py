@@ -434,6 +434,8 @@ CHANGED = {  # what a step reads besides, and the steps of which one is said to 
     "wind = 3.0 * (300 <= i < 400)": range(300, 333),
     "wind = 3.0 * (i > 500)": range(501, 534),
     "wind = 3.0 * (i == 799)": [799],
+    "wind = 1e-10 * (600 < i < 634)": range(601, 634),
+    "drag = lambda q, v: np.sin(v) * (0.1 + 1e-6 * (i > 500))": range(501, 534),
     "drag = lambda q, v: -ball.draw() * v": [0],
     "drag = lambda q, v: v * (ball.draw() < 0.1)": range(800),
     "drag = lambda q, v: -0.1 * next(ball.calls) * v": [0],
@@ -452,33 +454,14 @@ def test_a_step_that_keeps_something_from_call_to_call_is_told_to_run_plainly(la
         drive(compiled(fall, 800), "drag = lambda q, v: keep(ball.kept, q)")
 
 
-@pytest.mark.parametrize("size", [1.0, 1e-11, 1e-6])
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.9])
-@pytest.mark.parametrize("steps", [7, 300, 2500])
-def test_what_a_step_reads_may_not_change_for_a_25th_part_of_the_run(steps, share, size, language):
-    long = max(1, steps // 25)
-    first = int(share * (steps - 1 - long))
-    mass = 1.0
-
-    def step(x):  # in a step with sines less goes unseen
-        return x + 0.1 / mass - 0.001 * (np.sin(x) if size == 1e-6 else x)
-
-    fast = compiled(step, steps)
-    x = np.ones(2)
-    with pytest.raises(StepChanged) as error:
-        for i in range(steps):
-            mass = 1.0 + size * (first < i <= first + long)
-            x = fast(x)
-    assert first < int(str(error.value).split()[1]) <= first + long
-
-
 @pytest.mark.parametrize("steps", [1, 7, 300, 4000, 100_000])
-def test_the_same_steps_are_compared_wherever_a_stretch_begins(steps):
-    are_due = Comparisons(steps).are_due
-    whole = are_due(0, steps)
-    for cut in steps // 3, steps // 2 + 1, steps - 1:
-        assert are_due(0, cut) + are_due(cut, steps - cut) == whole
-    found = np.flatnonzero(whole)
+def test_the_first_step_the_last_and_one_of_each_part_are_compared(steps):
+    comparisons = Comparisons(steps)
+    found = [n for n in range(2 * steps) if comparisons.is_due(n)]
+    first = steps // 3
+    row = np.flatnonzero(comparisons.are_due(first, 2 * steps - first))
+    assert [n for n in found if n >= first] == (first + row).tolist()
+    found = [n for n in found if n < steps]
     assert found[0] == 0 and found[-1] == steps - 1
     assert np.max(np.diff(found), initial=0) <= min(max(1, steps // 25), 2000)
 

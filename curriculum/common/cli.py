@@ -2,12 +2,12 @@
 
 import argparse
 import contextlib
-import math
 import signal
 import sys
 import time
 import traceback
 import warnings
+from functools import partial
 from pathlib import Path
 
 from curriculum.common.errors import Refused
@@ -20,7 +20,8 @@ SOON = 0.5  # s: what is done sooner needs no word
 DEEP = 100  # folders: Python makes a thousand at once, and no more
 COMMON = Path(__file__).parent
 LEAST = 1e-12  # of a length in m, or a time in s
-MOST = 1e6  # m
+LARGEST = 1e12  # a number is below it
+MOST = 1e6  # m: a length is below it
 
 
 class Parser(argparse.ArgumentParser):
@@ -70,48 +71,44 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{what}{why}")
 
 
-def number(low, high=1e12, kind=float):
-    """An argparse type: a finite number, at least `low` and below `high`."""
-    allowed = f"a finite number >= {low:g} and < {high:g}"
-    if kind is int:
-        allowed = f"a whole number from {low} to {high - 1:g}"
+def checked(read, low, high, allowed):
+    """An argparse type: what read(text) makes of a text, from low up to, not including, high.
+
+    `allowed` says so in words. A text of which it can make nothing raises ValueError.
+    """
 
     def parse(text):
-        try:
-            value = kind(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value < high:
-            raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
-        return value
+        with contextlib.suppress(ValueError):
+            value = read(text)
+            if low <= value < high:
+                return value
+        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
 
     return parse
 
 
-positive = number(1e-12)
+def number(low):
+    """An argparse type: a finite number, at least `low`."""
+    return checked(float, low, LARGEST, f"a finite number >= {low:g} and < {LARGEST:g}")
 
 
 def whole(low, high=10**12):
     """An argparse type: a whole number from low to high."""
-    return number(low, high + 1, int)
+    return checked(int, low, high + 1, f"a whole number from {low} to {high:g}")
 
 
-def length(text):
-    """An argparse type: metres, from a length such as 0.5mm or 2 cm, or from a number."""
-    x = parsed(text, LENGTHS)
-    if not LEAST <= x <= MOST:
-        allowed = "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on"
-        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
-    return x
-
-
-def seconds(text):
-    """An argparse type: seconds, from a time such as 5ms or 200us, or from a number."""
-    x = parsed(text, TIMES)
-    if not LEAST <= x < 1.0 / LEAST:
-        allowed = f"a finite number >= {LEAST:g} and < {1.0 / LEAST:g}, or a time such as 5ms"
-        raise argparse.ArgumentTypeError(f"{text!r} must be {allowed}")
-    return x
+length = checked(  # metres, from a length such as 0.5mm or 2 cm, or from a number
+    partial(parsed, units=LENGTHS),
+    LEAST,
+    MOST,
+    "a length such as 1mm, 0.5mm, 1um or 2cm, or a number of metres, from 1pm on",
+)
+seconds = checked(  # from a time such as 5ms or 200us, or from a number
+    partial(parsed, units=TIMES),
+    LEAST,
+    LARGEST,
+    f"a finite number >= {LEAST:g} and < {LARGEST:g}, or a time such as 5ms",
+)
 
 
 def folder(text):
@@ -148,8 +145,6 @@ def run_script(main):
             stream.reconfigure(errors="backslashreplace")  # a console may lack a letter of a name
     if sys.excepthook is sys.__excepthook__:
         sys.excepthook = show
-    if sys.argv[0] == "-" or not COMMON.is_dir():
-        sys.exit("error: it needs its folder beside it: unpack it, and run python constraints.py")
     try:
         with signals(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the table says what diverged

@@ -4,7 +4,7 @@ import sys
 from html import escape
 from pathlib import Path
 
-HEIGHT = 760  # pixels
+HEIGHT = 760  # pixels, of the frame of a page
 
 
 def load(path):
@@ -29,9 +29,8 @@ def load(path):
 class Page:
     """A page of one file, which a notebook shows below the cell."""
 
-    def __init__(self, path, height):
+    def __init__(self, path):
         self.path = Path(path)
-        self.height = height  # in pixels
         # A page is read at once: the next run may write another in its place.
         self.text = self.path.read_text(encoding="utf-8") if self.path.exists() else None
 
@@ -43,10 +42,10 @@ class Page:
     def _repr_html_(self):
         if self.text is None:
             return f"<p>{escape(repr(self))}</p>"
-        style = f"width: 100%; height: {self.height}px; border: 0"
+        style = f"width: 100%; height: {HEIGHT}px; border: 0"
         return f'<iframe style="{style}" srcdoc="{escape(self.text)}"></iframe>'
 
 
-def show(path, height=HEIGHT):
-    """The page in the file at `path`, in a frame so many pixels high: a Page."""
-    return Page(path, height)
+def show(path):
+    """The page in the file at `path`, in a frame below the cell: a Page."""
+    return Page(path)

@@ -49,25 +49,21 @@ def amount(x, digits=3):
 
 
 def sentence(clause):
-    """A clause as a sentence; "" of ""."""
-    return f"{clause[0].upper()}{clause[1:]}." if clause else ""
+    """A clause as a sentence."""
+    return f"{clause[0].upper()}{clause[1:]}."
 
 
 def parsed(text, units):
     """The number in a text such as 0.5mm or 2 cm, whose unit is one of `units` or missing.
 
-    NaN if it is none.
+    Raises ValueError if there is none.
     """
-    digits = text.strip()
     for letter in MICRO:
-        digits = digits.replace(letter, "µ")
-    power = 0
-    for unit in sorted(units, key=len, reverse=True):
-        if digits.endswith(unit):
-            digits = digits.removesuffix(unit)
-            power = units[unit]
-            break
+        text = text.replace(letter, "µ")
+    digits = text.rstrip(" " + "".join(units))
+    unit = text.removeprefix(digits).strip()
     try:
-        return float(Decimal(digits.strip()).scaleb(power))
-    except (InvalidOperation, OverflowError):
-        return float("nan")
+        power = units[unit] if unit else 0
+        return float(Decimal(digits).scaleb(power))
+    except (KeyError, InvalidOperation, OverflowError):
+        raise ValueError(text) from None

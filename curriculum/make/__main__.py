@@ -26,7 +26,6 @@ class Chapter(NamedTuple):
 
     folder: Path
     script: Path
-    tables: dict  # {name: function() -> a table of Markdown}
     passages: dict  # {name: function() -> Markdown}
     made: dict  # {name: function() -> {path: text}}
     slow: dict  # {study: function(its commands) -> ({command: what it prints}, {path: text})}
@@ -39,7 +38,7 @@ def chapters():
         folder = path.parents[1]
         made = import_module(f"curriculum.{folder.name}.site.made")
         script = texts.ROOT / made.SCRIPT
-        parts = made.TABLES, made.PASSAGES, made.MADE, made.SLOW
+        parts = made.PASSAGES, made.MADE, made.SLOW
         found.append(Chapter(folder, script, *parts))
     return found
 
@@ -75,14 +74,13 @@ def short(path):
 
 
 def everything():
-    """{name: function() -> {path: text}} of what is quick to make, and of what is slow; and of the
-    latter {name: function() -> what is stale}.
+    """{name: function() -> {path: text}} of what is quick to make, and {name: (such a function,
+    function() -> what is stale)} of what is slow.
 
     A name that an earlier chapter has, too, begins with the chapter's folder.
     """
     quick = {}
     slow = {}
-    checks = {}
 
     def named(name, chapter):
         return f"{chapter.folder.name}/{name}" if name in quick | slow else name
@@ -94,12 +92,11 @@ def everything():
         for name, made in chapter.made.items():
             if name != "pictures":
                 quick[named(name, chapter)] = made
-        for study_name in chapter.slow:
-            name = named(study_name, chapter)
-            slow[name] = partial(study, chapter, study_name)
-            checks[name] = partial(stale_study, chapter, study_name)
+        for name in chapter.slow:
+            both = partial(study, chapter, name), partial(stale_study, chapter, name)
+            slow[named(name, chapter)] = both
     quick["said"] = said
-    return quick, slow, checks
+    return quick, slow
 
 
 def stale_study(chapter, name):
@@ -117,7 +114,7 @@ def fresh(make):
 
 def main(argv=None):
     """Make what is stale, or say what is."""
-    quick, slow, checks = everything()
+    quick, slow = everything()
     parser = cli.Parser(__doc__, f"names: {', '.join(quick)}; and, slowly, {', '.join(slow)}")
     add = parser.add_argument
     add("names", nargs="*", metavar="NAME", help="what to make; by default all that is quick")
@@ -130,10 +127,11 @@ def main(argv=None):
     left = []  # what is stale in the end
     try:
         for name in cli.progress(args.names or [*quick, *slow]):
-            if name in slow and (args.check or name not in args.names):
-                left += checks[name]()
+            make, stale = slow.get(name) or (quick[name], None)
+            if stale and (args.check or name not in args.names):
+                left += stale()
                 continue
-            files = fresh((quick | slow)[name])
+            files = fresh(make)
             if args.check:
                 left += map(short, files)
                 continue

@@ -7,11 +7,10 @@ A block below one of these comments is made again by `python -m curriculum.make`
                                        it prints
     <!-- printed by: lines above -->   what the last block of Python prints; those of one text run
                                        in order and share their names, as in a notebook
-    <!-- table: NAME -->               a table of the chapter's, such as its methods
     <!-- passage: NAME -->             a passage of the chapter's, such as its gallery, up to
                                        <!-- end of passage -->
 
-A table and a passage are Markdown, the others are fenced. A file tests/said/NAME.txt has commands,
+A passage is Markdown, the others are fenced. A file tests/said/NAME.txt has commands,
 each behind a "$" and above what it prints, errors too. What differs in nothing but times is left as
 it is.
 """
@@ -28,12 +27,11 @@ from functools import lru_cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-COMMENT = r"<!-- (?P<kind>region|printed by|table): (?P<what>[^\n]+) -->\n"
+COMMENT = r"<!-- (?P<kind>region|printed by): (?P<what>[^\n]+) -->\n"
 FENCED = rf"^(?:{COMMENT})?```(?P<language>\w+)\n(?P<body>.*?)^```$"
-TABLE = r"^<!-- table: (?P<rows>\w+) -->\n(?:\|[^\n]*\n)*"
 END = "<!-- end of passage -->"
 PASSAGE = rf"^<!-- passage: (?P<passage>\w+) -->\n.*?^{END}\n"
-BLOCK = re.compile(f"{FENCED}|{TABLE}|{PASSAGE}", re.S | re.M)
+BLOCK = re.compile(f"{FENCED}|{PASSAGE}", re.S | re.M)
 NUMBER = r"\d[\d,.e+-]*"
 TIMES = re.compile(rf"{NUMBER}(?= [uµ]s\b)|(?<=ratio ){NUMBER}|{NUMBER}(?=/)")  # as in 13/2.5
 HEAD = re.compile(r"\s[uµ]s(?:/s)?$")  # of a table whose last column is of times
@@ -99,7 +97,7 @@ def differs(old, new):
 def filled(text, chapter, outputs=None):
     """The text with each of its blocks made anew; its Python is run.
 
-    `chapter` is the Chapter whose script, tables and studies it has. Blocks of slow studies are
+    `chapter` is the Chapter whose script, passages and studies it has. Blocks of slow studies are
     left as they are, unless `outputs` {command: what it prints} has them. Raises OSError, which
     names the line, if a block cannot be made.
     """
@@ -128,9 +126,7 @@ def filled(text, chapter, outputs=None):
         return new if differs(body, new.rstrip()) else body
 
     def fill(match):
-        kind, what, language, body, rows, passage = match.groups()
-        if rows:
-            return f"<!-- table: {rows} -->\n{chapter.tables[rows]()}"
+        kind, what, language, body, passage = match.groups()
         if passage:
             return f"<!-- passage: {passage} -->\n\n{chapter.passages[passage]()}\n{END}\n"
         if kind is None and language == "python":

@@ -14,7 +14,6 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.solutions import ex4_cliff
-from curriculum.ch3_4_constraints.studies.real_thing import random_chain
 from curriculum.ch3_4_constraints.studies.xpbd import xpbd_step
 from curriculum.common.cli import Parser, run_script
 
@@ -25,9 +24,18 @@ def blank(what):
     raise NotImplementedError(f"{Path(caller.filename).name}, line {caller.lineno}: {what}")
 
 
+def random_chain():
+    """A chain of five rods of 1 m, none of which is right, and whose particles move anyhow."""
+    rng = np.random.default_rng(0)
+    q, v = rng.normal(size=(2, 5, 3))
+    m = rng.uniform(0.3, 3.0, (5, 1))
+    return c.build_system("chain", links=5) | {"q0": q, "v0": v, "m": m}
+
+
 # A check takes the module of an exercise and yields, for one answer after the other, what it is,
 # the answer, what is right, how far off it may be (a share of what is right), and a hint.
 def drift(exercise):
+    """Of exercise 1: both guesses, and the line that gives g in m^2."""
     guess = exercise.guess()
     let_go, thrown, coarse, fine = exercise.main()
     pendulum = c.build_system("pendulum")
@@ -43,7 +51,8 @@ def drift(exercise):
 
 
 def solve(exercise):
-    chain = random_chain(np.random.default_rng(0), 5)
+    """Of exercise 2: the force (N, 3) in N with each of its two blanks."""
+    chain = random_chain()
     q = chain["q0"]
     v = chain["v0"]
     f = c.external_force(chain, q, v)
@@ -59,6 +68,7 @@ def solve(exercise):
 
 
 def chaos(exercise):
+    """Of exercise 3: both guesses, in s."""
     guess = exercise.guess()
     times = exercise.main()
     wide = times[1e-3]
@@ -70,6 +80,7 @@ def chaos(exercise):
 
 
 def cliff(exercise):
+    """Of exercise 4, for each integrator: its matrix (2, 2), its guess, and its cliff as dt w."""
     guess = exercise.guess()
     hint = "its first column is a step from g = 1, gdot = 0; its second from g = 0, gdot = 1"
     for name in exercise.NAMES:
@@ -86,7 +97,8 @@ def cliff(exercise):
 
 
 def xpbd(exercise):
-    chain = random_chain(np.random.default_rng(0), 5)
+    """Of exercise 5: q and v (2, N, 3) after a sub-step."""
+    chain = random_chain()
     mine = exercise.substep(chain, chain["q0"], chain["v0"], 0.01)
     right = np.array(xpbd_step(chain, chain["q0"], chain["v0"], 0.01))
     hint = "each rod begins where those before it have left its ends; in the end, v = move / h"

@@ -16,17 +16,19 @@ def of_the_run(asked, results, truth, scene):
     """How the run went: {blank of play.html: its HTML}."""
     rows = []
     for name, row in results.items():
+        energy = row["energy_rel_max"]
+        operations = row["operations"]
         cells = [
             words.length(row["max_violation"]),
             words.length(row["final_violation"]),
-            words.per_cent(row["energy_rel_max"]) if row["energy_rel_max"] is not None else NOTHING,
+            NOTHING if energy is None else words.per_cent(energy),
             distance(row["error"], truth),
-            words.amount(row["operations"]) if row["operations"] is not None else NOTHING,
+            NOTHING if operations is None else words.amount(operations),
         ]
+        wide = len(cells)
         if row["stopped"]:  # its figures are of a shorter time
-            rows.append(html_row(name, name, scene, [row["stopped"]], len(cells)))
-        else:
-            rows.append(html_row(name, name, scene, cells))
+            cells = [row["stopped"]]
+        rows.append(html_row(name, name, scene, cells, wide))
     why = [f"The true motion is not known: {truth.why}."] if truth.q is None else []
     if not scene["conserves"]:
         why.append("external_force takes or gives energy, so a change of energy is no error.")
@@ -121,15 +123,14 @@ def table(said, scene):
 def answer_row(line, scene, wide):
     """A row of the answer: its name and cells or, where it is lost, why, in one cell."""
     cells = line.cells
-    if line.rung.lost:
-        return html_row(line.name.strip(), line.rung.scheme.method, scene, cells, wide)
-    cells = [*cells[:-1], words.amount(1e-3 * line.rung.operations, 2)]
-    return html_row(line.name.strip(), line.rung.scheme.method, scene, cells)
+    if not line.rung.lost:
+        cells = [*cells[:-1], words.amount(1e-3 * line.rung.operations, 2)]
+    return html_row(line.name.strip(), line.rung.scheme.method, scene, cells, wide)
 
 
-def html_row(name, method, scene, cells, wide=1):
-    """A row of a table: a name in its method's colour, then cells; so many columns wide each."""
+def html_row(name, method, scene, cells, wide):
+    """A row of a table: a name in its method's colour, then cells; one alone is so many wide."""
     color = scene["colors"].get(method, 0)
-    span = f' colspan="{wide}"' if wide > 1 else ""
+    span = f' colspan="{wide}"' if len(cells) == 1 else ""
     row = f'<tr><th scope="row" class="m{color}">{escape(name)}'
     return row + "".join(f"<td{span}>{escape(cell)}" for cell in cells)

@@ -6,15 +6,7 @@ from html import escape
 import numpy as np
 
 from curriculum.ch3_4_constraints.page import answer as answers
-from curriculum.ch3_4_constraints.page.scene import (
-    NoPage,
-    as_script,
-    page_file,
-    palette_css,
-    scene_of,
-)
-
-__all__ = ["MARK", "NoPage", "page"]
+from curriculum.ch3_4_constraints.page.scene import as_script, page_file, palette_css, scene_of
 
 MARK = '<meta name="generator" content="constraints.py">'  # of a page that a run has written
 

@@ -37,8 +37,9 @@ def palette_css():
     colors = {f"m{k}": pair for k, pair in enumerate(palette.METHODS)}
     colors |= {"reference": palette.REFERENCE, "ink": palette.INK, "paper": palette.PAPER}
     colors |= {"long": palette.TOO_LONG, "short": palette.TOO_SHORT}
-    light = "".join(f"--{name}: {color}; " for name, (color, _) in colors.items())
-    dark = "".join(f"--{name}: {color}; " for name, (_, color) in colors.items())
+    light, dark = (
+        "".join(f"--{name}: {pair[side]}; " for name, pair in colors.items()) for side in (0, 1)
+    )
     at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
     classes = [f".m{k} {{ color: var(--m{k}); }}" for k in range(len(palette.METHODS))]
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
@@ -61,11 +62,20 @@ def scene_of(chapter, system, integrator, knobs, conserves=True, measures=None, 
     pairs = {name: (integrator, name) for name in methods}
     pairs |= {str(scheme): (scheme.integrator, scheme.method) for scheme in others}
     tracer = Tracer(chapter, system, list(knobs))
-    measures = {"energy": tracer.energy, "errors": tracer.errors, **(measures or {})}
-    posts = {method for _, method in pairs.values() if every[method].post_step}
+    scale = energy_scale(system, chapter.gravity)
+    measures = {
+        "energy": lambda system, q, v: chapter.energy(system, q, v) / scale,
+        "errors": lambda system, q, v: chapter.rod_lengths(system, q) - system["lengths"],  # m
+        **(measures or {}),
+    }
+    used = {method for _, method in pairs.values()}
     try:
         steps = {name: tracer.step(*pair) for name, pair in pairs.items()}
-        posts = {method: tracer.post_step(method) for method in every if method in posts}
+        posts = {
+            name: tracer.post_step(name)
+            for name, method in every.items()
+            if name in used and method.post_step
+        }
         measures = {name: tracer.measure(function) for name, function in measures.items()}
     except Untraceable as why:
         raise NoPage(f"a step cannot be written as JavaScript: {why}") from None
@@ -153,14 +163,6 @@ class Tracer:
     def measure(self, function):
         """function(system, q, v) of a state."""
         return Program(lambda q, v: function(self.system, q, v), *[self.live] * 2)
-
-    def energy(self, system, q, v):
-        """In parts of its scale."""
-        return self.chapter.energy(system, q, v) / energy_scale(system, self.chapter.gravity)
-
-    def errors(self, system, q, v):
-        """By how much each rod is too long, in m."""
-        return self.chapter.rod_lengths(system, q) - system["lengths"]
 
 
 def in_plane(state):

@@ -2,7 +2,7 @@
 
 from curriculum.ch3_4_constraints.report.table import aligned, say
 from curriculum.ch3_4_constraints.rods.advice import advice, command
-from curriculum.ch3_4_constraints.rods.choice import choose, no_answer
+from curriculum.ch3_4_constraints.rods.choice import Answer, choose
 from curriculum.ch3_4_constraints.rods.run import moves
 from curriculum.ch3_4_constraints.rods.truth import why_unknown
 from curriculum.common import cli
@@ -15,12 +15,12 @@ def find_answer(chapter, asked, runs, truth):
     if not why and truth.q is not None and not moves(truth.q, asked.system):
         why = "nothing moves"
     if why:
-        return no_answer(asked.within, why)
+        return Answer(asked.within, why)
     settings = asked.within, asked.dt, asked.steps, asked.knobs, truth, cli.progress
     try:
         return choose(chapter, asked.system, *settings)
     except Untraceable as cause:
-        return no_answer(asked.within, f"steps cannot be compiled: {cause}")
+        return Answer(asked.within, f"steps cannot be compiled: {cause}")
 
 
 def print_answer(asked, answer):
@@ -46,9 +46,7 @@ def print_answer(asked, answer):
 
 
 def as_metrics(answer):
-    """What metrics.json says of an Answer, if there is one. It has no times of this machine."""
-    if answer is None:
-        return None
+    """What metrics.json says of an Answer. It has no times of this machine."""
     return {
         "within": answer.within,
         "whole": answer.whole,

@@ -8,22 +8,20 @@ import sys
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.page import play
+from curriculum.ch3_4_constraints.page.scene import NoPage
 from curriculum.ch3_4_constraints.report import answer as answers
 from curriculum.ch3_4_constraints.report.table import say
 from curriculum.common.errors import Refused
 from curriculum.common.files import check_writable, write_together
 
-DECIMALS = {"tip_final": 6}  # of a row's numbers: others have 12
 METRICS = "metrics.json"
 PAGE = "play.html"
 RECORDING = "constraints.rrd"
-MARK = "written_by"  # a key of METRICS
-WRITER = "constraints.py"
-EARLIER = {"baumgarte", "error_at", "reference_uncertainty", "rods", "time_constant"}  # keys
-HEAD = 4096  # bytes of a file, in which its mark is looked for
-MARKS = {  # what is in the head of a file that a run has written, or an earlier version has
-    PAGE: [(play.MARK.encode(),), (b"<!doctype html>", b"which method holds its rods?</title>")],
-    RECORDING: [(b"RRF", b"constraints*")],
+EARLIER = ("baumgarte", "error_at", "reference_uncertainty", "rods", "time_constant")  # keys
+MARKS = {  # what is in a file that a run has written or, the second, that an earlier version has
+    METRICS: [('"written_by": "constraints.py"',), [f'"{key}":' for key in EARLIER]],
+    PAGE: [(play.MARK,), ("<!doctype html>", "which method holds its rods?</title>")],
+    RECORDING: [("RRF", "constraints*")],
 }
 OFF = ("0", "off", "false")  # what the variable RERUN is where rerun is to do nothing
 
@@ -38,16 +36,9 @@ def check(folder):
 
 
 def is_ours(path):
-    """Whether a run has written this file: it has a run's mark, or is like an earlier version's."""
-    if path.name == METRICS:
-        try:
-            keys = json.loads(path.read_bytes()).keys()
-        except (ValueError, AttributeError, RecursionError):
-            return False
-        return MARK in keys or keys >= EARLIER
-    with path.open("rb") as file:
-        head = file.read(HEAD)
-    return any(all(part in head for part in mark) for mark in MARKS[path.name])
+    """Whether a run has written this file, or an earlier version's: it has a mark of theirs."""
+    content = path.read_bytes()
+    return any(all(word.encode() in content for word in mark) for mark in MARKS[path.name])
 
 
 def write_files(chapter, asked, runs, results, truth, answer):
@@ -60,7 +51,7 @@ def write_files(chapter, asked, runs, results, truth, answer):
     elif asked.page:
         try:
             files[PAGE] = play.page(chapter, asked, results, truth, answer)
-        except play.NoPage as why:
+        except NoPage as why:
             left_out[PAGE] = why
     if asked.rerun:
         files[RECORDING], why = recorded(chapter, asked, runs, results, text)
@@ -97,11 +88,11 @@ def recorded(chapter, asked, runs, results, text):
         return None, f"{said}; pip install --upgrade rerun-sdk may help"
 
 
-def metrics(asked, results, truth, answer=None):
+def metrics(asked, results, truth, answer):
     """The text of metrics.json. It has no times, and nothing about the machine: equal arguments
     give equal bytes. So does the page; recordings are equal but for a header."""
     found = {
-        MARK: WRITER,
+        "written_by": "constraints.py",
         "system": Path(asked.scene).name,
         "integrator": asked.integrator,
         "dt": asked.dt,
@@ -111,24 +102,19 @@ def metrics(asked, results, truth, answer=None):
         "rods": len(asked.system["pairs"]),
         "error_at": truth.step * asked.dt,
         "reference_uncertainty": truth.uncertainty if truth.q is not None else None,
-        "results": {name: rounded_row(row) for name, row in results.items()},
-        "choice": finite(answers.as_metrics(answer)),
+        "results": {
+            name: {key: rounded(x) for key, x in row.items()} for name, row in results.items()
+        },
+        "choice": answers.as_metrics(answer) if answer else None,
     }
-    return json.dumps(found, indent=2, sort_keys=True, allow_nan=False) + "\n"
+    return json.dumps(finite(found), indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
-def rounded_row(row):
-    """A row of the results, whose numbers have as many decimals as DECIMALS says."""
-    return {key: rounded(x, DECIMALS.get(key, 12)) for key, x in row.items()}
-
-
-def rounded(x, digits):
-    """A number, or each of a list, with so many decimals, None if it is not finite; else x."""
+def rounded(x):
+    """A figure with 12 decimals, or a list of places in m with 6; else x."""
     if isinstance(x, list):
-        return [rounded(y, digits) for y in x]
-    if isinstance(x, float):
-        return round(float(x), digits) if math.isfinite(x) else None
-    return x
+        return [round(place, 6) for place in x]
+    return round(float(x), 12) if isinstance(x, float) else x
 
 
 def finite(x):

@@ -21,13 +21,10 @@ FIELD_OF_VIEW = np.radians(55.0)  # from top to bottom, of Rerun's eye
 WIDE = 1.5  # a view is at least so many times as wide as high, as the layout has it
 MARGIN = 1.15  # around what is seen
 FLOOR = 1e-12  # m: no smaller rod error is plotted
-LEGENDS = {  # where no curve is, as a rule: all begins small
-    "violation": rrb.Corner2D.RightBottom,
-    "energy": rrb.Corner2D.LeftBottom,
-    "force": rrb.Corner2D.LeftTop,
-}
-VIEWS = """Each view is a method, and all start alike. When do their paths part?
-**Red** is what a rod has too much, **blue** what it lacks: in whose view?"""
+VIEWS = [  # what to look for in them, in Markdown
+    "Each view is a method, and all start alike. When do their paths part?",
+    "**Red** is what a rod has too much, **blue** what it lacks: in whose view?",
+]
 
 
 class Plot(NamedTuple):
@@ -35,6 +32,7 @@ class Plot(NamedTuple):
 
     title: str
     question: str  # what to look for, in Markdown
+    legend: rrb.Corner2D  # where no curve is, as a rule: all begins small
 
 
 def plots(rows, scale):
@@ -43,38 +41,28 @@ def plots(rows, scale):
     Where external_force takes or gives energy, what is gained is no error. `scale`: of energy, in
     J.
     """
-    share = f"share of {in_digits(scale, 3):g} J"
     found = {
         "violation": Plot(
             "worst rod error, log10 of metres: -3 is 1 mm",
             "**Worst rod error**: which curves climb (drift), which stay level (corrected)?",
+            rrb.Corner2D.RightBottom,
         )
     }
-    if any(has_energy(row) for row in rows):
-        found["energy"] = Plot(
-            f"energy error, {share}", "**Energy error**: who pays with energy for good rods?"
-        )
-        if not all(row["conserves"] for row in rows):
-            found["energy"] = Plot(
-                f"energy taken (below 0) or given, {share}",
-                "**Energy taken or given**: external_force changes it. Do the methods agree?",
-            )
-    if any(has_force(row) for row in rows):
+    share = f"share of {in_digits(scale, 3):g} J"
+    title = f"energy error, {share}"
+    question = "**Energy error**: who pays with energy for good rods?"
+    if not all(row["conserves"] for row in rows):
+        title = f"energy taken (below 0) or given, {share}"
+        question = "**Energy taken or given**: external_force changes it. Do the methods agree?"
+    if any(row["energy_rel_max"] is not None for row in rows):
+        found["energy"] = Plot(title, question, rrb.Corner2D.LeftBottom)
+    if any(row["tension_max"] is not None for row in rows):
         found["force"] = Plot(
             "largest force of a rod so far, N",
             "**Largest force so far**: when does it jump, and what do the rods do just then?",
+            rrb.Corner2D.LeftTop,
         )
     return found
-
-
-def has_energy(row):
-    """Whether the energy of a run is that of its system."""
-    return row["energy_rel_max"] is not None
-
-
-def has_force(row):
-    """Whether the forces of a run are known."""
-    return row["tension_max"] is not None
 
 
 def rgb(colors):
@@ -94,11 +82,7 @@ def record(chapter, asked, runs, results, metrics):
     stream = rr.RecordingStream("constraints", recording_id=name, send_properties=False)
     memory = stream.memory_recording()  # on a full disk rerun's own writer may hang
     try:
-        title = f"{asked.name}, {asked.integrator}, steps of {asked.dt:.4g} s"
-        stream.send_recording_name(title)
-        kinds = plots(results.values(), energy_scale(asked.system, chapter.gravity))
-        stream.log("guide", guide(title, kinds), static=True)
-        fill(stream, chapter, asked, runs, results, kinds)
+        fill(stream, chapter, asked, runs, results)
     finally:  # after Ctrl-C, too, or rerun warns of what it drops
         content = memory.drain_as_bytes()
     return content
@@ -106,16 +90,20 @@ def record(chapter, asked, runs, results, metrics):
 
 def guide(title, kinds):
     """A text: what to look at."""
-    lines = [*VIEWS.splitlines(), *[plot.question for plot in kinds.values()]]
+    lines = VIEWS + [plot.question for plot in kinds.values()]
     steps = "\n".join(f"{k}. {line}" for k, line in enumerate(lines, 1))
     return rr.TextDocument(f"**{title}**\n\n{steps}\n", media_type=rr.MediaType.MARKDOWN)
 
 
-def fill(stream, chapter, asked, runs, results, kinds):
-    """Send runs to a stream of Rerun's, and how they are to be looked at; `kinds`: of plots."""
+def fill(stream, chapter, asked, runs, results):
+    """Send runs {method: Run} to a stream of Rerun's, and how they are to be looked at."""
     system = asked.system
-    methods = chapter.make_methods(asked.dt, **asked.knobs)
-    places = palette.places(methods)
+    scale = energy_scale(system, chapter.gravity)
+    kinds = plots(results.values(), scale)
+    title = f"{asked.name}, {asked.integrator}, steps of {asked.dt:.4g} s"
+    stream.send_recording_name(title)
+    stream.log("guide", guide(title, kinds), static=True)
+    places = palette.places(chapter.make_methods(asked.dt, **asked.knobs))
     alive = [run for run in runs.values() if not run.stopped] or list(runs.values())
     seen = np.concatenate([nodes(run.q, system["anchors"]).reshape(-1, 3) for run in alive])
     ball = min(0.014 * np.max(np.ptp(seen, axis=0)), 0.3 * np.min(system["lengths"]))  # m
@@ -132,22 +120,23 @@ def fill(stream, chapter, asked, runs, results, kinds):
         if run.stopped:
             clear = rr.Clear.columns(is_recursive=[True])
             send(stream, f"methods/{key}", seconds[-1:] + run.dt, clear)
-        curves = curves_of(chapter, system, run, results[name], shown)
         style = rr.SeriesLines(colors=[color], names=[name])
-        for plot, curve in curves.items():
+        for plot, curve in curves_of(run, results[name], scale, shown).items():
             send(stream, f"{plot}/{key}", seconds, rr.Scalars.columns(scalars=curve), style)
             if run in alive:
                 values[plot].extend(curve)
     stream.send_blueprint(blueprint(results, seen, values, kinds))
 
 
-def curves_of(chapter, system, run, row, shown):
-    """{plot: its values (n,)} of a run at the steps that are shown, as far as they are known."""
+def curves_of(run, row, scale, shown):
+    """{plot: its values (n,)} of a run at the steps that are shown, as far as they are known.
+
+    `scale`: of energy, in J.
+    """
     curves = {"violation": np.log10(np.maximum(run.violations[shown], FLOOR))}
-    if has_energy(row):
-        scale = energy_scale(system, chapter.gravity)
+    if row["energy_rel_max"] is not None:
         curves["energy"] = (run.energies[shown] - run.energies[0]) / scale
-    if has_force(row):
+    if row["tension_max"] is not None:
         # Of each moment it would be a scribble: a swing has many peaks.
         curves["force"] = np.fmax.accumulate(run.pulls)[shown]
     return curves
@@ -223,14 +212,14 @@ def blueprint(results, seen, values, kinds):
         views.append(view)
     views.append(rrb.TextDocumentView(name="what to look at", origin="guide"))
     beside = []
-    for plot, (title, _) in kinds.items():
-        least, most = np.quantile(values[plot] or [0.0], (0.002, 0.998))  # a spike may be cut off
+    for entity, plot in kinds.items():
+        least, most = np.quantile(values[entity] or [0.0], (0.002, 0.998))  # a spike may be cut
         room = 0.05 * (most - least) or 1.0
         view = rrb.TimeSeriesView(
-            name=title,
-            origin=plot,
+            name=plot.title,
+            origin=entity,
             axis_y=rrb.ScalarAxis(range=(least - room, most + room)),
-            plot_legend=rrb.PlotLegend(LEGENDS[plot]),
+            plot_legend=rrb.PlotLegend(plot.legend),
             background=ground,
         )
         beside.append(view)

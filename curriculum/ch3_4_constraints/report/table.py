@@ -5,8 +5,8 @@ import textwrap
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import MOVES, conserves
-from curriculum.ch3_4_constraints.rods.stability import grows, stability_limit
+from curriculum.ch3_4_constraints.rods.run import conserves, moves
+from curriculum.ch3_4_constraints.rods.stability import stability_limit
 from curriculum.common import words
 
 ROUNDING = 1e-9  # of the shortest rod: errors below are not of a method
@@ -33,20 +33,18 @@ def aligned(heads, rows):
     The first column begins at its left, others end at their right, as wide as they need. What
     stands alone after the first is a sentence.
     """
-    upper = [x for x, _ in heads]
-    table = [upper, [x for _, x in heads], *rows]
+    table = [*zip(*heads, strict=True), *rows]
     full = [row for row in table if len(row) == len(heads)]
-    widths = [max(len(row[k]) for row in full) for k in range(len(heads))]
+    widths = [max(map(len, column)) for column in zip(*full, strict=True)]
     widths[0] = max(len(row[0]) for row in table)
     lines = []
     for row in table:
-        first, *others = row
+        line = row[0].ljust(widths[0])
         if len(row) < len(heads):
-            lines.append("  ".join([first.ljust(widths[0]), *others]).rstrip())
-            continue
-        line = first.ljust(widths[0])
-        for x, width in zip(others, widths[1:], strict=True):
-            line += x.rjust(width + GAP)
+            line += " " * GAP + row[1]
+        else:
+            for x, width in zip(row[1:], widths[1:], strict=True):
+                line += x.rjust(width + GAP)
         lines.append(line.rstrip())
     return lines
 
@@ -106,7 +104,6 @@ def force(row):
 
 def print_notes(chapter, asked, runs, results, truth):
     """Print a sentence for what is missing or past its limit."""
-    alive = {name: row for name, row in results.items() if not runs[name].lost}
     for name, run in runs.items():
         if run.stopped and not run.lost:
             say(f"{name}: {run.stopped}")
@@ -114,14 +111,12 @@ def print_notes(chapter, asked, runs, results, truth):
     for why in unlike:
         say(f"- places, energy and forces are not known: {why}")
     if not unlike:
-        print_unknown(alive, truth)
+        print_unknown({name: row for name, row in results.items() if not runs[name].lost}, truth)
     if asked.left_out:
-        names = ", ".join(asked.left_out)
-        say(f"left out, as not made for {asked.integrator}: {names}")
-    step_fn = chapter.integrators[asked.integrator]
-    stiffness = asked.dt * asked.knobs["baumgarte"]
-    if "baumgarte" in results and grows(step_fn, stiffness):
-        print_limit(stiffness, stability_limit(step_fn))
+        say(f"left out, as not made for {asked.integrator}: {', '.join(asked.left_out)}")
+    if "baumgarte" in results:
+        limit = stability_limit(chapter.integrators[asked.integrator])
+        print_limit(asked.dt * asked.knobs["baumgarte"], limit)
 
 
 def print_unknown(alive, truth):
@@ -130,20 +125,17 @@ def print_unknown(alive, truth):
         say("- energy off: external_force does work that energy does not count")
     hidden = [name for name, row in alive.items() if row["tension_max"] is None]
     if hidden:
-        say(f"- largest force: {FORCES} ({', '.join(hidden)})")
+        why = "all in what is done after a step, or rods so nearly in line that it is not known"
+        say(f"- largest force: {why} ({', '.join(hidden)})")
     if truth.q is None:
         say(f"- places off: the true motion is not known: {truth.why}")
 
 
-FORCES = "all in what is done after a step, or rods so nearly in line that it is not known"
-
-
 def print_limit(stiffness, limit):
     """Print by how much dt w is past its limit; at the limit itself an error stays as it is."""
-    digits = 3 if stiffness > 1.01 * limit else 6
     if stiffness > limit * (1.0 + 1e-6):
-        found = f"dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}"
-        say(f"baumgarte: {found}")
+        digits = 3 if stiffness > 1.01 * limit else 6
+        say(f"baumgarte: dt w = {stiffness:.{digits}g} is past its limit {limit:.{digits}g}")
 
 
 def print_verdict(runs, results):
@@ -155,10 +147,9 @@ def print_verdict(runs, results):
     run = runs["baumgarte"]
     worst = results["none"]["max_violation"]
     kept = results["baumgarte"]["max_violation"]
-    shortest = run.shortest
-    if np.max(np.abs(run.q - run.q[0])) < MOVES * shortest:
+    if not moves(run.q, run.start):
         say("largest rod error: nothing moves, so none and baumgarte have nothing to hold")
-    elif max(worst, kept) < ROUNDING * shortest:
+    elif max(worst, kept) < ROUNDING * np.min(run.start["lengths"]):
         say("largest rod error: none and baumgarte differ by rounding only")
     elif worst > FEW * kept:
         times = f"{words.in_digits(worst / kept, 2):g} x" if kept > 0.0 else "which has none"

@@ -65,16 +65,14 @@ def advice(asked, answer):
 
 def verdict(answer):
     """The first sentence."""
-    right = f"Right to {tolerance(answer.within)}"
-    if answer.verdict is None:
-        if not answer.missing:
-            return (
-                f"No answer to --within {tolerance(answer.within).replace(' ', '')}: {answer.why}."
-            )
-        return f"{right}: no step that was tried."
-    rung = answer.verdict.rung
-    span = f", for {rung.span:.3g} s" if rung.span < answer.whole else ""
-    return f"{right}{span}: {rung.scheme}, in steps of {milliseconds(rung.dt)}."
+    within = tolerance(answer.within)
+    if answer.verdict:
+        rung = answer.verdict.rung
+        span = f", for {rung.span:.3g} s" if rung.span < answer.whole else ""
+        return f"Right to {within}{span}: {rung.scheme}, in steps of {milliseconds(rung.dt)}."
+    if answer.missing:
+        return f"Right to {within}: no step that was tried."
+    return f"No answer to --within {within.replace(' ', '')}: {answer.why}."
 
 
 def heads(answer, unit):
@@ -141,16 +139,17 @@ def in_unit(x, unit, most):
 def missing(answer, x):
     """A sentence on an integrator none of whose steps is right."""
     rung = x.best
-    shortest = milliseconds(x.shortest)
-    said = f"{x.integrator}: no step down to {shortest} is right"
-    if rung is None or rung.lost:
+    said = f"{x.integrator}: no step down to {milliseconds(x.shortest)} is right"
+    if rung.lost:
         return f"{said}: all are lost"
     best = f"{said}; the best, {rung.scheme.method} at {milliseconds(rung.dt)}, is"
     if rung.places is not None and rung.places > answer.within:
         return f"{best} {length(rung.places)} off"
     if rung.rods > answer.within:
         return f"{best} {length(rung.rods)} off in its rods"
-    return f"{best} {per_cent(rung.energy)} off in its energy"
+    if rung.energy is not None and rung.energy > ENERGY:
+        return f"{best} {per_cent(rung.energy)} off in its energy"
+    return f"{best} right by luck: steps a little shorter are wrong"
 
 
 def notes(asked, answer):

@@ -1,6 +1,7 @@
 """Which integrator, which method, which step: the cheapest that is right at all times."""
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import takewhile
 from typing import NamedTuple
@@ -9,7 +10,6 @@ from curriculum.ch3_4_constraints.rods import truth as true
 from curriculum.ch3_4_constraints.rods.schemes import ENERGY, Rung, Stepper, schemes
 from curriculum.common.words import in_digits, length
 
-MAX_RODS = 60  # of a system whose true motion is sought
 HALVED = 3  # times at most that the time of the true motion is halved until it is known
 TIMES = 512  # of the true motion that places are compared with, at most; at least half of these
 FEWEST = 4  # steps, at least, in the time of the true motion
@@ -42,7 +42,7 @@ class Missing(NamedTuple):
     """What is known of an integrator none of whose steps is right."""
 
     integrator: str
-    best: Rung | None  # the one that is least off
+    best: Rung  # the one that is least off
     shortest: float  # s: the shortest step that was tried
 
 
@@ -50,14 +50,14 @@ class Answer(NamedTuple):
     """Which scheme and step are right to so many metres."""
 
     within: float  # m
-    whole: float  # s, of the run
-    seconds: float  # s, up to which places are compared; 0 if they are not known
-    uncertainty: float | None  # m, of these places
-    why: str  # more is not known of places, in words; or ""
-    verdict: Row | None  # the cheapest row
-    rows: list  # a Row for each integrator that has one, the cheapest first
-    missing: list  # a Missing for each of the others
-    rods: Row | None  # what is enough if only rods must be right, if that is cheaper
+    why: str  # more is not known of places, or there is no answer, in words; or ""
+    whole: float = 0.0  # s, of the run
+    seconds: float = 0.0  # s, up to which places are compared; 0 if they are not known
+    uncertainty: float | None = None  # m, of these places
+    verdict: Row | None = None  # the cheapest row
+    rows: Sequence = ()  # a Row for each integrator that has one, the cheapest first
+    missing: Sequence = ()  # a Missing for each of the others
+    rods: Row | None = None  # what is enough if only rods must be right, if that is cheaper
 
 
 def choose(chapter, system, within, dt, steps, knobs, truth=None, each=iter):
@@ -74,24 +74,19 @@ def choose(chapter, system, within, dt, steps, knobs, truth=None, each=iter):
     return search.answer()
 
 
-def no_answer(within, why):
-    """The Answer that there is none, since `why`, in words."""
-    return Answer(within, 0.0, 0.0, None, why, None, [], [], None)
-
-
 def known_path(chapter, system, dt, steps, truth):
     """The true motion as a Path, and why no more of it is known, in words, or "".
 
     Where it is not known after the time of the run's own comparison, after half of that, and so on.
     """
     last = true.last_step(chapter, system, dt, steps)
-    if truth is None or truth.step != last or truth.q is None:
-        truth = true.true_motion(chapter, system, dt, last, most_rods=MAX_RODS)
+    if truth is None or truth.step != last:
+        truth = true.true_motion(chapter, system, dt, last)
     why = truth.why
     for _ in range(HALVED):
-        if truth.q is not None or truth.step == 1 or len(system["pairs"]) > MAX_RODS:
+        if truth.q is not None or truth.step == 1:
             break
-        truth = true.true_motion(chapter, system, dt, truth.step // 2, most_rods=MAX_RODS)
+        truth = true.true_motion(chapter, system, dt, truth.step // 2)
     if truth.q is None:
         return true.Path(dt), f"places are not known: {why}"
     doubled = math.floor(math.log2(TIMES / truth.step))
@@ -136,10 +131,10 @@ class Search:
         is_known = self.path.q is not None
         return Answer(
             within=self.within,
+            why=self.why,
             whole=self.whole,
             seconds=self.seconds if is_known else 0.0,
             uncertainty=self.path.uncertainty if is_known else None,
-            why=self.why,
             verdict=verdict,
             rows=rows,
             missing=missing,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from curriculum.common import elimination
+from curriculum.ch3_4_constraints.rods.elimination import components, elimination_order, uncoupled
 from curriculum.common.tracing import ordered, while_loop
 from curriculum.common.tracing.arrays import eliminated, nonzero
 
@@ -12,8 +12,9 @@ from curriculum.common.tracing.arrays import eliminated, nonzero
 SLACK = 1e-12
 LOOKAHEAD = 1e-4
 TURN = 1e-2
+ROUNDS = 100  # of refinement, at most, in which both are taken back
 RIDGE = 1e-9  # of the diagonal, in least squares: what is much smaller counts as lost
-ROUNDS = 40  # of refinement, at most, in which it is taken back
+RIDGE_ROUNDS = 40  # of refinement, at most, in which it is taken back
 LAST = 1e-14  # of y, and of the parts M_k x_k: what rounding leaves
 UNSURE = 3e-3  # of x: where it lacks more, it is not known
 LOST = 1e-11  # of M: a direction as small is one that it has lost for good,
@@ -33,9 +34,9 @@ def solve_loops(system, A, b, v=None):
     pairs = system["pairs"]
     rods = len(pairs)
     parts = []
-    for rows, _ in elimination.components(pairs):
-        parts.append((rows, elimination.elimination_order([pairs[k] for k in rows])))
-    if len(A) > rods or nonzero(A)[elimination.uncoupled(pairs)].any():  # a row that is no rod's
+    for rows, _ in components(pairs):
+        parts.append((rows, elimination_order([pairs[k] for k in rows])))
+    if len(A) > rods or nonzero(A)[uncoupled(pairs)].any():  # a row that is no rod's
         parts = [(list(range(len(A))), None)]
     added = SLACK * (A * np.eye(len(b)))
     if v is not None:
@@ -44,8 +45,33 @@ def solve_loops(system, A, b, v=None):
     for rows, order in parts:
         block = A[np.ix_(rows, rows)]
         near = eliminated(block + added[np.ix_(rows, rows)], order)
-        lam[rows] = elimination.refined(block, near, b[rows], "no finite tensions")
+        lam[rows] = refined(block, near, b[rows])
     return ordered(lam)
+
+
+def refined(A, near, b):
+    """x (n,) with A x = b, by iterative refinement.
+
+    near(b) solves for a matrix near A (n, n). A round solves for what is left of b. They end at
+    1e-15 of b, or with one that gains less than half.
+    """
+
+    def size(left):
+        return np.sum(left * (left / np.diagonal(A)))
+
+    def is_going(x, left, before):
+        now = size(left)
+        return np.where(now > enough, before > 4.0 * now, 0.0)  # sizes are squares
+
+    def another(x, left, before):
+        more = near(left)
+        return x + more, left - A @ more, size(left)
+
+    enough = 1e-30 * size(b)
+    x = near(b)
+    first = x, b - A @ x, np.inf
+    x, _, _ = while_loop(is_going, another, *first, most=ROUNDS, failure="no finite tensions")
+    return x
 
 
 def least_squares(M, everything, others):
@@ -55,8 +81,9 @@ def least_squares(M, everything, others):
 
     That is the one whose parts M_k x_k, squared and summed, are least: of a rod's lambda the force
     on each particle counts. M^T M has a share RIDGE of its diagonal added, and rounds of refinement
-    take back what that kept away (J. Riley, Math. Tables Aids Comput. 9 (1955) 96). Where ROUNDS do
-    not, y lies along directions that M has nearly lost. If much of x does, it is not known: NaN.
+    take back what that kept away (J. Riley, Math. Tables Aids Comput. 9 (1955) 96). Where
+    RIDGE_ROUNDS do not, y lies along directions that M has nearly lost. If much of x does, it is
+    not known: NaN.
     """
     y = everything - others
     A = M.T @ M
@@ -72,7 +99,7 @@ def least_squares(M, everything, others):
     def is_off(x, count):
         left, _ = left_of(x)
         enough = LAST * LAST * (np.sum(y * y) + np.sum(others * others) + np.sum(size * x * x))
-        return np.where(count < ROUNDS, np.where(left > enough, 1.0, 0.0), 0.0) > 0.0
+        return np.where(count < RIDGE_ROUNDS, np.where(left > enough, 1.0, 0.0), 0.0) > 0.0
 
     def another(x, count):
         _, more = left_of(x)
@@ -80,7 +107,7 @@ def least_squares(M, everything, others):
 
     first = near(b)
     x = first + near(b - A @ first)
-    x, count = while_loop(is_off, another, x, 0.0, most=ROUNDS, failure="")
+    x, count = while_loop(is_off, another, x, 0.0, most=RIDGE_ROUNDS, failure="")
     # In a direction of M of size s a round takes back s / RIDGE of what is left of y: so s is
     # RIDGE times that ratio, and x still lacks what is left over s. Of a direction that M has lost
     # for good, rounding is left.
@@ -89,7 +116,7 @@ def least_squares(M, everything, others):
     lacks = left * left > UNSURE * UNSURE * taken * np.sum(size * x * x)
     much = np.where(left > NOISE * NOISE * np.sum(y * y), 1.0, 0.0)
     counts = np.where(taken > LOST * LOST * left, 1.0, much)
-    is_unsure = np.where(count < ROUNDS, 0.0, np.where(lacks, counts, 0.0)) > 0.0
+    is_unsure = np.where(count < RIDGE_ROUNDS, 0.0, np.where(lacks, counts, 0.0)) > 0.0
     with np.errstate(invalid="ignore"):  # of NaN as it is traced
         return np.where(is_unsure, np.nan, x)
 

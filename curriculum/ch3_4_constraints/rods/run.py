@@ -48,9 +48,8 @@ class Run:
         check_measure("energy", energies, len(q))
         self.report = step.done()  # how its steps were taken: a Report
         self.dt = dt  # s
-        self.shortest = float(np.min(step.start["lengths"]))  # m
-        good = is_good(system, violations, energies)
-        count = len(q) if good.all() else max(1, int(np.argmin(good)))
+        self.start = step.start  # its system, as it was before it
+        count = how_many_good(system, violations, energies)
         self.q = q[:count]  # (steps + 1, N, 3) in m
         self.v = v[:count]  # (steps + 1, N, 3) in m/s
         self.tip = self.q[:, -1]  # (steps + 1, 3) in m: the path of the last particle
@@ -84,12 +83,13 @@ class Run:
         return average(Counter(self.report.program), self.q, self.v, self.dt)
 
 
-def is_good(system, violations, energies):
-    """Which states are of a run that is not lost, (steps + 1,): the one test of that.
+def how_many_good(system, violations, energies):
+    """Up to which state a run is not lost: the one test of that. The first state always counts.
 
     `violations` in m and `energies` in J are (steps + 1,).
     """
-    return np.isfinite(energies) & (violations < FAR * np.sum(system["lengths"]))
+    good = np.isfinite(energies) & (violations < FAR * np.sum(system["lengths"]))
+    return len(good) if good.all() else max(1, int(np.argmin(good)))
 
 
 def why_unlike(step, force, dt, q, v, many):
@@ -146,11 +146,9 @@ def average(count, q, v, dt, *knobs):
     steps = max(1, len(q) - 1)
     first = count([q[0], v[0]], *knobs)
     many = min(SAMPLE, steps, 1 + COUNTED // max(1, first)) if count.varies else 1
-    total = 0
-    for k in range(many):
-        at = (2 * k + 1) * steps // (2 * many)
-        total += count([q[at], v[at]], *knobs)
-    return in_digits(total / many / dt, 6)
+    middles = (2 * np.arange(many) + 1) * steps // (2 * many)  # of so many parts of the run
+    found = [count([q[k], v[k]], *knobs) for k in middles]
+    return in_digits(sum(found) / many / dt, 6)
 
 
 def moves(q, system):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import average, conserves, is_good
+from curriculum.ch3_4_constraints.rods.run import average, conserves, how_many_good
 from curriculum.ch3_4_constraints.rods.systems import energy_scale
 from curriculum.ch3_4_constraints.rods.truth import WHOLE
 from curriculum.common.tracing import CompiledSteps, ordered
@@ -83,11 +83,6 @@ def steps_of(span, dt):
     return max(1, math.floor(span / dt + 1e-6))
 
 
-def six_digits(x):
-    """A number without its other digits: what is left is the same everywhere. None is None."""
-    return None if x is None else in_digits(x, 6)
-
-
 class Stepper:
     """A scheme's steps of a system, compiled for steps of all lengths.
 
@@ -119,50 +114,42 @@ class Stepper:
         """
         chapter = self.chapter
         system = self.system
-        places = partial(path.off, dt=dt, part=part)
-        dt = dt * float(part)
-        steps = steps_of(span, dt)
-        q, v = self.run(self.start, steps, dt)
-        q = ordered(q)
-        v = ordered(v)
+        step = dt * float(part)
+        steps = steps_of(span, step)
+        q, v = map(ordered, self.run(self.start, steps, step))
+        done = len(q) - 1
         violations = chapter.constraint_violation(system, q)
         energies = chapter.energy(system, q, v)
-        good = is_good(system, violations, energies)
-        kept = len(q) if good.all() else max(1, int(np.argmin(good)))
-        gone = np.abs(energies[:kept] - energies[0]) / self.scale
+        kept = how_many_good(system, violations, energies)
+        q = q[:kept]
+        v = v[:kept]
         violations = violations[:kept]
-        is_kept = self.conserves(q[:kept], v[:kept])
+        gone = np.abs(energies[:kept] - energies[0]) / self.scale
+        some = slice(None, None, 1 + kept // STATES)
+        known = chapter.external_force, chapter.energy
+        is_kept = conserves(system, *known, q[some], v[some])
         wrong = violations > within
         if is_kept:
             wrong |= gone > ENERGY
-        operations = average(self.count, q[:kept], v[:kept], dt, dt)
-        done = max(1, len(q) - 1) * dt * operations
-        self.times.append((done, self.run.seconds / done))
-        lost = None
-        if kept <= steps:
-            lost = f"at {(kept - 1) * dt:.3g} s: {self.why_lost(q[kept - 1], v[kept - 1], dt)}"
         held = int(np.argmax(wrong)) if wrong.any() else kept
+        off = path.off(q, dt, part)
+        operations = average(self.count, q, v, step, step)
+        work = max(1, done) * step * operations
+        self.times.append((work, self.run.seconds / work))
         return Rung(
             scheme=self.scheme,
-            dt=dt,
+            dt=step,
             span=span,
-            places=six_digits(places(q[:kept])),
+            places=None if off is None else in_digits(off, 6),
             rods=in_digits(np.max(violations), 6),
             energy=in_digits(np.max(gone), 6) if is_kept else None,
             operations=operations,
-            held=span if held > steps else max(0, held - 1) * dt,
-            lost=lost,
+            held=span if held > steps else max(0, held - 1) * step,
+            lost=None if kept > steps else self.why_lost(q, v, step),
         )
 
-    def conserves(self, q, v):
-        """Whether energy should stay, in some of the states q, v (steps + 1, N, 3)."""
-        every = 1 + len(q) // STATES
-        chapter = self.chapter
-        known = chapter.external_force, chapter.energy
-        return conserves(self.system, *known, q[::every], v[::every])
-
     def why_lost(self, q, v, dt):
-        """Why the step from q, v has no result: in the words of the loop that fails."""
-        own = OwnStep(self.step, [q, v, dt])
-        _ = own.result  # which takes it
-        return own.failure or "diverged"
+        """When a step of dt s from the last of the states q, v has no result, and why."""
+        failed = OwnStep(self.step, [q[-1], v[-1], dt])
+        _ = failed.result  # which takes it: so a loop that fails says so
+        return f"at {(len(q) - 1) * dt:.3g} s: {failed.failure or 'diverged'}"

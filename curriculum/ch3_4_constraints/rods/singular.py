@@ -9,9 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import differences, has_loop, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import has_loop, rod_vectors, unit_rows
 
-LOST = 1e-10  # of the largest singular value: what is less is rounding, and so 0
+ZERO = 1e-10  # of the largest singular value: what is less is rounding, of rods too many
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
 LEVELS = 3  # of looking closer,
 PARTS = 16  # each time with so many steps for one
@@ -61,13 +61,13 @@ def least_sizes(system, q):
     """The least singular value (T,), of those that are not always 0, of J's unit rows at q
     (T, N, 3)."""
     sizes = np.linalg.svd(unit_rows(system, q), compute_uv=False)
-    rank = int(np.median(np.sum(sizes > LOST * sizes[:, :1], axis=1)))
+    rank = int(np.median(np.sum(sizes > ZERO * sizes[:, :1], axis=1)))
     return sizes[:, rank - 1]
 
 
 def closes_exactly(system, q):
     """Whether rods that lie along x or y in a pose q (N, 3) close their loops to the last digit."""
-    d = differences(q, system["anchors"], system["pairs"])
+    d = rod_vectors(system, q)
     along = d / np.linalg.norm(d, axis=1, keepdims=True)
     axis = int(np.argmax(np.abs(along[0])))
     signs = np.sign(along[:, axis])
@@ -75,22 +75,14 @@ def closes_exactly(system, q):
         return False
     if np.any(np.delete(system["anchors"] - system["anchors"][0], axis, axis=1)):
         return False  # anchors that are not in line to the last digit
+    reaches = [int(sign) * Fraction(x) for sign, x in zip(signs, system["lengths"], strict=True)]
+    rods = list(zip(system["pairs"], reaches, strict=True))
     places = {-1 - k: Fraction(x[axis]) for k, x in enumerate(system["anchors"])}
-    rods = list(zip(system["pairs"], signs, system["lengths"], strict=True))
-    while rods:  # each tells where its other end is, or has to fit
-        later = []
-        for (i, j), sign, length in rods:
-            reach = int(sign) * Fraction(length)
-            if i in places and j in places:
-                if places[i] - places[j] != reach:
-                    return False
-            elif j in places:
-                places[i] = places[j] + reach
+    for _ in system["m"]:  # each time at least one more place, of those tied to what stands still
+        for (i, j), reach in rods:
+            if j in places:
+                places.setdefault(i, places[j] + reach)
             elif i in places:
                 places[j] = places[i] - reach
-            else:
-                later.append(((i, j), sign, length))
-        if len(later) == len(rods):
-            break  # what is tied to nothing that stands still
-        rods = later
-    return True
+    tied = [(i, j, reach) for (i, j), reach in rods if i in places]
+    return all(places[i] - places[j] == reach for i, j, reach in tied)

@@ -2,10 +2,15 @@
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import differences, has_loop, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import (
+    LOST,
+    has_loop,
+    rod_rates,
+    rod_vectors,
+    unit_rows,
+)
 
 STILL = 1e-6  # relative: how exactly velocities must keep the lengths; below, a rod is at rest
-LOST = 1e-6  # singular values of J by the largest: A has their squares, which SLACK hides
 TAUT = 1e-4  # relative: how far the terms of a self-stress may be from cancelling
 
 
@@ -14,10 +19,8 @@ def refusal(system, gravity):
 
     gravity (3,) in m/s^2 and the system's load are all that pulls beside the rods.
     """
-    pairs = system["pairs"]
-    lengths = system["lengths"]
-    unit = differences(system["q0"], system["anchors"], pairs) / lengths[:, None]
-    rate = differences(system["v0"], np.zeros_like(system["anchors"]), pairs)
+    unit = rod_vectors(system, system["q0"]) / system["lengths"][:, None]
+    rate = rod_rates(system, system["v0"])
     slow = STILL * (1.0 + np.abs(rate).max())
     stretch = np.sum(unit * rate, axis=1)
     k = int(np.argmax(np.abs(stretch)))
@@ -48,12 +51,11 @@ def impossible_stress(system, pull, rate, slow):
     asks for sum_k u_k |rate_k|^2 = 0: else J a + Jdot v = 0 has no solution. If the rods of u are
     at rest, finite and continuous tensions make e = a_k t^2 / 2 + o(t^2), and sum_k u_k |a_k|^2 = 0
     is left, though the linear system then has a solution: a level cable falls, which no rigid one
-    can. One that sags by over LOST of its span has no self-stress, but a large tension.
+    can. One that sags by over LOST of its span has no self-stress, but a large tension. (A has the
+    squares of singular values, and SLACK would hide them.)
     """
     lengths = system["lengths"]
-    pairs = system["pairs"]
     m = system["m"]
-    fixed = np.zeros_like(system["anchors"])  # of what moves, at an anchor
     rows = unit_rows(system, system["q0"])
     bend = np.sum(rate**2, axis=1) / lengths
     still = 3.0 * len(bend) * slow * slow / lengths.min()  # more than rods at rest make of it
@@ -67,7 +69,7 @@ def impossible_stress(system, pull, rate, slow):
     size = np.linalg.norm(scaled, axis=1)
     wanted = -(bend + scaled @ free) / size  # what the rods add to f makes J a = -Jdot v
     held = np.linalg.lstsq(scaled / size[:, None], wanted, rcond=LOST)[0]
-    accel = differences(((free + held) / root).reshape(-1, 3), fixed, pairs)
+    accel = rod_rates(system, ((free + held) / root).reshape(-1, 3))
     floor = 1e-12 * (np.abs(pull / m).max() + bend.max()) ** 2 + still * still  # of rounding
     bend = np.sum(accel**2, axis=1) / lengths
     return stress_along(rows * rest[:, None], bend * rest, floor / lengths.min())

@@ -6,25 +6,25 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from curriculum.common.elimination import components
+from curriculum.ch3_4_constraints.rods.elimination import components
 from curriculum.common.errors import Refused
 from curriculum.common.tracing import ordered
 
 ROUGH = 0.1  # by this share a length may be off: on purpose, but not by a slip
 FILLED = 10_000  # entries of A that are not zero, at most: a solve adds more
-EARTH = 9.81  # m/s^2: the scale of what is fast, whatever GRAVITY is
+LOST = 1e-6  # singular values of unit_rows by the largest: below, they count as 0
 HUGE = 1e12  # larger numbers, those below 1 / HUGE, and masses so far apart leave no digits
 
 POINT = f"three finite numbers [x, y, z] under {HUGE:g}"
 POSITIVE = f"a finite number of {{}} > 0 ({1 / HUGE:g} to {HUGE:g})"
-COLUMNS = {  # a row's type, shape and bound, its name in a file, and what it is
-    "q0": (float, (3,), -HUGE, "particles[{}].position", POINT),
-    "v0": (float, (3,), -HUGE, "particles[{}].velocity", POINT),
-    "m": (float, (1,), 1 / HUGE, "particles[{}].mass", POSITIVE.format("kilograms")),
-    "anchors": (float, (3,), -HUGE, "anchors[{}]", POINT),
-    "pairs": (int, (2,), -HUGE, "rods[{}].pair", "two whole numbers [i, j]"),
-    "lengths": (float, (), 1 / HUGE, "rods[{}].length", POSITIVE.format("metres")),
-    "load": (float, (3,), -HUGE, "particles[{}].load", POINT),
+COLUMNS = {  # what a row's numbers are, its shape and bound, its name in a file, and what it is
+    "q0": (Real, (3,), -HUGE, "particles[{}].position", POINT),
+    "v0": (Real, (3,), -HUGE, "particles[{}].velocity", POINT),
+    "m": (Real, (1,), 1 / HUGE, "particles[{}].mass", POSITIVE.format("kilograms")),
+    "anchors": (Real, (3,), -HUGE, "anchors[{}]", POINT),
+    "pairs": (Integral, (2,), -HUGE, "rods[{}].pair", "two whole numbers [i, j]"),
+    "lengths": (Real, (), 1 / HUGE, "rods[{}].length", POSITIVE.format("metres")),
+    "load": (Real, (3,), -HUGE, "particles[{}].load", POINT),
 }
 PARTICLES = ("q0", "v0", "m", "load")  # the columns that have a row for each
 OPTIONAL = ("load",)
@@ -88,13 +88,27 @@ def differences(x, fixed, pairs):
     return ends.take(i, axis=-2) - ends.take(j, axis=-2)
 
 
+def rod_vectors(system, q):
+    """Rods as vectors (..., C, 3) in m, from partner to particle, at q (..., N, 3) in m."""
+    return differences(q, system["anchors"], system["pairs"])
+
+
+def rod_rates(system, v):
+    """What rods' vectors change by, (..., C, 3), as particles do by v (..., N, 3); anchors rest."""
+    return differences(v, np.zeros_like(system["anchors"]), system["pairs"])
+
+
+def distances(system):
+    """How far apart the ends of each rod are at the start, (C,) in m."""
+    return np.linalg.norm(rod_vectors(system, system["q0"]), axis=-1)
+
+
 def unit_rows(system, q):
     """J (..., C, 3N) at q (..., N, 3), each rod's row divided by its length."""
-    pairs = system["pairs"]
     n = len(system["m"])
-    d = differences(q, system["anchors"], pairs)
+    d = rod_vectors(system, q)
     unit = d / np.linalg.norm(d, axis=-1, keepdims=True)
-    ends = differences(np.eye(n), np.zeros((len(system["anchors"]), n)), pairs)
+    ends = differences(np.eye(n), np.zeros((len(system["anchors"]), n)), system["pairs"])
     return (ends[..., None] * unit[..., None, :]).reshape(*unit.shape[:-1], 3 * n)
 
 
@@ -127,8 +141,8 @@ def check_system(rows, pivot, fit=ROUGH, name="{}[{}]".format, bare=()):
         if key in system:
             system[key] = checked_column(key, system[key], name)
     check_counts(system, name)
-    check_pairs(system["pairs"], len(system["q0"]), len(system["anchors"]), name)
-    measure_bare(system, bare)
+    check_pairs(system, name)
+    system["lengths"][[*bare]] = distances(system)[[*bare]]
     check_lengths(system, fit, name)
     system["pairs"] = [(int(i), int(j)) for i, j in system["pairs"]]
     return system
@@ -136,33 +150,29 @@ def check_system(rows, pivot, fit=ROUGH, name="{}[{}]".format, bare=()):
 
 def checked_column(key, table, name):
     """The column `key` of a system as an array; Refused if it is none."""
-    dtype, shape, low, _, allowed = COLUMNS[key]
-    kind = Integral if dtype is int else Real
-    kinds = "iu" if dtype is int else "f"
-    is_array = isinstance(table, np.ndarray) and table.ndim and table.dtype.kind in kinds
-    fits = isinstance(table, list | tuple) or is_array
-    need(fits, key, table, f"a list or an array of {dtype.__name__}s")
+    kind, shape, low, _, allowed = COLUMNS[key]
+    is_array = isinstance(table, np.ndarray) and table.ndim
+    need(is_array or isinstance(table, list | tuple), key, table, "a list or an array")
     for k, row in enumerate(table):
-        check_row(row, name(key, k), kind, shape, low, allowed)
-    column = np.array(table, dtype).reshape(-1, *shape)
+        row = np.array(row, object)  # as it stands there: true is no number
+        right = row.size == math.prod(shape)
+        for x in row.ravel().tolist():
+            right = right and isinstance(x, kind) and not isinstance(x, bool) and low < x < HUGE
+        need(right, name(key, k), np.squeeze(row), allowed)
+        need(row.shape == shape, f"the shape of {name(key, k)}", row.shape, shape)
+    column = np.array(table, int if kind is Integral else float).reshape(-1, *shape)
     return ordered(column) if key in PARTICLES else column
 
 
-def check_row(row, field, kind, shape, low, allowed):
-    """Raise Refused unless a row has numbers of a kind, above low, in that shape."""
-    row = np.array(row, object)  # as it stands there: true is no number
-    right = row.size == math.prod(shape)
-    for x in row.ravel().tolist():
-        right = right and isinstance(x, kind) and not isinstance(x, bool) and low < x < HUGE
-    need(right, field, np.squeeze(row), allowed)
-    need(row.shape == shape, f"the shape of {field}", row.shape, shape)
+def refuse(bad, key, system, name, allowed, beside=None):
+    """Raise Refused for the first row of a column that is bad.
 
-
-def refuse(bad, key, column, name, allowed):
-    """Raise Refused for the first row k of a column that is bad; allowed(k) in words."""
+    `allowed`: what it must be, in words, with a blank for what `beside` has in the same row.
+    """
     if np.any(bad):
         k = int(np.argmax(bad))
-        need(False, name(key, k), np.squeeze(column[k]), allowed(k))
+        allowed = allowed if beside is None else allowed.format(beside[k])
+        need(False, name(key, k), np.squeeze(system[key][k]), allowed)
 
 
 def check_counts(system, name):
@@ -176,46 +186,36 @@ def check_counts(system, name):
             need(len(system[key]) == count, f"the number of rows of {key}", len(system[key]), count)
     m = system["m"]
     least = m.min()
-    refuse(m[:, 0] > HUGE * least, "m", m, name, lambda _: f"at most {HUGE:g} times {least:g} kg")
+    refuse(m[:, 0] > HUGE * least, "m", system, name, f"at most {HUGE:g} times {least:g} kg")
 
 
-def check_pairs(pairs, n, anchors, name):
-    """Raise Refused unless pairs (C, 2) tie n particles, or one and an anchor, once each."""
+def check_pairs(system, name):
+    """Raise Refused unless pairs (C, 2) tie particles, or one and an anchor, once each."""
+    pairs = system["pairs"]
+    n = len(system["q0"])
+    anchors = len(system["anchors"])
     i, j = pairs.T
     wrong = (i < 0) | (i >= n) | (j < -anchors) | (j >= n) | (i == j)
     ends = f"a particle 0..{n - 1}, then another or an anchor -1, -2, ... ({anchors} in all)"
-    refuse(wrong, "pairs", pairs, name, lambda _: ends)
+    refuse(wrong, "pairs", system, name, ends)
     _, first, which = np.unique(np.sort(pairs), axis=0, return_index=True, return_inverse=True)
     first = first[which]  # the first rod that ties the same two
-    once = "given once; rods[{}] ties the same two"
-    refuse(first < np.arange(len(i)), "pairs", pairs, name, lambda k: once.format(first[k]))
+    again = first < np.arange(len(i))
+    refuse(again, "pairs", system, name, "given once; rods[{}] ties the same two", first)
     meeting = np.bincount(pairs.ravel() + anchors)[anchors:]  # rods at each particle
     entries = int((meeting**2).sum())
     what = "the number of entries of A, two for rods that meet,"
     need(entries <= FILLED, what, entries, f"{FILLED} at most")
 
 
-def distances(system):
-    """How far apart the ends of each rod are at the start, (C,) in m."""
-    ends = differences(system["q0"], system["anchors"], system["pairs"])
-    return np.linalg.norm(ends, axis=-1)
-
-
-def measure_bare(system, bare):
-    """Give the rods `bare`, a list of their places, the lengths that they have at the start."""
-    system["lengths"][[*bare]] = distances(system)[[*bare]]
-
-
 def check_lengths(system, fit, name):
     """Raise Refused where a rod has no length, or one that is off by more than a share `fit`."""
-    pairs = system["pairs"]
-    lengths = system["lengths"]
     found = distances(system)
     apart = "two points apart, or it is no rod"
-    refuse(found <= 1 / HUGE, "pairs", pairs, name, lambda _: apart)
-    off = abs(lengths - found) > fit * found
-    right = "{:.9g} m, to {:g} %; that is how far apart its ends are"
-    refuse(off, "lengths", lengths, name, lambda k: right.format(found[k], 100 * fit))
+    refuse(found <= 1 / HUGE, "pairs", system, name, apart)
+    off = abs(system["lengths"] - found) > fit * found
+    right = f"{{:.9g}} m, to {100 * fit:g} %; that is how far apart its ends are"
+    refuse(off, "lengths", system, name, right, found)
 
 
 def check_run(system, pivot, dt, steps, external_force):

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from curriculum.ch3_4_constraints.rods.singular import is_undecided
-from curriculum.ch3_4_constraints.rods.systems import EARTH, differences, distances, tolerance
+from curriculum.ch3_4_constraints.rods.systems import distances, rod_rates, rod_vectors, tolerance
 from curriculum.common.gauss import make_gauss
 from curriculum.common.tracing import CompiledSteps, Untraceable
 from curriculum.common.words import length, milliseconds
 
 HORIZON = 2.0  # s; of short rods, which swing faster, at most 20 sqrt(L/g): chaos is as fast
+EARTH = 9.81  # m/s^2: the scale of what is fast, whatever GRAVITY is
 FIRST = 0.15  # of sqrt(L/g): the longest first step
 TURN = 0.5  # rad: nor does anything turn by more in it
 COUNTS = 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512  # times half the first
@@ -23,9 +24,9 @@ ENOUGH = 1e-11  # m, or of the shortest rod: ends that are as near agree
 KNOWN = 1e-9  # m, or a millionth of the shortest rod: what is less certain counts as unknown
 FITS = 1e-3  # of the shortest rod: so far places may be off as rods do not fit them
 DIVIDED = 16  # parts of a step, at most: shorter steps come anyway
-PARTS = 1, 2, 3, 4, 6, 8  # steps from one time of a path to the next
+PARTS = 2, 3, 4, 6, 8  # steps, after one, from a time of a path to the next
 WHOLE = Fraction(1)
-MAX_RODS = 40  # of a run: for more its true motion takes longer than itself
+MAX_RODS = 60  # for more it takes long
 
 
 class Truth(NamedTuple):
@@ -78,7 +79,7 @@ def last_step(chapter, system, dt, steps):
     return max(1, round(horizon(chapter, system, steps * dt) / dt))
 
 
-def true_motion(chapter, system, dt, last, why="", most_rods=MAX_RODS):
+def true_motion(chapter, system, dt, last, why=""):
     """The Truth after the `last` step of dt s; unknown if there is a reason `why`.
 
     The steps get shorter until two ends agree, or until rounding keeps them apart.
@@ -87,9 +88,8 @@ def true_motion(chapter, system, dt, last, why="", most_rods=MAX_RODS):
     shortest = float(np.min(system["lengths"]))
     unknown = Truth(last, f"at {seconds:.3g} s")
     counts = []
-    rods = len(system["pairs"])
-    if not why and rods > most_rods:
-        why = f"it would take long for more than {most_rods} rods"
+    if not why and len(system["pairs"]) > MAX_RODS:
+        why = f"it would take long for more than {MAX_RODS} rods"
     if not why:
         counts, why = step_counts(system, chapter.make_force(system), seconds)
     if why:
@@ -167,16 +167,16 @@ class Exact:
     def states(self, seconds, count, q=None):
         """All places of `count` steps, (count + 1, N, 3) in m, from q or the start's.
 
-        They are fewer where a step fails.
+        They are NaN from a step on that fails.
         """
         at, v = self.start
         found, _ = self.run([at if q is None else q, v], count, seconds / count)
-        return found
+        failed = np.full((count + 1 - len(found), *at.shape), np.nan)
+        return np.concatenate([found, failed])
 
     def end(self, seconds, count, q=None):
         """The last places, (N, 3) in m; NaN where a step fails."""
-        found = self.states(seconds, count, q)
-        return found[-1] if len(found) > count else np.full_like(found[0], np.nan)
+        return self.states(seconds, count, q)[-1]
 
 
 def agreed(exact, seconds, counts, enough):
@@ -257,16 +257,13 @@ def true_path(chapter, system, grid, count, uncertainty):
     It is not known where finer steps do not agree with coarser ones at all of these times.
     """
     exact = Exact(chapter, system, count)
-    best = None
+    coarse = exact.states(count * grid, count)
     for parts in PARTS:
-        before = best
-        found = exact.states(count * grid, count * parts)
-        best = found[::parts] if len(found) > count * parts else None
-        if before is None or best is None:
-            continue
-        apart = distance(best, before)
+        fine = exact.states(count * grid, count * parts)[::parts]
+        apart = distance(fine, coarse)
         if apart < limit(system):
-            return Path(grid, best, apart + uncertainty)
+            return Path(grid, fine, apart + uncertainty)
+        coarse = fine
     return Path(grid)
 
 
@@ -276,18 +273,16 @@ def time_scales(system, force):
     g is what accelerates a rod's ends apart across it, or that of the Earth. As a particle moves
     its acceleration changes by the square of a frequency, which may be much higher.
     """
-    pairs = system["pairs"]
     lengths = system["lengths"]
-    fixed = np.zeros_like(system["anchors"])  # of what moves, at an anchor
     q = system["q0"]
     v = system["v0"]
     m = system["m"]
-    along = differences(q, system["anchors"], pairs) / lengths[:, None]
+    along = rod_vectors(system, q) / lengths[:, None]
     a = force(q, v) / m
-    apart = differences(a, fixed, pairs)
+    apart = rod_rates(system, a)
     across = apart - np.sum(apart * along, axis=1)[:, None] * along
     g = np.maximum(EARTH, np.linalg.norm(across, axis=1))
-    rates = [np.max(np.linalg.norm(differences(v, fixed, pairs), axis=1) / lengths)]
+    rates = [np.max(np.linalg.norm(rod_rates(system, v), axis=1) / lengths)]
     near = NEAR * np.min(lengths)
     for way in (a, v):
         size = np.max(np.abs(way))

@@ -25,9 +25,6 @@ from curriculum.ch3_4_constraints.site.scenes import scenes
 
 HERE = Path(__file__).parents[1]
 SOURCE = HERE / "README.md"
-TOGETHER = 4  # points of a long path in a picture, which is small
-
-
 KEYS = {  # functions that are folded, and the lines of each that stay in sight, by their beginning
     "constraint_terms": ("jac.append", "g.append", "gdot.append", "jdotv.append"),
     "tensions": ("lam = ",),
@@ -131,16 +128,7 @@ def needed(picture):
     def kept(found):
         return found[0] if f"var(--{found[1]})" in picture else ""
 
-    picture = re.sub(r"--(\w+): #\w+; ", kept, picture)
-    return re.sub(r"(?<=l)[-\d ]{600,}", coarser, picture)
-
-
-def coarser(path):
-    """The steps "dx dy dx-dy" of a long path, so many made one."""
-    steps = [int(x) for x in re.findall(r"-?\d+", path[0])]
-    pairs = list(zip(steps[::2], steps[1::2], strict=True))
-    parts = [pairs[k : k + TOGETHER] for k in range(0, len(pairs), TOGETHER)]
-    return " ".join(f"{sum(x for x, _ in part)} {sum(y for _, y in part)}" for part in parts)
+    return re.sub(r"--(\w+): #\w+; ", kept, picture)
 
 
 def html_block(tokens, k, *_):

@@ -95,7 +95,6 @@ def hard_cases(commands):
     return {command: texts.printed(command) for command in commands}, {}
 
 
-TABLES = {"methods": methods}
-PASSAGES = {"gallery": gallery.text}
+PASSAGES = {"gallery": gallery.text, "methods": methods}
 MADE = {"pictures": pictures, "page": page, "notebook": notebook}
 SLOW = {"speed_vs_error": speed_vs_error, "hard_cases": hard_cases}

@@ -24,44 +24,49 @@ SYMBOLS = """<style>:root { --v: #0a7d46; --lambda: #b35200; }
 :root { --v: #1eb765; --lambda: #ed7705; } }</style>"""
 
 
-def one_step(d, v, methods=tuple(METHODS), dt=0.2, baumgarte=2.0):
-    """What some methods make of a bob at d (2,) in m with v (2,) in m/s, in one long step."""
+def circle(sheet, begin=0.0, end=2.0 * np.pi):
+    """Where a bob on a rod of 1 m may be, from one angle in rad to another: dotted."""
+    angles = np.linspace(begin, end, 60)
+    sheet.line(np.transpose([np.cos(angles), np.sin(angles)]), "reference", 3, "2 10")
+
+
+def one_step(methods=tuple(METHODS)):
+    """What some methods make of a bob that is off its circle, and thrown, in one long step."""
+    dt = 0.2  # s
+    d = np.array([[0.0, -1.12, 0.0]])
+    v = np.array([[2.0, -1.0, 0.0]])
     system = c.build_system("pendulum")
-    system["q0"] = np.array([[*d, 0.0]])
-    system["v0"] = np.array([[*v, 0.0]])
+    held = c.make_methods(dt, baumgarte=2.0)
+    ends = {}
+    for name in methods:
+        step = c.stabilized(c.semi_implicit_step, system, held[name])
+        q, _ = step(d, v, system["m"], held[name].make_force(system), dt)
+        ends[name] = q[0]
     sheet = Sheet(1200, 850, (-0.6, -1.6), (1.8, 0.1))
     sheet.parts.append(SYMBOLS)
-    round_ = [(np.cos(x), np.sin(x)) for x in np.linspace(-np.pi, 0.0, 60)]
-    sheet.line(round_, "reference", 3, "2 10")
-    sheet.line([(0, 0), d], "reference", 6)
-    sheet.arrow(d, np.add(d, dt * np.array(v)), "v")
-    ends = {}
-    held = c.make_methods(dt, baumgarte)
-    for name in methods:
-        method = held[name]
-        step = c.stabilized(c.semi_implicit_step, system, method)
-        q, _ = step(system["q0"], system["v0"], system["m"], method.make_force(system), dt)
-        ends[name] = q
-    names = sorted(ends, key=lambda name: -ends[name][0, 1])  # from the top
+    circle(sheet, -np.pi, 0.0)
+    sheet.line([(0, 0), d[0]], "reference", 6)
+    sheet.arrow(d[0], d[0] + dt * v[0], "v")
     below = np.inf
-    for name in names:
-        x, y, _ = ends[name][0]
-        below = min(below - 0.095, y)
-        error = c.rod_lengths(system, ends[name])[0] - 1.0
-        words = "right"
-        if abs(error) > 1e-9:
-            sign = "+" if error > 0.0 else MINUS
-            words = sign + length(abs(error))
-        sheet.line([(x, y), (x, y)], METHODS[name], 22)
-        sheet.line([(x, y), (0.85, below)], METHODS[name], 2)
-        sheet.words((0.87, below), f"{name} {words}", METHODS[name], "start", -10)
-    plain = ends[next(iter(ends))][0]
-    for name in methods:
+    for name, end in sorted(ends.items(), key=lambda each: -each[1][1]):  # from the top
+        below = min(below - 0.095, end[1])
+        sheet.dot(end, METHODS[name], 22)
+        sheet.line([end, (0.85, below)], METHODS[name], 2)
+        words = f"{name} {in_words(np.linalg.norm(end) - 1.0)}"
+        sheet.words((0.87, below), words, METHODS[name], "start", -10)
+    for name, end in ends.items():
         if held[name].post_step:  # from where the step ended without it
-            sheet.arrow(plain, ends[name][0], "lambda")
-    sheet.line([(0, 0), (0, 0)], "reference", 16)
-    sheet.line([d, d], "ink", 26)
+            sheet.arrow(ends[methods[0]], end, "lambda")
+    sheet.dot((0, 0), "reference", 16)
+    sheet.dot(d[0], "ink", 26)
     return sheet.text()
+
+
+def in_words(error):
+    """By how much a rod is too long, in m, with its sign."""
+    if abs(error) < 1e-9:
+        return "right"
+    return ("+" if error > 0.0 else MINUS) + length(abs(error))
 
 
 def two_methods(times, runs):
@@ -102,17 +107,16 @@ DASHES = "9 9", "28 10", ""  # of integrators
 NAMED = (-1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)  # the way in which their names stand
 
 
-def spring(dt=0.4, seconds=12.8):
-    """Velocity over place of 1 kg on a spring of 1 N/m, under each integrator."""
+def spring():
+    """Velocity over place of 1 kg on a spring of 1 N/m, under each integrator, in long steps."""
     sheet = Sheet(1000, 900, (-2.6, -2.3), (2.4, 2.2))
-    angles = np.linspace(0.0, 2.0 * np.pi, 60)
-    sheet.line(zip(np.cos(angles), np.sin(angles), strict=True), "reference", 3, "2 10")
+    circle(sheet)
     styles = cycle(zip(DASHES, NAMED, strict=True))
     for (name, integrator), (dash, way) in zip(c.INTEGRATORS.items(), styles, strict=False):
         q, v = np.array([[1.0]]), np.array([[0.0]])
         states = [(1.0, 0.0)]
-        for _ in range(round(seconds / dt)):
-            q, v = integrator(q, v, np.ones((1, 1)), lambda q, v: -q, dt)
+        for _ in range(32):
+            q, v = integrator(q, v, np.ones((1, 1)), lambda q, v: -q, 0.4)
             states.append((q.item(), v.item()))
             if np.linalg.norm(states[-1]) > 2.0:
                 break
@@ -130,10 +134,9 @@ def pump():
     size = np.linalg.norm(d, axis=1)[:, None]
     seen = d / size * (1.0 + 20.0 * (size - 1.0))
     sheet = Sheet(1000, 600, (-1.4, -1.35), (1.4, 0.33))
-    angles = np.linspace(np.pi, 2.0 * np.pi, 60)
-    sheet.line(zip(np.cos(angles), np.sin(angles), strict=True), "reference", 3, "2 10")
+    circle(sheet, np.pi)
     sheet.line(seen[::4], METHODS["baumgarte"], 5)
-    sheet.line([(0, 0), (0, 0)], "reference", 16)
+    sheet.dot((0, 0), "reference", 16)
     sheet.words((0.0, -0.6), "short while it is fast", "ink")
     sheet.words((0.0, 0.2), "longer where it turns", "ink")
     return sheet.text()
@@ -151,6 +154,20 @@ def chaos(times, double, tip):
     return chart(curves, TIMES, ticks, "distance between the tips")
 
 
+def flat_pose():
+    """Peaucellier's linkage under each method beyond its flat pose, and where it should be."""
+    system = c.build_system("peaucellier")
+    steps = np.array([800])  # 4 s
+    runs = {method: run(system, method, steps=800) for method in METHODS}
+    tiles = gallery.tiles(system, runs, steps, steps)
+    right = system["q0"][-1, 0]  # m: x of its last joint, which should stay so
+    for method, tile in tiles.items():
+        x, y, _ = runs[method].tip[-1]
+        tile.line([(right, -3.0), (right, 2.4)], "ink", 3, "4 12")
+        tile.line([(x, y), (right, y)], "long", 5)
+    return gallery.board(tiles, ["peaucellier", "at 4 s"])
+
+
 def drawn():
     """Yield (name, text) of each: those of the chapter, then those of the gallery."""
     double = c.build_system("double")
@@ -162,9 +179,8 @@ def drawn():
     yield "pump", pump()
     yield "cliff", cliff()
     for method in "baumgarte", "impulse", "project":
-        yield f"step_{method}", one_step((0.0, -1.12), (2.0, -1.0), ("none", method))
+        yield f"step_{method}", one_step(("none", method))
     yield "chaos", chaos(times, double, runs["baumgarte"].tip)
-    yield "one_step", one_step((0.0, -1.12), (2.0, -1.0))
-    peaucellier = c.build_system("peaucellier")
-    yield "flat_pose", gallery.tiles("peaucellier", peaucellier, gallery.Film(4.0, 4.0))
+    yield "one_step", one_step()
+    yield "flat_pose", flat_pose()
     yield from gallery.drawn()

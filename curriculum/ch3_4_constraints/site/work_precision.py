@@ -63,8 +63,7 @@ def diagram(measured):
             sheet.line(points, colour, 5, dash)
             ends.append((points[-1], scheme, colour))
         else:
-            style = "stroke-linecap:round;opacity:0.4"
-            sheet.path(["M" + "L".join(map(sheet.at, points))], "reference", 2, style)
+            sheet.lines([points], "reference", 2, "stroke-linecap:round;opacity:0.4")
     draw_names(sheet, ends)
     draw_words(sheet, measured, at)
     return sheet.text(450)
@@ -86,17 +85,12 @@ def draw_words(sheet, measured, at):
     answer = measured.answers.get(MAIN)
     sheet.words((30, HIGH - 50), measured.scene, "ink", "start", style="font-weight:bold;")
     if answer and answer.rows:
-        row = min((x for x in answer.rows if x.rung.scheme.integrator in c.INTEGRATORS), key=cost)
+        row = next(x for x in answer.rows if x.rung.scheme.integrator in c.INTEGRATORS)
         rung = row.rung
         point = at(rung.places, rung.operations * row.pace)
-        sheet.line([point, point], look(rung.scheme)[0], 26)
+        sheet.dot(point, look(rung.scheme)[0], 26)
         said = f"right to {tolerance(MAIN)}: {rung.scheme}, {milliseconds(rung.dt)}"
         sheet.words((30, HIGH - 92), said, "ink", "start")
     how = f"to the right: nearer, at worst, to {measured.seconds:g} s"
     sheet.words((30, 66), how, "reference", "start")
     sheet.words((30, 28), "up: more computing, for a second of motion", "reference", "start")
-
-
-def cost(row):
-    """The work of a Row."""
-    return row.rung.operations

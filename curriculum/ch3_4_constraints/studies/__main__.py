@@ -10,7 +10,7 @@ STUDIES = {  # and what each needs beside numpy
     "hard_cases": [],
     "race": ["llvmlite", "heyoka"],
     "real_thing": ["mujoco"],
-    "speed_vs_error": ["llvmlite"],
+    "speed_vs_error": ["llvmlite", "mujoco"],
 }
 
 

@@ -42,18 +42,11 @@ class Row(NamedTuple):
 # --- (a) the same quantity, two names ---
 def random_chain(rng, count, off=0.0):
     """A chain of `count` rods, off by shares of that size, whose particles move anyhow."""
-    unit = rng.normal(size=(count, 3))
-    lengths = rng.uniform(0.5, 2.0, count)
-    size = lengths * (1.0 + off * rng.normal(size=count))
-    d = unit / np.linalg.norm(unit, axis=1, keepdims=True) * size[:, None]
-    return {
-        "q0": np.cumsum(d, axis=0),
-        "v0": rng.normal(size=(count, 3)),
-        "m": rng.uniform(0.3, 3.0, (count, 1)),
-        "pairs": [(k, k - 1) for k in range(count)],
-        "lengths": lengths,
-        "anchors": np.zeros((1, 3)),
-    }
+    q, v = rng.normal(size=(2, count, 3))
+    m = rng.uniform(0.3, 3.0, (count, 1))
+    system = c.build_system("chain", links=count) | {"q0": q, "v0": v, "m": m}
+    lengths = c.rod_lengths(system, q) / (1.0 + off * rng.normal(size=count))
+    return system | {"lengths": lengths}
 
 
 def gaps(system):

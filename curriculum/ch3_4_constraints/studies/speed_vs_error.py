@@ -6,7 +6,6 @@ Work is counted in operations, which the time that one takes makes microseconds;
 """
 
 import time
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +13,11 @@ import numpy as np
 import constraints as c
 from curriculum.ch3_4_constraints.rods.choice import Search
 from curriculum.ch3_4_constraints.rods.schemes import Rung, Scheme, Stepper, steps_of
-from curriculum.ch3_4_constraints.rods.systems import has_loop, is_flat
-from curriculum.ch3_4_constraints.rods.truth import WHOLE, distance
+from curriculum.ch3_4_constraints.rods.systems import has_loop
+from curriculum.ch3_4_constraints.rods.truth import WHOLE
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies._schemes import all_schemes, short, wider_chapter
 from curriculum.common import cli
-from curriculum.common.errors import Refused
 from curriculum.common.words import amount, in_digits, tolerance
 
 SCENES = "double", "jansen_leg", "windows"
@@ -60,18 +58,6 @@ class Peer:
 
         mujoco.mj_kinematics(model, data)  # a step leaves the places of its beginning
         return np.array([data.site(f"s{k}").xpos for k in range(len(self.system["m"]))])
-
-    def trouble(self):
-        """Why it cannot hold this system, in words, or ""."""
-        if not find_spec("mujoco"):
-            return "mujoco is not installed: pip install -e '.[fast,peers]'"
-        if PEERS[self.name][0] is _mujoco.linkage and not is_flat(self.system):
-            return "its hinges are for scenes in the plane z = 0"
-        try:
-            off = distance(self.places(*self.model(DT)), self.system["q0"])
-        except (Refused, ValueError, KeyError, RecursionError) as why:
-            return str(why).splitlines()[0]
-        return "" if off < 1e-9 * np.sum(self.system["lengths"]) else "it does not start there"
 
     def take(self, dt, span, path, within, part=WHOLE):
         """The Rung of steps of a `part` of dt s, over a span in s."""
@@ -116,10 +102,8 @@ class Measured(NamedTuple):
 
     scene: str
     seconds: float  # s, up to which places are compared
-    uncertainty: float  # m, of these
     answers: dict  # {goal in m: the Answer}
     lines: dict  # {Scheme: [(error in m, s of computing for a second of motion)], by the step}
-    missing: dict  # {peer: why it is not there}
 
 
 def measure(scene, goals):
@@ -128,9 +112,8 @@ def measure(scene, goals):
     system = c.rods.check_system(c.build_system(scene), c.PIVOT)
     answers = {}
     lines = {}
-    missing = {x.name: x.trouble() for x in peers(system)}
     steppers = [Stepper(chapter, system, scheme) for scheme in cli.progress(all_schemes())]
-    steppers += [peer for peer in peers(system) if not missing[peer.name]]
+    steppers += peers(system)
     for goal in cli.progress(goals):
         search = Search(chapter, system, goal, DT, STEPS)
         for stepper in steppers:
@@ -145,10 +128,8 @@ def measure(scene, goals):
     return Measured(
         scene=scene,
         seconds=search.seconds,
-        uncertainty=search.path.uncertainty,
         answers=answers,
         lines={scheme: [x[dt] for dt in sorted(x, reverse=True)] for scheme, x in lines.items()},
-        missing={name: why for name, why in missing.items() if why},
     )
 
 
@@ -178,8 +159,6 @@ def lines_of(measured):
     for name, *cells in table:
         line = name.ljust(widths[0])
         yield line + "".join(x.rjust(width) for x, width in zip(cells, widths[1:], strict=True))
-    for name, why in measured.missing.items():
-        yield f"MuJoCo's {name} is not there: {why}"
 
 
 def main(argv=None):

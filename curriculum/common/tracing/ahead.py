@@ -1,18 +1,18 @@
 """compiled: a step that runs ahead of the loop around it."""
 
-from itertools import count, takewhile
+from itertools import accumulate, count, takewhile
 
 import numpy as np
 
 from curriculum.common.tracing.compare import Comparisons, changed, same
 from curriculum.common.tracing.plainly import (
-    Noted,
     OwnStep,
     Report,
     copied,
     in_range,
     nan_like,
     numbers,
+    result_now,
     spread,
 )
 from curriculum.common.tracing.steps import CompiledSteps
@@ -40,7 +40,8 @@ class Step:
         self.report = Report()
         self.builder = Builder(step, steps, self.report)
         self.comparisons = Comparisons(steps)
-        self.noted = Noted(notes)
+        self.notes = notes
+        self.noted = []  # [(number of a step, its state, what `notes` gave for it)]
         self.first = None  # copies of the arguments of the first step
         self.error = None  # the StepChanged that was raised: a reader's `except` may have taken it
         self.width = 0  # how many arrays a state is
@@ -107,8 +108,14 @@ class Step:
             self.error = changed(f"step {self.number}")
             raise self.error
         self.report.compared += 1
-        self.noted.note(self.number, state)
+        self.note(self.number, state)
         return ahead
+
+    def note(self, number, state):
+        """Note what `notes` gives now for the state of a step, to be asked for again."""
+        if self.notes:
+            copies = list(map(copied, state))
+            self.noted.append((number, copies, result_now(self.notes, copies)))
 
     def look(self, number, state, others):
         """Note what others have come in. Whether the loop goes on from the step before."""
@@ -116,27 +123,25 @@ class Step:
         goes_on = came + self.others.tail == self.expected
         now = contents(others)
         if number > 0 and not self.report.change:
-            self.note_change(number, state, came, now)
+            self.note_change(number, state, now)
         if number == 0 or now != self.others.contents:
             self.others = Others(others, self.width)
             self.builder.run = None
             goes_on = False
         return goes_on
 
-    def note_change(self, number, state, came, others):
+    def note_change(self, number, state, others):
         """Note the first argument, if there is one, that is not the step before's."""
         names = parameters(self.step, len(state) + len(others))
-        end = 0
-        for name, x in zip(names, state, strict=False):
-            begin = end
-            end += 8 * np.size(x)
-            if came[begin:end] != self.expected[begin:end]:
-                self.report.change = number, name
-                return
-        for name, x, before in zip(names[len(state) :], others, self.others.contents, strict=False):
-            if x != before:
-                self.report.change = number, name
-                return
+        sizes = [8 * np.size(x) for x in state]
+        ends = accumulate(sizes)
+        before = [self.expected[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+        before += self.others.contents
+        now = [numbers([x]).tobytes() for x in state] + [*others]
+        pairs = zip(names, now, before, strict=False)
+        name = next((name for name, x, y in pairs if x != y), None)
+        if name:
+            self.report.change = number, name
 
     def computed(self, run, state, number):
         """A stretch of steps from a state, as they are to be ready; none if the first one fails."""
@@ -150,7 +155,8 @@ class Step:
 
     def take(self, number, own):
         """Hand out the step of its own lines."""
-        self.noted.note(number, own.arguments[: self.width])
+        if self.comparisons.is_due(number):
+            self.note(number, own.arguments[: self.width])
         result = own.result
         if not self.report.is_compiled:
             self.report.time(1, own.seconds)
@@ -184,7 +190,11 @@ class Step:
             after = [x[n + 1] for x in columns]
             if not same(after, own.result, state, exact):
                 return n
-        return self.noted.differing(most)
+        for k in spread(len(self.noted), most):
+            number, state, result = self.noted[k]
+            if not np.array_equal(result_now(self.notes, state), result, equal_nan=True):
+                return number
+        return None
 
 
 def refuse_lists(arguments):

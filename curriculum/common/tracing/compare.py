@@ -18,14 +18,14 @@ class Comparisons:
         self.every = min(max(1, steps // PARTS), APART)
         self.others = [x for x in EARLY if x < self.every] + [steps - 1]
 
+    def is_due(self, number):
+        """Whether the step of that number is to be compared."""
+        return number % self.every == 0 or number in self.others
+
     def are_due(self, first, many):
-        """Whether each of so many steps is to be compared, a list."""
-        due = np.zeros(many, bool)
-        due[-first % self.every :: self.every] = True
-        for number in self.others:
-            if first <= number < first + many:
-                due[number - first] = True
-        return due.tolist()
+        """The same of so many steps in a row, a list: sooner."""
+        numbers = np.arange(first, first + many)
+        return ((numbers % self.every == 0) | np.isin(numbers, self.others)).tolist()
 
 
 def same(found, result, state, exact):

@@ -13,7 +13,6 @@ from curriculum.common.tracing.tape import NotAState, current
 from curriculum.common.tracing.trace import Program, reason, several
 
 LARGE = 1e100  # a number beyond has diverged
-KEPT = 24  # results that are noted, at least, of many steps
 
 
 @dataclass
@@ -121,37 +120,10 @@ class OwnStep:
         return "not a number" if np.isnan(numbers(result)).any() else "diverged"
 
 
-class Noted:
-    """What a function(*state) gives at some steps, to be asked for again: KEPT or twice as many."""
-
-    def __init__(self, function):
-        self.function = function  # None: there is nothing to be noted
-        self.every = 1  # of so many steps that could be noted one is
-        self.seen = 0
-        self.kept = []  # (number of the step, state, result)
-
-    def note(self, number, state):
-        """Note what the function gives now, if this step is due."""
-        self.seen += 1
-        if self.function is None or self.seen % self.every:
-            return
-        self.kept.append((number, list(map(copied, state)), self.result(state)))
-        if len(self.kept) >= 2 * KEPT:
-            self.kept = self.kept[::2]
-            self.every *= 2
-
-    def result(self, state):
-        """What the function gives for a state now."""
-        with np.errstate(all="ignore"):
-            return np.array(self.function(*map(copied, state)))
-
-    def differing(self, most):
-        """The first of so many steps, spread over all, that gives something else now; or None."""
-        for k in spread(len(self.kept), most):
-            number, state, result = self.kept[k]
-            if not np.array_equal(self.result(state), result, equal_nan=True):
-                return number
-        return None
+def result_now(function, state):
+    """What a function(*state), which may edit it, gives now: an array."""
+    with np.errstate(all="ignore"):
+        return np.array(function(*map(copied, state)))
 
 
 def spread(many, most):

@@ -28,8 +28,6 @@ def size_and_sign(x):
     """The size of a number, a float >= 0 or a Symbol's name, and whether it is minus that."""
     if type(x) is Symbol:
         return x.name, x.minus
-    if isinstance(x, np.ndarray):  # of no axes
-        return size_and_sign(x[()])
     x = float(x)
     return abs(x), x < 0.0
 

@@ -1,7 +1,7 @@
-"""Sparse linear systems: an order of elimination, and iterative refinement.
+"""The sparse matrix A of rods: which parts it has, and an order of elimination.
 
-The unknowns belong to pairs: (i, j) ties particle i to particle j or, where j < 0, to an anchor.
-Pairs that share a particle are coupled: a row of the matrix has no other entries.
+A pair (i, j) is a rod, which ties particle i to particle j or, where j < 0, to an anchor. Rods that
+share a particle are coupled: a row of A has no other entries.
 """
 
 from functools import lru_cache, wraps
@@ -9,12 +9,9 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from curriculum.common.tracing import while_loop
-
-ROUNDS = 100  # of a refinement, at most
-
 
 def cached(function):
+    """A function of pairs, which need not be hashable, that remembers what it has found."""
     known = lru_cache(64)(function)
     return wraps(function)(lambda pairs: known(tuple(map(tuple, pairs))))
 
@@ -80,27 +77,3 @@ def components(pairs):
             ends |= {max(i, -1) for i in pairs[k]}  # all anchors are one: the ground
         found.append((sorted(part), len(part) >= len(ends)))  # a tree has one point more than pairs
     return found
-
-
-def refined(A, near, b, failure):
-    """x (n,) with A x = b, by iterative refinement.
-
-    near(b) solves for a matrix near A (n, n). A round solves for what is left of b. They end at
-    1e-15 of b, or with one that gains less than half.
-    """
-
-    def size(left):
-        return np.sum(left * (left / np.diagonal(A)))
-
-    def is_going(x, left, before):
-        now = size(left)
-        return np.where(now > enough, before > 4.0 * now, 0.0)  # sizes are squares
-
-    def another(x, left, before):
-        more = near(left)
-        return x + more, left - A @ more, size(left)
-
-    enough = 1e-30 * size(b)
-    x = near(b)
-    found = while_loop(is_going, another, x, b - A @ x, np.inf, most=ROUNDS, failure=failure)
-    return found[0]
