@@ -11,6 +11,7 @@ from math import cos, inf, pi, sin, sqrt
 from types import SimpleNamespace
 from typing import NamedTuple
 
+import machines
 import numpy as np
 import pytest
 from independent import acceleration, energy_off, motion, smallest_pulls, weight
@@ -298,11 +299,18 @@ def on_a_tight_line(time):
     return place(QUICK, time, expected, rounding=1e-11)
 
 
+def by_its_flat_pose(time):
+    """A parallelogram whose coupler is 1 cm longer, past its flat pose, where it is quick."""
+    system = machines.thrown(machines.parallelogram(0.01))
+    return place(system, time, lambda: [motion(system, [time])[-1]])
+
+
 TRUTH = {
     "a fast pendulum": (thrown(3000.0, 0.01), "right"),
     "a pendulum far away": (thrown(20.0, 0.1, 1e4), "right"),
     "one too far away": (thrown(20.0, 0.1, 1e7), "unknown"),
     "a bob on a tight line": (on_a_tight_line(0.01), "right"),
+    "one that gets quick": (by_its_flat_pose(0.7), "right"),
     "a place of four digits": (typed(4), "right"),
     "a place of one digit": (typed(1), "unknown"),
 }
@@ -515,7 +523,7 @@ BUDGETS = [  # a tenth, or as good as nothing
     (loops, "RIDGE_ROUNDS", 4),
     (singular, "LEVELS", 1),
     (singular, "PARTS", 2),
-    (truth, "COUNTS", (2, 3, 4, 6)),
+    (truth, "COUNTS", (2, 3)),
     (truth, "MOST_STEPS", 2000),
     (truth, "STEPS", 80),
     (truth, "DIVIDED", 2),
