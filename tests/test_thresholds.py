@@ -88,8 +88,9 @@ def folded(left, right):
 def crank_rocker(short, angle):
     """A crank of 2 m, shorter by `short` m, at an angle (...) from the line to the other anchor.
 
-    It is tied by a rod of 3 m to one of 2 m, 3 m from its own pivot. Beside a parallelogram's flat
-    pose it passes by some sqrt(short) rad. Where its joints are, (..., 2, 3) in m.
+    A rod of 3 m ties it to a rocker of 2 m, whose anchor is 3 m from the crank's. It passes a
+    parallelogram's flat pose at a distance of about sqrt(short) rad. Returns where its joints are,
+    (..., 2, 3) in m.
     """
     p = (2.0 - short) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     if short == 0.0:
@@ -113,15 +114,15 @@ def turning_rocker(gap, rate, size=1.0):
     rocker = np.cross([0.0, 0.0, 1.0], q[1] - anchor)
     coupler = q[1] - q[0]
     v = [crank, rocker * (coupler @ crank) / (coupler @ rocker)]
-    return make_system(
-        size * q, LINE, size * np.array([0.0 * anchor, anchor]), np.multiply(size, v)
-    )
+    anchors = [0.0 * anchor, size * anchor]
+    return make_system(size * q, LINE, anchors, np.multiply(size, v))
 
 
 def twisted(angle, rate, size=1.0):
-    """A parallelogram near its flat pose, its cranks 1 urad apart, and how it falls.
+    """A parallelogram near its flat pose as `project` may leave it, and its accelerations (2, 3).
 
-    That is within what `project` lets rods be off; a pendulum's acceleration is 1e-3 from its own.
+    Its cranks are 1 urad apart, so that its rods are off by 1e-12 of their lengths. It should go on
+    as if they were parallel, which is as a pendulum does.
     """
     angles = np.array([[angle], [angle + 1e-6]])
     along = np.concatenate([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
@@ -172,6 +173,7 @@ def goes_on(q_of, system, count=40):
 
 
 def linkage(lengths, anchors=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))):
+    """What is_undecided asks of a four-bar: two cranks, and then the coupler."""
     rods = {"pairs": [(0, -1), (1, -2), (1, 0)], "lengths": np.array(lengths)}
     return rods | {"anchors": np.array(anchors), "m": np.ones((2, 1))}
 
@@ -190,7 +192,7 @@ def to_and_fro(amplitude, longer):
 
 
 def three_cranks(off):
-    """They hold a triangle, one too many; the third is to and fro by `off` rad. They go round."""
+    """Three cranks, one too many, carry a triangle round; the third leads and lags by `off` rad."""
 
     def q_of(t):
         angles = 2.0 * pi * t[..., None] + off * np.sin(20.0 * t[..., None]) * [0.0, 0.0, 1.0]
@@ -218,6 +220,8 @@ SINGULAR = {
 
 # --- statics: whether finite tensions can hold a start ---
 def stands(system):
+    """Whether a start is refused."""
+
     def found():
         return "known" if statics.refusal(system, c.GRAVITY) is None else "refused"
 
