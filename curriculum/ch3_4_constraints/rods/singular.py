@@ -9,8 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import LOST, has_loop, rod_vectors, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import has_loop, rod_vectors, unit_rows
 
+ZERO = 1e-10  # of the largest singular value: what is less is rounding, of rods too many
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
 LEVELS = 3  # of looking closer,
 PARTS = 16  # each time with so many steps for one
@@ -60,7 +61,7 @@ def least_sizes(system, q):
     """The least singular value (T,), of those that are not always 0, of J's unit rows at q
     (T, N, 3)."""
     sizes = np.linalg.svd(unit_rows(system, q), compute_uv=False)
-    rank = int(np.median(np.sum(sizes > LOST * sizes[:, :1], axis=1)))
+    rank = int(np.median(np.sum(sizes > ZERO * sizes[:, :1], axis=1)))
     return sizes[:, rank - 1]
 
 
@@ -72,6 +73,8 @@ def closes_exactly(system, q):
     signs = np.sign(along[:, axis])
     if np.max(np.abs(along - signs[:, None] * np.eye(3)[axis])) > FLAT:
         return False
+    if np.any(np.delete(system["anchors"] - system["anchors"][0], axis, axis=1)):
+        return False  # anchors that are not in line to the last digit
     reaches = [int(sign) * Fraction(x) for sign, x in zip(signs, system["lengths"], strict=True)]
     rods = list(zip(system["pairs"], reaches, strict=True))
     places = {-1 - k: Fraction(x[axis]) for k, x in enumerate(system["anchors"])}
