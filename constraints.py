@@ -250,34 +250,37 @@ def simulate(step_fn, system, force, dt, steps):
     """Run, and measure every state: where the last particle is, (steps + 1, 3) in m, the worst rod
     error, (steps + 1,) in m, and the energy, (steps + 1,) in joules."""
     q, v = trajectory(step_fn, system, force, dt, steps)
-    return q[:, -1], constraint_violation(system, q), energy(system, q, v)
+    tip = q[:, -1]
+    violations = np.array([constraint_violation(system, x) for x in q])
+    energies = np.array([energy(system, *state) for state in zip(q, v, strict=True)])
+    return tip, violations, energies
 
 
 def energy(system, q, v):
-    """Kinetic plus potential energy in J, of one state, q and v (N, 3), or of each of many.
+    """Kinetic plus potential energy in J, of a state q, v.
 
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
-    kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
+    kinetic = 0.5 * np.sum(system["m"] * v * v)
     # Drag has no potential, and is not here. If you add a spring, add its energy.
     force = system["m"] * GRAVITY + system.get("load", 0.0)
-    potential = -np.sum(force * q, axis=(-2, -1))
+    potential = -np.sum(force * q)
     return kinetic + potential
 
 
 def rod_lengths(system, q):
-    """How long each rod is, (..., C) in m, at q (..., N, 3): in one state or in each of many."""
+    """How long each rod is, (C,) in m, at q (N, 3)."""
     lengths = []
     for i, j in system["pairs"]:
-        end = anchor(system, j) if j < 0 else q[..., j, :]
-        d = q[..., i, :] - end
-        lengths.append(np.sqrt(np.sum(d * d, axis=-1)))
-    return np.stack(lengths, axis=-1)
+        end = anchor(system, j) if j < 0 else q[j]
+        d = q[i] - end
+        lengths.append(np.sqrt(np.sum(d * d)))
+    return np.stack(lengths)
 
 
 def constraint_violation(system, q):
-    """The largest rod error, in m, without its sign: of one state, q (N, 3), or of each of many."""
-    return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
+    """The largest rod error at q (N, 3), in m, without its sign."""
+    return np.max(np.abs(rod_lengths(system, q) - system["lengths"]))
 
 
 # For the double pendulum, simulate(semi_implicit_step, system, make_force(system, w), 0.005, 4000)
@@ -524,7 +527,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step_fn = rods.FastStep(step_fn, steps, system, external_force)  # the same numbers, but faster
     q, v = trajectory(step_fn, system, force, dt, steps)
-    return rods.Run(step_fn, force, dt, q, v, constraint_violation(system, q), energy(system, q, v))
+    return rods.Run(step_fn, force, dt, q, v, constraint_violation, energy)
 
 
 def summary(system, run, method, truth):

@@ -229,7 +229,7 @@ def test_where_nothing_is_right_for_the_whole_time_it_is_right_for_as_long_as_is
 def test_where_energy_need_not_stay_it_does_not_count(monkeypatch):
     """A drag takes it; places are those of a motion with drag."""
     usual = c.external_force
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: usual(system, q) - 5.0 * v)
+    monkeypatch.setattr(c, "external_force", lambda system, q, v: usual(system, q, v) - 5.0 * v)
     rung = chosen(integrators=RK4).verdict.rung
     run, _, energy = measured(PENDULUM, rung.scheme, rung.dt, 0.5)
     assert rung.energy is None and energy > 0.05 and rung.dt > 0.01
