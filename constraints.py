@@ -27,7 +27,7 @@ from curriculum.common.exact import cos, sin  # numpy's last digits depend on th
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
-SMOKE_STEPS = 800  # of a --smoke run: fixed, so that CI can compare two runs byte for byte
+SMOKE_STEPS = 800  # of a --smoke run: few, since CI makes two and compares them byte for byte
 
 
 # --- endregion ---
@@ -40,7 +40,7 @@ CHAINS = {"pendulum": 1, "double": 2, "triple": 3}  # how many rods each has
 
 
 def build_system(name, rng=0, links=10):
-    """A chain from PIVOT: one of CHAINS, or "chain" with so many `links`. Other names are scenes'.
+    """A chain from PIVOT: one of CHAINS, or "chain" with so many `links`. Or a scene, by name.
 
     A chain starts at rest along +x, tilted by a small random angle. `rng`: a Generator or a seed.
     """
@@ -57,10 +57,10 @@ def build_system(name, rng=0, links=10):
         "pairs": [(k, k - 1) for k in range(count)],  # C of them
         "lengths": np.full(count, length),  # (C,) m
     }
-    return rods.check_system(system, PIVOT)  # the same; an error where something does not fit
+    return rods.check_system(system, PIVOT)  # that very system, or an error that says what is wrong
 
 
-def external_force(system, q, v=None):
+def external_force(system, q, v):
     """All forces but the rods', (N, 3) in newtons. Add drag here if you like: - 0.2 * v."""
     return system["m"] * GRAVITY + system.get("load", 0.0)  # a scene may have a load, (N, 3) in N
 
@@ -123,26 +123,27 @@ def anchor(system, j):
 
 
 def solve(system, A, b, v=None):
-    """lambda (C,), so that A lambda = b: A (C, C), b (C,). `v`, (N, 3) in m/s, is for loops only.
+    """lambda (C,), so that A lambda = b: A (C, C), b (C,).
 
-    A loop may have a rod too many. Then A is singular, and many lambda give one J^T lambda.
+    Rods that close a loop may be one too many. Then A is singular, and many lambda give one
+    J^T lambda. There `v`, (N, 3) in m/s, tells in which pose the rods are next.
     """
     if rods.has_loop(system):
         return rods.solve_loops(system, A, b, v)
     return np.linalg.solve(A, b)
 
 
-# Why rods drift, under semi_implicit; other integrators err by other amounts. A step changes v, so
-# that d_dot becomes, say, u, and goes straight on with that. A prime marks what the next solve
-# will find:
-#     d' = d + dt u
-#     g' = g + dt s + dt^2 |u|^2 / 2, where s = d . u
-#     gdot' = d' . u = s + dt |u|^2
-# It will ask for gddot = 0, that is d' . (a_i - a_j) = -|u|^2. So the next u, u', has
-#     s' = d' . u' = gdot' - dt |u|^2 = s
+# Why rods drift, under semi_implicit; other integrators err by other amounts. First v changes, so
+# that d_dot becomes u; then q moves with the new v. Let s = d . u. A step later
+#     new d = d + dt u
+#     new g = g + dt s + dt^2 |u|^2 / 2
+#     new gdot = (new d) . u = s + dt |u|^2
+# Now v changes again, by dt a. gddot = 0 asks for (new d) . (a_i - a_j) = -|u|^2, and so
+#     new s = (new d) . (u + dt (a_i - a_j)) = new gdot - dt |u|^2 = s
 # From rest s is 0, and stays 0. Then each step goes along the tangent and ends outside the circle,
 # and nothing takes that back, as gddot = 0 never looks at g. A rod is off by about g / L: after a
-# fall of 1 m |u|^2 is 19.62 m^2/s^2, and each step of 5 ms adds 0.245 mm to a rod of 1 m.
+# fall of 1 m |u| is 4.43 m/s, |u|^2 = 19.62 m^2/s^2, and each step of 5 ms adds 0.245 mm to a rod
+# of 1 m.
 #
 # What pulls it back. Instead of gddot = 0, ask for a damped spring (J. Baumgarte, 1972):
 #     gddot = -2 w gdot - w^2 g
@@ -151,19 +152,20 @@ def solve(system, A, b, v=None):
 # was, times (1 + wt) exp(-wt): with w = 20 rad/s, 1 % is left after 1/3 s. Less damping would
 # overshoot, more would take longer: this is critical.
 #
-# What is left, again under semi_implicit. At constant speed g stays as it is if
+# What is left, again under semi_implicit. At constant speed, new g = g if
 #     s = -dt |u|^2 / 2
-# which is a little inward, to make up for the straight step. But then the next solve finds
-#     gdot' = s + dt |u|^2 = +dt |u|^2 / 2
+# which is a little inward, to make up for the straight step. But the next solve finds
+#     new gdot = s + dt |u|^2 = +dt |u|^2 / 2
 # and takes it for a rod that grows. The damper pulls, until the rod is so short that the spring
 # pushes out as hard:
-#     w^2 g = -2 w gdot', so g = -dt |u|^2 / w
-# For 19.62 m^2/s^2 it is 5 mm too short. Half the dt or twice the w halves that. But without speed
-# a step makes, with x = w dt,
-#     (    g'   ) = ( 1 - x^2   1 - 2x ) (    g    )
-#     ( dt gdot')   (    -x^2   1 - 2x ) ( dt gdot )
-# An eigenvalue is below -1 if x^2 + 4x > 4, that is x > 0.83. Then each step overshoots more than
-# the last, and the run explodes.
+#     w^2 g = -2 w (new gdot), so g = -dt |u|^2 / w
+# At 4.43 m/s it is 5 mm too short. Half the dt or twice the w halves that. But there is a limit.
+# If |u|^2 is small enough to leave out, s = gdot - dt (2 w gdot + w^2 g), new g = g + dt s and
+# new gdot = s. So with x = w dt a step multiplies (g, dt gdot) by
+#     ( 1 - x^2   1 - 2x )
+#     (    -x^2   1 - 2x )
+# One of its eigenvalues is below -1 if 1 + trace + determinant < 0, that is x^2 + 4x > 4, x > 0.83.
+# Then each step overshoots more than the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -248,38 +250,41 @@ def simulate(step_fn, system, force, dt, steps):
     """Run, and measure every state: where the last particle is, (steps + 1, 3) in m, the worst rod
     error, (steps + 1,) in m, and the energy, (steps + 1,) in joules."""
     q, v = trajectory(step_fn, system, force, dt, steps)
-    return q[:, -1], constraint_violation(system, q), energy(system, q, v)
-
-
-# For the double pendulum, simulate(semi_implicit_step, system, make_force(system, w), 0.005, 4000)
-# finds a rod 384 mm off with w = 0, and 23.5 mm with w = 20. That ends a first sitting.
+    tip = q[:, -1]
+    violations = np.array([constraint_violation(system, x) for x in q])
+    energies = np.array([energy(system, *state) for state in zip(q, v, strict=True)])
+    return tip, violations, energies
 
 
 def energy(system, q, v):
-    """Kinetic plus potential energy in J, of one state, q and v (N, 3), or of each of many.
+    """Kinetic plus potential energy in J, of a state q, v.
 
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
-    kinetic = 0.5 * np.sum(system["m"] * v * v, axis=(-2, -1))  # over particles and x, y, z
+    kinetic = 0.5 * np.sum(system["m"] * v * v)
     # Drag has no potential, and is not here. If you add a spring, add its energy.
     force = system["m"] * GRAVITY + system.get("load", 0.0)
-    potential = -np.sum(force * q, axis=(-2, -1))
+    potential = -np.sum(force * q)
     return kinetic + potential
 
 
 def rod_lengths(system, q):
-    """How long each rod is, (..., C) in m, at q (..., N, 3): in one state or in each of many."""
+    """How long each rod is, (C,) in m, at q (N, 3)."""
     lengths = []
     for i, j in system["pairs"]:
-        end = anchor(system, j) if j < 0 else q[..., j, :]
-        d = q[..., i, :] - end
-        lengths.append(np.sqrt(np.sum(d * d, axis=-1)))
-    return np.stack(lengths, axis=-1)
+        end = anchor(system, j) if j < 0 else q[j]
+        d = q[i] - end
+        lengths.append(np.sqrt(np.sum(d * d)))
+    return np.stack(lengths)
 
 
 def constraint_violation(system, q):
-    """The largest rod error, in m, without its sign: of one state, q (N, 3), or of each of many."""
-    return np.max(np.abs(rod_lengths(system, q) - system["lengths"]), axis=-1)
+    """The largest rod error at q (N, 3), in m, without its sign."""
+    return np.max(np.abs(rod_lengths(system, q) - system["lengths"]))
+
+
+# For the double pendulum, simulate(semi_implicit_step, system, make_force(system, w), 0.005, 4000)
+# finds a rod 384 mm off with w = 0, and 23.5 mm with w = 20. That ends a first sitting.
 
 
 # --- endregion ---
@@ -287,12 +292,12 @@ def constraint_violation(system, q):
 # How engines hold rods. You have two ways, w = 0 and w > 0, and `none` and `baumgarte` are their
 # names. Here are three more. All five are one table, make_methods.
 #
-# Game engines take J as constant during a step: they leave Jdot v out. (So does MuJoCo, for the
-# lengths of cables, its tendons.) A circle needs J a = -|d_dot|^2, and nothing asks for it now. But
-# each straight step leaves an error in gdot and g, and what takes that error back bends the path.
-# Engines may also make a rod soft, so that it gives way in proportion to lambda:
+# Game engines take J as constant during a step: they leave Jdot v out. A circle needs
+# J a = -|d_dot|^2, and nothing asks for it now. But each straight step leaves an error in gdot and
+# g, and what takes that error back bends the path. Engines may also make a rod soft, so that it
+# gives way in proportion to lambda:
 #     J a = -damping gdot - stiffness g - R lambda
-# where R, CFM in some engines, is A's diagonal times `softness`. With M a = f + J^T lambda that is
+# R, which some call CFM, is here A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
 def make_engine_force(system, damping, stiffness, softness=0.0):
     """force(q, v), (N, 3) in newtons, as in engines: make_force with that linear system.
@@ -376,8 +381,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     # of g only, and sweep over the rods instead of solving for all.)
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's rule, with a fixed impedance p; p = 1 gives way to no load. One rod has
-    # A + R = A/p:
+    # soft is MuJoCo's rule, with a fixed impedance p; with p = 1 no load stretches a rod. One rod
+    # has A + R = A/p. So A lambda is p times the right side, and J a = J M^-1 f + A lambda is
     #     J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f
     # Hanging at rest, J a and gdot are 0, and a rod of 1 m is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too
     # long. Swinging at 4.43 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
@@ -441,28 +446,30 @@ def compare(system, integrator="semi_implicit", dt=0.005, steps=4000):
         print(f"{name:10}{1e3 * violations.max():6.1f} mm {added:+7.2f} J")
 
 
-# compare(build_system("double")) prints
+# Type it in. compare(build_system("double")) prints
 #     none       384.0 mm  -16.76 J
 #     baumgarte   23.5 mm  +12.37 J
 #     impulse      1.3 mm   -0.12 J
 #     soft        29.6 mm  -10.63 J
 #     project      0.0 mm   -0.07 J
-# Why so many mm? Under none nothing takes an error back: in 4000 steps 384 mm add up, 0.1 mm a
-# step. The formulas for three others go with |u|^2, and their figures above are for 4.43 m/s. Here
-# one end of the outer rod moves relative to the other at up to 11 m/s. If it kept its greatest
-# speed:
-#     baumgarte  dt |u|^2 / w              11.0 m/s   30 mm too short
-#     impulse    dt^2 |u|^2 / 2            10.2 m/s  1.3 mm too long
-#     soft       (tau^2 - tau dt) |u|^2    10.1 m/s   31 mm too long
-# impulse gets there in one step. The others are late by about 2/w = 0.1 s and 2 tau = 0.04 s, and
-# by then it is slower. (As g changes slowly, w^2 g + 2 w gdot = F is nearly w^2 g(t) = F(t - 2/w).)
+# Why so many mm? Under none nothing takes an error back: 4000 steps of about 0.1 mm add up. For
+# three others there are formulas above, with figures for 4.43 m/s. But here the lower rod's ends
+# move faster, relative to each other. At the greatest |u| of each run:
+#                                 greatest |u|    by the formula      measured
+#     baumgarte  dt |u|^2 / w             11.0 m/s   30 mm too short   23.5 mm
+#     impulse    dt^2 |u|^2 / 2           10.2 m/s  1.3 mm too long     1.3 mm
+#     soft       (tau^2 - tau dt) |u|^2   10.1 m/s   31 mm too long    29.6 mm
+# impulse follows |u|^2 within a step. baumgarte and soft follow it late, by about 2/w = 0.1 s and
+# 2 tau = 0.04 s. By then the rod has slowed down, and so they stay below. (Leave out gddot, which
+# is small. Then g + (2/w) gdot = -dt |u|^2 / w, and the left side is nearly g a time 2/w later.)
 #
 # Why so many J? As g changes by dg, a rod does the work lambda dg. Most of the time rods pull, and
-# lambda < 0: one that gets longer takes energy, one that gets shorter gives it.
+# lambda < 0: a rod that gets longer takes energy, and one that gets shorter gives it.
 #     none       only gets longer: energy is lost.
-#     baumgarte  is shorter if it is fast, but late. So where it pulls hardest it is still getting
-#                shorter, and where it pulls less, longer: energy is gained, as on a swing.
-#     soft       is longer if it is fast, and late, too: energy is lost.
+#     baumgarte  is shortest 0.1 s after it was fastest. So it still gets shorter where it pulls
+#                hardest, and longer again where it pulls less: energy is gained, as on a swing.
+#     soft       is longest 0.04 s after it was fastest: the other way round, energy is lost.
+#     impulse, project   hardly change g, so they hardly change energy.
 
 
 # --- endregion ---
@@ -520,7 +527,7 @@ def run_method(system, name, integrator, dt, steps, **knobs):
     step_fn = stabilized(INTEGRATORS[integrator], system, method)
     step_fn = rods.FastStep(step_fn, steps, system, external_force)  # the same numbers, but faster
     q, v = trajectory(step_fn, system, force, dt, steps)
-    return rods.Run(step_fn, force, dt, q, v, constraint_violation(system, q), energy(system, q, v))
+    return rods.Run(step_fn, force, dt, q, v, constraint_violation, energy)
 
 
 def summary(system, run, method, truth):
@@ -542,8 +549,11 @@ def summary(system, run, method, truth):
 def columns(run, row, truth):
     """What the table shows of a run: a head in two lines, and words. A new column is a line here.
 
-    What it shows is a key in summary, and so it is in metrics.json, too, but for times.
+    Its figures are keys of summary, so metrics.json has them, too; it has no times.
     """
+    #            rods off  rods off  energy off  largest force  places off  a step
+    # method     at worst    at end    at worst    at steps, N      at 2 s      us
+    # none          38 cm     38 cm        43 %           69.3      7.9 cm     0.5
     return [
         ("rods off", "at worst", report.length(row["max_violation"])),  # 0.384 m is "38 cm"
         ("rods off", "at end", report.length(row["final_violation"])),
@@ -559,8 +569,8 @@ def columns(run, row, truth):
 def choose(system, within, dt=0.005, steps=4000, **knobs):
     """The answer to --within: which integrator, method and step are right to `within` m.
 
-    dt in s. It has a `verdict` and `rows`, one for each integrator. Each has a `rung`: its scheme,
-    which is an integrator and a method, and the step, dt.
+    dt in s. It has a `verdict` and `rows`, one for each integrator. In a row's `rung` stand its
+    scheme, that is an integrator and a method, and the step, dt.
     """
     system = rods.check_run(system, PIVOT, dt, steps, external_force)
     return rods.choose(this_chapter(), system, within, dt, steps, knobs)
@@ -596,7 +606,7 @@ def parse_args(argv=None):
     add("--integrator", choices=INTEGRATORS, default="semi_implicit", help="what calls force(q, v)")
     add("--stabilization", choices=["all", *every], default="all", help=words)
     add("--baumgarte", type=cli.number(0), default=20.0, help="w in rad/s: too high, it explodes")
-    add("--time-constant", type=cli.positive, default=0.02, help="of soft, in s")
+    add("--time-constant", type=cli.seconds, default=0.02, help="of soft, in s")
     add("--dt", type=cli.seconds, default=0.005, help="one step in s: halve it, see what halves")
     add("--steps", type=cli.whole(1), default=4000, help="how many: drift adds up")
     add("--within", type=cli.length, help="find the cheapest scheme that is right to 1mm, 1um, ...")

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -97,8 +97,144 @@ def visit():
         yield opened
 
 
+# What a canvas has drawn since it was cleared is then in its `marks`, in pixels; `aimed` is how
+# metres became pixels. A line that ends in a head is an arrow.
+RECORD = """() => {
+  const before = (proto, name, does) => {
+    const own = proto[name];
+    proto[name] = function(...given) {
+      does(this.canvas, this, ...given);
+      return own.apply(this, given);
+    };
+  };
+  const pen = CanvasRenderingContext2D.prototype;
+  const apart = ([a, b], [c, d]) => Math.hypot(a - c, b - d);
+  const isArrow = ([from, tip, left, again, right, more]) => {
+    if (!right || more || apart(tip, again) > 0) return false;
+    const neck = [0, 1].map(k => (left[k] + right[k]) / 2); // on the shaft
+    const off = apart(from, neck) + apart(neck, tip) - apart(from, tip);
+    return off < 0.01 && Math.abs(apart(tip, left) - apart(tip, right)) < 0.01;
+  };
+  const named = value => [...inks].find(([, each]) => each.trim() === value)?.[0];
+  const add = (canvas, {globalAlpha}, color, mark) =>
+    canvas.marks?.push({...mark, color: named(color), alpha: globalAlpha});
+  const strokes = {stroke: "strokeStyle", fill: "fillStyle"};
+  for (const [name, style] of Object.entries(strokes)) before(pen, name, (canvas, each) => {
+    const {lineWidth: width, [style]: color} = each;
+    for (const {at, radius} of canvas.path) {
+      const kind = radius ? "disc" : isArrow(at) ? "arrow" : "line";
+      const ends = kind === "arrow" ? at.slice(0, 2) : at;
+      add(canvas, each, color, {kind, at: ends, radius, width, dash: each.getLineDash()});
+    }
+  });
+  before(pen, "clearRect", (canvas, each, left, top, width, height) => {
+    if (width >= canvas.clientWidth && height >= canvas.clientHeight) canvas.marks = [];
+  });
+  before(pen, "beginPath", canvas => { canvas.path = []; });
+  before(pen, "moveTo", (canvas, each, ...at) => canvas.path.push({at: [at]}));
+  before(pen, "lineTo", (canvas, each, ...at) => canvas.path.at(-1).at.push(at));
+  before(pen, "arc", (canvas, each, x, y, radius) => canvas.path.push({at: [x, y], radius}));
+  before(pen, "fillText", (canvas, each, text, x, y) => {
+    const {actualBoundingBoxLeft: left, actualBoundingBoxRight: right,
+      actualBoundingBoxAscent: above, actualBoundingBoxDescent: below} = each.measureText(text);
+    const at = [x + (right - left) / 2, y + (below - above) / 2];
+    add(canvas, each, each.fillStyle, {kind: "words", text, width: left + right, at});
+  });
+  before(pen, "strokeText", (canvas, each, text) => { // over what stood there
+    canvas.marks = canvas.marks?.filter(mark => mark.text !== text);
+  });
+  const {aim} = Stage.prototype;
+  Stage.prototype.aim = function() {
+    aim.call(this);
+    this.canvas.aimed = [this.origin, this.scale];
+  };
+  dark.dispatchEvent(new Event("change"));
+}"""
+
+
+MISPLACED = """all => all.flatMap(({marks, clientWidth, clientHeight}) => {
+  const words = marks.filter(x => x.text);
+  const far = ([x, y], [[a, b], [c, d]]) => {
+    const [along, up] = [c - a, d - b];
+    const share = ((x - a) * along + (y - b) * up) / (along * along + up * up) || 0;
+    const on = Math.max(0, Math.min(1, share));
+    return Math.hypot(a + on * along - x, b + on * up - y);
+  };
+  const isOut = ({at: [x, y], width, text}) => {
+    const half = text ? width / 2 : 0;
+    return x < half || x > clientWidth - half || y < 0 || y > clientHeight;
+  };
+  const isOver = ({at: [x, y], width, text}) => words.some(({at, text: other, width: wide}) =>
+    other !== text && Math.abs(at[1] - y) < 11 && Math.abs(at[0] - x) < (width + wide) / 2);
+  const isLost = ({at: [x, y], width, color}) => {
+    const pieces = marks.filter(x => x.color === color && ["line", "arrow"].includes(x.kind))
+      .flatMap(({at}) => at.map((point, k) => [point, at[k + 1] ?? point]));
+    const nearest = Math.min(...[-0.5, 0, 0.5].flatMap(share =>
+      pieces.map(piece => far([x + share * width, y], piece))));
+    return color !== "quiet" && !(nearest > 3 && nearest < 80);
+  };
+  const out = [...words, ...marks.filter(x => x.kind === "disc")].filter(isOut);
+  return [...out, ...words.filter(x => isOver(x) || isLost(x))];
+})"""
+
+
+def drawn(found, kind, color=None, nth=0):
+    """The marks of a kind and a colour on the nth canvas in sight, from behind to front.
+
+    Their points `at`, (3,) or (many, 3), are in metres, and `pixels` are the same in pixels, as are
+    `width` and `radius`. The point of words is their middle.
+    """
+    canvas = found.locator("canvas").filter(visible=True).nth(nth)
+    marks, (origin, scale) = canvas.evaluate("x => [x.marks, x.aimed]")
+    marks = [x for x in marks if x["kind"] == kind and color in (None, x["color"])]
+    for mark in marks:
+        mark["pixels"] = np.array(mark["at"])
+        at = (mark["pixels"] - origin) / scale * [1.0, -1.0]
+        mark["at"] = np.insert(at, 2, 0.0, axis=-1)
+    return [SimpleNamespace(**mark) for mark in marks]
+
+
+def places(*which):
+    """Where such marks are, in metres."""
+    return np.array([mark.at for mark in drawn(*which)])
+
+
+def draws(found, kind, color, wanted, nth=0, within=1e-6):
+    """The marks of a kind and a colour are those that are wanted, by their places in m."""
+    wanted = np.array(wanted)
+    near(places(found, kind, color, nth)[..., : wanted.shape[-1]], wanted, within)
+
+
+def near(found, wanted, within=1e-6):
+    assert np.array(found) == pytest.approx(np.array(wanted), abs=within)
+
+
+def misplaced(found):
+    """What stands on canvases out of sight, and words over others or far from what they name.
+
+    That has their colour.
+    """
+    return found.locator("canvas").evaluate_all(MISPLACED)
+
+
 def click(shown, name):
     shown.get_by_role("button", name=name, exact=True).click()
+
+
+def middle(found):
+    """That of an element, in pixels on the screen."""
+    x, y, width, height = found.bounding_box().values()
+    return np.array([x + width / 2, y + height / 2])
+
+
+def drag(hand, right, down, aside=(0, 0)):
+    """Take a hand, `aside` from its middle, and move it by so many pixels; returns what lets go."""
+    mouse = hand.page.mouse
+    x, y = middle(hand) + aside
+    mouse.move(x, y)
+    mouse.down()
+    mouse.move(x + right, y + down, steps=5)
+    return mouse.up
 
 
 def contrast(*colors):

@@ -203,8 +203,8 @@ def test_what_is_right_by_luck_is_not_advised(name):
 def test_of_an_integrator_whose_rungs_are_right_by_luck_only_that_is_said():
     """With drag, so that no energy is to blame."""
 
-    def drag(system, q, v=None):
-        return c.external_force(system, q) - 0.1 * (0.0 * q if v is None else v)
+    def drag(system, q, v):
+        return c.external_force(system, q, v) - 0.1 * v
 
     powers = right_at(lambda dt: sum(near(dt, 0.005 * 2.0**k) for k in range(-12, 9)))
     answer = chosen(integrators=powers, external_force=drag)
@@ -229,7 +229,7 @@ def test_where_nothing_is_right_for_the_whole_time_it_is_right_for_as_long_as_is
 def test_where_energy_need_not_stay_it_does_not_count(monkeypatch):
     """A drag takes it; places are those of a motion with drag."""
     usual = c.external_force
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: usual(system, q) - 5.0 * v)
+    monkeypatch.setattr(c, "external_force", lambda system, q, v: usual(system, q, v) - 5.0 * v)
     rung = chosen(integrators=RK4).verdict.rung
     run, _, energy = measured(PENDULUM, rung.scheme, rung.dt, 0.5)
     assert rung.energy is None and energy > 0.05 and rung.dt > 0.01

@@ -172,7 +172,7 @@ def test_a_readers_mistake_is_a_traceback_that_ends_in_their_line(tmp_path):
     mine.write_text(
         """import constraints
 import numpy as np
-def external_force(system, q, v=None):
+def external_force(system, q, v):
     return np.linalg.inv(np.zeros((3, 3)))
 constraints.external_force = external_force
 constraints.command()

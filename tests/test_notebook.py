@@ -33,7 +33,7 @@ def code(cells):
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
-def dragged(system, q, v=None):
+def dragged(system, q, v):
     """external_force, as the notebook of these tests has it."""
     return -DRAG * v + system["m"] * c.GRAVITY + system.get("load", 0.0)
 

@@ -230,7 +230,7 @@ def test_a_loop_that_ends_early_has_rows_and_no_verdict(run):
 
 
 def test_drag_and_a_step_that_is_too_long_are_told_apart(run):
-    drag = edited((FORCE, f"{FORCE} - 0.3 * (0.0 * q if v is None else v)"))
+    drag = edited((FORCE, f"{FORCE} - 0.3 * v"))
     flags = "--integrator rk4 --dt 0.1 --steps 40 --baumgarte 30"
     for chapter in (c, drag):
         printed, metrics = run(flags, *BARE, chapter=chapter)

@@ -97,7 +97,6 @@ def whole(low, high=10**12):
     return checked(int, low, high + 1, f"a whole number from {low} to {high:g}")
 
 
-positive = number(LEAST)
 length = checked(  # metres, from a length such as 0.5mm or 2 cm, or from a number
     partial(parsed, units=LENGTHS),
     LEAST,

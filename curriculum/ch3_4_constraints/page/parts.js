@@ -2,7 +2,7 @@
 // Parts that both pages are made of. A scene is an object of page/scene.py: its steps and
 // measures are the chapter's own lines, as JavaScript, with Python's bits. Names and lengths:
 //
-//   plus(a, b, factor), times(a, factor), dot, size, unit, across     vectors [x, y] of the plane
+//   plus(a, b, factor), times(a, factor), size, unit, across          vectors [x, y] of the plane
 //   fixed(x, digits), metric(x), perCent(share)                       numbers in words
 //   make(tag, settings, ...inside), row(className, ...inside), makeButton(text, onclick)
 //   new Motion(scene, method, knobs)     under a method; begin(state), step(), measure(name)
@@ -18,7 +18,6 @@
 // --- vectors of the plane, numbers in words, elements of the page ---
 const plus = ([a, b], [c, d], factor = 1) => [a + factor * c, b + factor * d];
 const times = ([a, b], factor) => [factor * a, factor * b];
-const dot = ([a, b], [c, d]) => a * c + b * d;
 const size = ([a, b]) => Math.hypot(a, b);
 const unit = a => times(a, 1 / (size(a) || 1));
 const across = ([a, b]) => [-b, a];
@@ -151,7 +150,6 @@ class Clock {
 // --- what is seen ---
 const PLAIN = "12px system-ui, sans-serif";
 const BOLD = "600 13px system-ui, sans-serif";
-const ITALIC = "italic 20px Georgia, serif"; // as formulas are
 const FINGER = 44; // pixels
 const ARROWS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
 
@@ -220,13 +218,6 @@ class Stage {
     }
     pen.stroke();
   }
-  circle(at, radius, color) { // of so many metres, dotted
-    Object.assign(this.pen, {strokeStyle: ink(color), lineWidth: 1});
-    this.pen.setLineDash([1, 5]);
-    this.pen.beginPath();
-    this.pen.arc(...this.pixels(at), radius * this.scale[0], 0, 7);
-    this.pen.stroke();
-  }
   disc(at, radius, color = "ink") { // of so many pixels
     this.pen.beginPath();
     this.pen.arc(...this.pixels(at), radius, 0, 7);
@@ -238,7 +229,6 @@ class Stage {
     Object.assign(this.pen, {font, textAlign, textBaseline: "middle", fillStyle: ink(color)});
     this.pen.fillText(text, x + right, y - up);
   }
-  symbol(text, at, color, aside) { this.words(text, at, color, aside, "center", ITALIC); }
   arrow(from, by, color, lineWidth = 3.5) {
     const tip = plus(from, by);
     const back = times(unit(by), -Math.min(12 / this.scale[0], size(by)));

@@ -230,7 +230,7 @@ function makeTile(copy) {
     const side = worst > 0 ? "long" : "short";
     const right = Math.abs(worst) < RIGHT * shortest;
     off.textContent = right ? "rods are right" : `${metric(Math.abs(worst))} too ${side}`;
-    off.className = `off ${Math.abs(worst) < SLIGHT * shortest ? "" : side}`;
+    off.className = Math.abs(worst) < SLIGHT * shortest ? "" : side;
     const places = copy.places !== null && `places ${metric(copy.places)} off`;
     const here = copy.true && `${metric(copy.away)} from true motion`;
     away.textContent = (asked ? places : here) || "";

@@ -5,7 +5,7 @@ import textwrap
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import conserves, moves
+from curriculum.ch3_4_constraints.rods.run import conserving, moves
 from curriculum.ch3_4_constraints.rods.stability import stability_limit
 from curriculum.common import words
 
@@ -77,7 +77,7 @@ def completed(chapter, system, run, row):
     What would be of another run is None.
     """
     more = {
-        "conserves": conserves(system, chapter.external_force, chapter.energy, run.q, run.v),
+        "conserves": conserving(system, chapter.external_force, chapter.energy)(run.q, run.v),
         "operations": run.operations,  # for a second of motion
         "stopped": run.stopped,  # when and why, if it ended early
     }

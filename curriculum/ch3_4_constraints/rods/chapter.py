@@ -19,7 +19,7 @@ class Chapter(NamedTuple):
     external_force: Callable  # (system, q, v) -> (N, 3) in N
     make_force: Callable  # (system) -> force(q, v), (N, 3) in N, under which g-double-dot is 0
     project: Callable  # (system, q_start, q, v, dt) -> (q, v), back on the rods
-    energy: Callable  # (system, q, v) -> J, of one state or of many
-    rod_lengths: Callable  # (system, q) -> (..., C) in m, of one state or of many
-    constraint_violation: Callable  # (system, q) -> (...) in m, of one state or of many
+    energy: Callable  # (system, q, v) -> J
+    rod_lengths: Callable  # (system, q) -> (C,) in m
+    constraint_violation: Callable  # (system, q) -> m
     tensions: Callable  # (system, q, v, force) -> (C,) in N

@@ -39,13 +39,13 @@ class Run:
     """The states of a run of dt s a step, as far as they are good, and what was measured in them.
 
     `step` is the FastStep that its loop has called under a force(q, v); q and v are (steps + 1, N,
-    3) in m and m/s; violations in m, energies in J are (steps + 1,). It can be pickled.
+    3) in m and m/s; constraint_violation(system, q) is in m, energy(system, q, v) in J. It can be
+    pickled.
     """
 
-    def __init__(self, step, force, dt, q, v, violations, energies):
+    def __init__(self, step, force, dt, q, v, constraint_violation, energy):
         system = step.system
-        check_measure("constraint_violation", violations, len(q))
-        check_measure("energy", energies, len(q))
+        violations, energies = measures(system, constraint_violation, energy)(q, v)
         self.report = step.done()  # how its steps were taken: a Report
         self.dt = dt  # s
         self.start = step.start  # its system, as it was before it
@@ -81,6 +81,19 @@ class Run:
         if not self.report.program:
             return None
         return average(Counter(self.report.program), self.q, self.v, self.dt)
+
+
+def measures(system, constraint_violation, energy):
+    """f(q, v): of each of many states (S, N, 3), the worst rod error in m and the energy in J."""
+
+    def of_a_state(q, v):
+        worst = constraint_violation(system, q)
+        check_measure("constraint_violation", worst)
+        joules = energy(system, q, v)
+        check_measure("energy", joules)
+        return worst, joules
+
+    return vmap(of_a_state)
 
 
 def how_many_good(system, violations, energies):
@@ -122,20 +135,26 @@ def why_unlike(step, force, dt, q, v, many):
     return f"a step depends on more than its arguments: taken again, step {number} is another"
 
 
-def conserves(system, external_force, energy, q, v):
-    """Whether external_force does only the work that `energy` counts, in states (..., N, 3).
+def conserving(system, external_force, energy):
+    """f(q, v): whether in many states (S, N, 3) external_force does only what `energy` counts.
 
     Free particles under it would then keep their energy: its rate along q_dot = v, v_dot = f / m
     is 0, here by central differences.
     """
-    f = vmap(partial(external_force, system))(q, v)
+    forces = vmap(partial(external_force, system))
+    energies = vmap(partial(energy, system))
     step = INSTANT
-    with np.errstate(all="ignore"):
-        after = energy(system, q + step * v, v + step * f / system["m"])
-        before = energy(system, q - step * v, v - step * f / system["m"])
-        power = np.sum(np.abs(f * v), axis=(-2, -1))
-        allowed = SAME * (2.0 * step * power + np.abs(after))
-        return bool(np.all(np.abs(after - before) <= allowed))
+
+    def conserves(q, v):
+        f = forces(q, v)
+        with np.errstate(all="ignore"):
+            after = energies(q + step * v, v + step * f / system["m"])
+            before = energies(q - step * v, v - step * f / system["m"])
+            power = np.sum(np.abs(f * v), axis=(-2, -1))
+            allowed = SAME * (2.0 * step * power + np.abs(after))
+            return bool(np.all(np.abs(after - before) <= allowed))
+
+    return conserves
 
 
 def average(count, q, v, dt, *scalars):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import average, conserves, how_many_good
+from curriculum.ch3_4_constraints.rods.run import average, conserving, how_many_good, measures
 from curriculum.ch3_4_constraints.rods.systems import energy_scale
 from curriculum.ch3_4_constraints.rods.truth import WHOLE
 from curriculum.common.tracing import CompiledSteps, ordered
@@ -99,6 +99,8 @@ class Stepper:
         self.run = CompiledSteps(self.step, self.start, MANY, scalars=1)
         self.count = Counter(self.run.program)
         self.times = []
+        self.measure = measures(system, chapter.constraint_violation, chapter.energy)
+        self.conserves = conserving(system, chapter.external_force, chapter.energy)
 
     @property
     def time(self):
@@ -112,22 +114,19 @@ class Stepper:
 
         `path`: the Path that places are compared with.
         """
-        chapter = self.chapter
         system = self.system
         step = dt * float(part)
         steps = steps_of(span, step)
         q, v = map(ordered, self.run(self.start, steps, step))
         done = len(q) - 1
-        violations = chapter.constraint_violation(system, q)
-        energies = chapter.energy(system, q, v)
+        violations, energies = self.measure(q, v)
         kept = how_many_good(system, violations, energies)
         q = q[:kept]
         v = v[:kept]
         violations = violations[:kept]
         gone = np.abs(energies[:kept] - energies[0]) / self.scale
         some = slice(None, None, 1 + kept // STATES)
-        known = chapter.external_force, chapter.energy
-        is_kept = conserves(system, *known, q[some], v[some])
+        is_kept = self.conserves(q[some], v[some])
         wrong = violations > within
         if is_kept:
             wrong |= gone > ENERGY

@@ -9,8 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.systems import LOST, has_loop, rod_vectors, unit_rows
+from curriculum.ch3_4_constraints.rods.systems import has_loop, rod_vectors, unit_rows
 
+ZERO = 1e-10  # of the largest singular value: what is less is rounding, of rods too many
 NEAR = 0.02  # of the squares beside it: a least singular value as small may pass through 0
 LEVELS = 3  # times that a pose is looked for, each time in shorter steps
 PARTS = 16  # of a step, in which a pose is looked for the next time
@@ -65,7 +66,7 @@ def least_sizes(system, q):
     q (T, N, 3), in m: places at T times.
     """
     sizes = np.linalg.svd(unit_rows(system, q), compute_uv=False)
-    rank = int(np.median(np.sum(sizes > LOST * sizes[:, :1], axis=1)))
+    rank = int(np.median(np.sum(sizes > ZERO * sizes[:, :1], axis=1)))
     return sizes[:, rank - 1]
 
 
@@ -77,6 +78,8 @@ def closes_exactly(system, q):
     signs = np.sign(along[:, axis])
     if np.max(np.abs(along - signs[:, None] * np.eye(3)[axis])) > FLAT:
         return False
+    if np.any(np.delete(system["anchors"] - system["anchors"][0], axis, axis=1)):
+        return False  # anchors that are not in line to the last digit
     reaches = [int(sign) * Fraction(x) for sign, x in zip(signs, system["lengths"], strict=True)]
     rods = list(zip(system["pairs"], reaches, strict=True))
     places = {-1 - k: Fraction(x[axis]) for k, x in enumerate(system["anchors"])}

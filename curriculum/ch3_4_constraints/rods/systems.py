@@ -243,8 +243,6 @@ def check_run(system, pivot, dt, steps, external_force):
     return system
 
 
-def check_measure(name, found, states):
-    """Raise Refused unless what a measure of so many states has found is a number for each."""
-    how = "a number for each state: q[..., i, :] for q[i], and sums over axis=(-2, -1)"
-    shape = np.shape(found)
-    need(shape == (states,), f"the shape of {name}", shape, f"{[states]}, {how}")
+def check_measure(name, found):
+    """Raise Refused unless what a measure has found in a state is a number."""
+    need(np.shape(found) == (), f"the shape of {name}", np.shape(found), "that of a number")

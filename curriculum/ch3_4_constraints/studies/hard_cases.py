@@ -12,6 +12,7 @@ import numpy as np
 
 import constraints as c
 from curriculum.ch3_4_constraints.rods import scenes, systems
+from curriculum.ch3_4_constraints.rods.run import measures
 from curriculum.ch3_4_constraints.studies._schemes import all_schemes, short
 from curriculum.common import cli
 from curriculum.common.tracing import CompiledSteps, ordered
@@ -86,8 +87,9 @@ def is_held(system, run, v, m, dt, seconds):
     q, v = run(system["q0"], v, m, dt, steps)
     if len(q) <= steps:  # a step has failed
         return False
-    rods = np.max(c.constraint_violation(system, q)) / np.min(system["lengths"])
-    energies = c.energy(system | {"m": m}, q, v)
+    measure = measures(system | {"m": m}, c.constraint_violation, c.energy)
+    violations, energies = measure(q, v)
+    rods = np.max(violations) / np.min(system["lengths"])
     scale = systems.energy_scale(system | {"m": m, "v0": v[0]}, c.GRAVITY)
     gained = np.max(np.abs(energies - energies[0])) / scale
     return bool(rods <= RODS and gained <= ENERGY)

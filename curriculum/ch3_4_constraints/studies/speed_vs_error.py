@@ -6,6 +6,7 @@ Work is counted in operations, which the time that one takes makes microseconds;
 """
 
 import time
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from curriculum.ch3_4_constraints.rods.truth import WHOLE
 from curriculum.ch3_4_constraints.studies import _mujoco
 from curriculum.ch3_4_constraints.studies._schemes import all_schemes, short, wider_chapter
 from curriculum.common import cli
+from curriculum.common.tracing import vmap
 from curriculum.common.words import amount, as_given, in_digits
 
 SCENES = "double", "jansen_leg", "windows"
@@ -77,7 +79,7 @@ class Peer:
             found.append(self.places(model, data))
         q = np.array(found)
         kept = path.grid if many > 1 else dt
-        rods = float(np.max(c.constraint_violation(self.system, q)))
+        rods = float(np.max(vmap(partial(c.constraint_violation, self.system))(q)))
         return Rung(
             scheme=self.scheme,
             dt=step,

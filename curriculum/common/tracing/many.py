@@ -16,14 +16,20 @@ FEW = 100  # states: for fewer a function is just called
 def vmap(function):
     """The function of many: of arrays with one axis more, in front, and so are those it returns."""
 
+    compiled = {}  # by the numbers that are not zero in all of what is mapped
+
     def mapped(*arrays):
         if current.plain or current.tape is not None or len(arrays[0]) < FEW:
             return one_by_one(function, arrays)
         arrays = [np.asarray(x, float) for x in arrays]
+        live = [np.any(x, axis=0) for x in arrays]
+        key = tuple(x.tobytes() for x in live)
         try:
-            run, program = compiled_map(function, [np.any(x, axis=0) for x in arrays])
+            if key not in compiled:
+                compiled[key] = compiled_map(function, live)
         except Untraceable:
             return one_by_one(function, arrays)
+        run, program = compiled[key]
         with np.errstate(all="ignore"):
             results = run(arrays)
             for k in 0, -1:

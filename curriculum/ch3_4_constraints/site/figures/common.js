@@ -16,6 +16,7 @@ const panels = (...stages) => row("panels", ...elements(stages));
 const drawAll = (...stages) => stages.forEach(stage => stage.draw());
 const symbol = (name, text = name) => `<var class="${name}">${text}</var>`;
 const pair = ([x, y]) => `(${fixed(x, 2)}, ${fixed(y, 2)})`;
+const dot = ([a, b], [c, d]) => a * c + b * d;
 const angle = (a, b) => Math.atan2(dot(across(a), b), dot(a, b)); // from a to b
 const turned = ([x, y], by) => plus(times([x, y], Math.cos(by)), [-y, x], Math.sin(by));
 function offBy(error) { // of a rod in m, in words
@@ -24,6 +25,13 @@ function offBy(error) { // of a rod in m, in words
 }
 const arc = (at, d, from, to) => Array.from({length: 41}, // d from `at`, turned from angle to angle
   (_, k) => plus(at, turned(d, from + (to - from) * k / 40)));
+
+function circle(stage, radius) { // of so many metres about the origin
+  stage.line(arc([0, 0], [radius, 0], 0, 2 * Math.PI), "quiet", 1, [1, 5]);
+}
+function drawSymbol(stage, text, at, color, aside) { // as formulas have it
+  stage.words(text, at, color, aside, "center", "italic 20px Georgia, serif");
+}
 
 function fill(figure, hint, ...parts) {
   const caption = figure.querySelector("figcaption");
@@ -63,7 +71,7 @@ function makeChart(label, height, box, left, below, paint) {
 // The reader picks an answer before begin() lets the figure run; reveal() says which it was, and
 // shows what gave it away.
 function makePrediction(question, answers, right, begin, spoiler) {
-  const verdict = make("p", {className: "verdict"});
+  const verdict = make("p");
   let chosen;
   const buttons = answers.map(answer => makeButton(answer, () => {
     chosen = answer;

@@ -18,7 +18,7 @@ figures.drift = figure => {
     const turn = angle(was, now);
     const g = part < 2 ? "?" : fixed(bob.measure("g")[0], 6);
     const before = part < 2 ? places.slice(0, -1) : places;
-    if (part > 0) stage.circle([0, 0], 1, "quiet");
+    if (part > 0) circle(stage, 1);
     for (const place of before.slice(0, -1)) stage.line([[0, 0], place], "pale", 1);
     stage.line(places, "v", 1.5);
     if (part > 1) {
@@ -31,7 +31,7 @@ figures.drift = figure => {
     if (part > 0) stage.line(arc([0, 0], was, -turn, 2 * turn), "ink", 1.5, [1, 5]);
     stage.line([[0, 0], before.at(-1)], "d", 3);
     stage.arrow(was, step, "v", 4);
-    stage.symbol("dt v", plus(was, step, 0.5), "v", times(unit(was), 26));
+    drawSymbol(stage, "dt v", plus(was, step, 0.5), "v", times(unit(was), 26));
     stage.disc([0, 0], 5, "quiet");
     stage.disc(before.at(-1), 7);
     stage.says.innerHTML = `<p class="whole">${parts[part][0]}</p>

@@ -22,12 +22,12 @@ function makeOneStep(figure, methods, first) {
         return {words: message};
       }
     });
-    stage.circle([0, 0], 1, "quiet");
+    circle(stage, 1);
     stage.system(begun(pendulum, methods[0]), "quiet", "ink");
     stage.disc(tip(), 9, "v"); // a ring, to take it by
     stage.disc(tip(), 7, "paper");
     stage.arrow(d, times(v, dt), "v", 2.5);
-    stage.symbol(size(v) ? "dt v" : "dt v = 0", tip(), "v", [size(v) ? 0 : 24, -20]);
+    drawSymbol(stage, size(v) ? "dt v" : "dt v = 0", tip(), "v", [size(v) ? 0 : 24, -20]);
     const seen = ends.map((end, k) => ({...end, k})).filter(({at}) => at);
     for (const {at, k} of seen) {
       stage.line([[0, 0], at], color(k), 1, [2, 5]);

@@ -10,7 +10,7 @@ figures.pump = figure => {
     [-1.5, -1.6, 1.5, 0.5], () => {
       const [run] = runs.each;
       const bob = seen(run);
-      stage.circle([0, 0], 1, "quiet");
+      circle(stage, 1);
       stage.line(run.trail, "quiet", 1.5);
       stage.disc([0, 0], 5, "quiet");
       stage.disc(bob, 8);

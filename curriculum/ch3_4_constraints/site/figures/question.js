@@ -4,7 +4,7 @@ figures.question = figure => {
   let most, held = false;
   const stage = makeStage("A bob on its rod", 19, [-1.2, -1.45, 1.2, 1.1], () => {
     const d = bob.point(0), [pull] = bob.measure("tensions"), [x, y] = across(unit(d));
-    stage.circle([0, 0], 1, "quiet");
+    circle(stage, 1);
     if (rod.checked) {
       stage.system(bob);
       stage.arrow(d, times(unit(d), -pull * perNewton), "lambda");

@@ -9,7 +9,7 @@ figures.soft = figure => {
       const [error] = bob.errors;
       const seen = [0, -1 - larger * error];
       const formula = (1 - impedance) * time_constant * time_constant * 9.81;
-      stage.circle([0, 0], 1, "quiet");
+      circle(stage, 1);
       stage.disc([0, 0], 5, "quiet");
       stage.disc(seen, 5 + 4 * Math.cbrt(mass));
       stage.rods([[[0, 0], seen, 1]], inkOf("soft"), 4);

@@ -24,7 +24,7 @@ figures.solve = figure => {
     d.forEach((along, k) => {
       const aside = times(across(along), dot(across(along), away) > 0 ? -20 : 20);
       const place = plus(rods.point(k - 1), along, 0.7); // apart, even if the rods are folded
-      stage.symbol("λ" + "₀₁"[k], place, "lambda", aside);
+      drawSymbol(stage, "λ" + "₀₁"[k], place, "lambda", aside);
     });
     rods.points.forEach((point, k) => stage.arrow(point, times(v[k], 0.15), "v", 2));
   });

@@ -18,7 +18,7 @@ figures.spring = figure => {
     chart.line([[0, -1.9], [0, 1.9]], "pale", 1);
     chart.words("place", [1.9, 0], "quiet", [0, 10], "right", PLAIN);
     chart.words("velocity", [0, 1.8], "quiet", [6, 0], "left", PLAIN);
-    chart.circle([0, 0], size(start), "quiet");
+    circle(chart, size(start));
     const rows = spring.methods.map(name => {
       const {states, energy} = follow(name);
       chart.line(states.filter(state => largest(state) < 9), "ink", 2, DASHES[name]);

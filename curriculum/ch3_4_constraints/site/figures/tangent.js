@@ -6,14 +6,14 @@ figures.tangent = figure => {
     const [[g], [gdot], [error]] = ["g", "gdot", "errors"].map(name => bob.measure(name));
     const along = unit(d), aside = across(along), tip = plus(d, v, perSpeed);
     const grows = times(along, perSpeed * dot(v, along)); // what v has along the rod
-    stage.circle([0, 0], 1, "quiet");
+    circle(stage, 1);
     stage.line([plus(d, aside), plus(d, aside, -1)], "pale", 1); // where gdot is 0
     stage.system(bob, "d", "ink");
     stage.line([tip, plus(d, grows)], "quiet", 1, [3, 4]);
     stage.line([d, plus(d, grows)], "v", 3, [5, 6]);
     stage.arrow(d, times(v, perSpeed), "v");
-    stage.symbol("v", tip, "v", times(unit(v), 16));
-    stage.symbol("d", times(along, 0.5), "d", times(aside, 16));
+    drawSymbol(stage, "v", tip, "v", times(unit(v), 16));
+    drawSymbol(stage, "d", times(d, 0.5), "d", times(aside, 16));
     const then = Math.abs(gdot) < 5e-4 ? "stays so" : gdot > 0 ? "grows" : "shrinks";
     stage.says.innerHTML = `<p class="whole">The rod is ${offBy(error)}, and ${then}.</p>
       <p>${symbol("d")} = ${pair(d)} m<br>${symbol("g")} = ${fixed(g, 3)} m²</p>
