@@ -479,8 +479,6 @@ def main(argv=None):
     """Run each method, print what became of the rods, and write it to files."""
     asked = parse_args(argv)
     system = asked.system
-    chapter = this_chapter()  # the functions of this file, for report and rods to call
-    methods = make_methods(asked.dt, **asked.knobs)
     print(f"ch3.4 constraints | device {asked.device}")
     with tracing.plain(asked.plain):  # with --plain each step is ordinary Python
         # 1. Run each method.
@@ -493,24 +491,25 @@ def main(argv=None):
         # 2. Measure. Rods can be right and the path wrong. So compare places with the true motion:
         # that of a far better integrator, whose steps are shortened until two of its runs agree.
         # At 2 s: later it is soon chaos that decides where the particles are, not the method.
-        truth = rods.find_truth(chapter, system, runs.values())
+        truth = rods.find_truth(asked.chapter, system, runs.values())
+        methods = make_methods(asked.dt, **asked.knobs)
         results = {}
         for name, run in runs.items():
             row = summary(system, run, methods[name], truth)
-            results[name] = report.completed(chapter, system, run, row)  # for page and files
+            results[name] = report.completed(asked, run, row)  # with what page and files need
 
-        # 3. Print a row for each method.
-        report.print_table(chapter, asked, runs, results, truth, columns)  # and why a figure is "-"
-        report.print_ratio(runs, results)  # is none's worst rod error over 3 times baumgarte's?
+        # 3. Print a row for each method, why a figure is "-", and whether none's worst rod error is
+        # over three times baumgarte's.
+        report.print_table(asked, runs, results, truth, columns)
 
         # 4. With --within: which integrator, method and step keep all errors below that?
         answer = None
         if asked.within:
-            answer = report.find_answer(chapter, asked, runs, truth)
+            answer = report.find_answer(asked, runs, truth)
             report.print_answer(asked, answer)
 
     # 5. Write metrics.json, with the results; play.html, to play with; and a recording.
-    report.write_files(chapter, asked, runs, results, truth, answer)
+    report.write_files(asked, runs, results, truth, answer)
     return 0
 
 
@@ -577,7 +576,7 @@ def choose(system, within, dt=0.005, steps=4000, **knobs):
 
 
 def this_chapter():
-    """What answer, page and recording take from this file, as you have edited it."""
+    """The functions of this file, as you have edited them, for rods and report to call."""
     return rods.Chapter(
         gravity=GRAVITY,
         integrators=INTEGRATORS,
@@ -622,7 +621,7 @@ def parse_args(argv=None):
     with parser.errors("argument --system: "):
         system = build_system(args.system, args.seed, args.links)
     with parser.errors():
-        return report.request(args, system, every, knobs)
+        return report.request(args, this_chapter(), system, every, knobs)
 
 
 command = partial(cli.run_script, main)  # for the entry point in pyproject.toml

@@ -72,7 +72,7 @@ def written(tmp_path_factory):
         with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
             patch.setattr(play, "page", lambda *args: given.append(args) or page(*args))
             c.main([*flags, "--no-rerun", f"--out={folder}"])
-        found = dict(zip(["chapter", "asked", "results", "truth", "answer"], *given, strict=True))
+        found = dict(zip(["asked", "results", "truth", "answer"], *given, strict=True))
         path = folder / "play.html"
         text = path.read_text("utf-8")
         return SimpleNamespace(path=path, text=text, printed=printed.getvalue(), **found)
@@ -214,8 +214,7 @@ def test_the_answer_stands_on_the_page_with_its_command_and_no_time_of_this_mach
     assert command(small.asked, small.answer) in unescape(small.text)
     rows = [row._replace(pace=2.0 * row.pace) for row in small.answer.rows]
     slower = small.answer._replace(rows=rows)
-    chapter = small.chapter
-    assert play.page(chapter, small.asked, small.results, small.truth, slower) == small.text
+    assert play.page(small.asked, small.results, small.truth, slower) == small.text
 
 
 def test_a_row_that_is_lost_says_so_in_one_cell(small):

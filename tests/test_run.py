@@ -129,7 +129,8 @@ def taken(changes, plainly, system=DOUBLE, dt=DT, steps=STEPS):
         run = chapter.run_method(system, "baumgarte", "semi_implicit", dt, steps)
         known = Truth(1, "", system["q0"], 1e-12)
         row = chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
-        return run, report.completed(chapter.this_chapter(), system, run, row)
+        asked = SimpleNamespace(chapter=chapter.this_chapter(), system=system)
+        return run, report.completed(asked, run, row)
 
 
 @pytest.mark.parametrize("name", UNLIKE)

@@ -11,7 +11,7 @@ from curriculum.ch3_4_constraints.page.scene import as_script, page_file, palett
 MARK = '<meta name="generator" content="constraints.py">'  # of a page that a run has written
 
 
-def page(chapter, asked, results, truth, answer=None):
+def page(asked, results, truth, answer):
     """The text of the page of a run: what was found, and its scene under each method.
 
     `results`: what metrics.json says of each method; `answer`: the Answer to --within, or None.
@@ -19,7 +19,7 @@ def page(chapter, asked, results, truth, answer=None):
     """
     knobs = {"dt": asked.dt, **asked.knobs}
     scene = scene_of(
-        chapter,
+        asked.chapter,
         asked.system,
         asked.integrator,
         knobs,

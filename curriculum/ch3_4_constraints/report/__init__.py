@@ -7,7 +7,6 @@ from curriculum.ch3_4_constraints.report.table import (
     completed,
     energy,
     force,
-    print_ratio,
     print_table,
 )
 from curriculum.common.words import length
@@ -20,7 +19,6 @@ __all__ = [
     "length",
     "print_answer",
     "print_table",
-    "print_ratio",
     "request",
     "write_files",
 ]

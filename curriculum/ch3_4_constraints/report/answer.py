@@ -9,7 +9,7 @@ from curriculum.common import cli
 from curriculum.common.tracing import Untraceable
 
 
-def find_answer(chapter, asked, runs, truth):
+def find_answer(asked, runs, truth):
     """The Answer to a Request whose runs are {method: Run}; it may say why there is none."""
     why = why_unknown(runs.values())
     if not why and truth.q is not None and not moves(truth.q, asked.system):
@@ -18,7 +18,7 @@ def find_answer(chapter, asked, runs, truth):
         return Answer(asked.within, why)
     settings = asked.within, asked.dt, asked.steps, asked.knobs, truth, cli.progress
     try:
-        return choose(chapter, asked.system, *settings)
+        return choose(asked.chapter, asked.system, *settings)
     except Untraceable as cause:
         return Answer(asked.within, f"steps cannot be compiled: {cause}")
 

@@ -41,7 +41,7 @@ def is_ours(path):
     return any(all(word.encode() in content for word in mark) for mark in MARKS[path.name])
 
 
-def write_files(chapter, asked, runs, results, truth, answer):
+def write_files(asked, runs, results, truth, answer):
     """Write the files that are asked for, and remove those of an earlier run."""
     text = metrics(asked, results, truth, answer)
     files = {METRICS: text, PAGE: None, RECORDING: None}
@@ -50,11 +50,11 @@ def write_files(chapter, asked, runs, results, truth, answer):
         left_out[PAGE] = "steps are not compiled"
     elif asked.page:
         try:
-            files[PAGE] = play.page(chapter, asked, results, truth, answer)
+            files[PAGE] = play.page(asked, results, truth, answer)
         except NoPage as why:
             left_out[PAGE] = why
     if asked.rerun:
-        files[RECORDING], why = recorded(chapter, asked, runs, results, text)
+        files[RECORDING], why = recorded(asked, runs, results, text)
         if why:
             left_out[RECORDING] = why
     check(asked.out)  # once more: the run may have taken long
@@ -70,7 +70,7 @@ def write_files(chapter, asked, runs, results, truth, answer):
         print("which step is right to 1 mm? add --within 1mm")
 
 
-def recorded(chapter, asked, runs, results, text):
+def recorded(asked, runs, results, text):
     """The bytes of a recording, or None; and why there is none, in words, or None.
 
     Whatever rerun does, a run is not lost with it.
@@ -80,7 +80,7 @@ def recorded(chapter, asked, runs, results, text):
     try:
         from curriculum.ch3_4_constraints.report import recording  # here: it loads for long
 
-        return recording.record(chapter, asked, runs, results, text), None
+        return recording.record(asked, runs, results, text), None
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as why:  # what panics in Rust is no Exception

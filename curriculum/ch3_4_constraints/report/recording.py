@@ -71,7 +71,7 @@ def rgb(colors):
     return [*bytes.fromhex(on_dark[1:])]
 
 
-def record(chapter, asked, runs, results, metrics):
+def record(asked, runs, results, metrics):
     """The bytes of a recording of runs {method: Run}.
 
     No wall clock is written, and its id is made of the metrics. The recordings of equal runs hold
@@ -82,7 +82,7 @@ def record(chapter, asked, runs, results, metrics):
     stream = rr.RecordingStream("constraints", recording_id=name, send_properties=False)
     memory = stream.memory_recording()  # on a full disk rerun's own writer may hang
     try:
-        fill(stream, chapter, asked, runs, results)
+        fill(stream, asked, runs, results)
     finally:  # after Ctrl-C, too, or rerun warns of what it drops
         content = memory.drain_as_bytes()
     return content
@@ -95,15 +95,15 @@ def guide(title, kinds):
     return rr.TextDocument(f"**{title}**\n\n{steps}\n", media_type=rr.MediaType.MARKDOWN)
 
 
-def fill(stream, chapter, asked, runs, results):
+def fill(stream, asked, runs, results):
     """Send runs {method: Run} to a stream of Rerun's, and how they are to be looked at."""
     system = asked.system
-    scale = energy_scale(system, chapter.gravity)
+    scale = energy_scale(system, asked.chapter.gravity)
     kinds = plots(results.values(), scale)
     title = f"{asked.name}, {asked.integrator}, steps of {asked.dt:.4g} s"
     stream.send_recording_name(title)
     stream.log("guide", guide(title, kinds), static=True)
-    places = palette.places(chapter.make_methods(asked.dt, **asked.knobs))
+    places = palette.places(asked.chapter.make_methods(asked.dt, **asked.knobs))
     alive = [run for run in runs.values() if not run.stopped] or list(runs.values())
     seen = np.concatenate([nodes(run.q, system["anchors"]).reshape(-1, 3) for run in alive])
     ball = min(0.014 * np.max(np.ptp(seen, axis=0)), 0.3 * np.min(system["lengths"]))  # m

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.report import files
+from curriculum.ch3_4_constraints.rods.chapter import Chapter
 from curriculum.common.errors import Refused
 
 MEMORY = 4e9  # bytes of states, at most
@@ -15,6 +16,7 @@ STATE = 96  # bytes of a particle: its q and v, and once more where they are com
 class Request:
     """A run as its flags ask for it."""
 
+    chapter: Chapter  # whose run it is
     scene: str  # the name or the file of the system
     system: dict
     seed: int
@@ -58,7 +60,7 @@ class Request:
         return shlex.join(kept)
 
 
-def request(args, system, every, knobs):
+def request(args, chapter, system, every, knobs):
     """The Request of parsed flags for a system. `every`: the chapter's methods, by name.
 
     Raises Refused if it cannot be met, or if it would overwrite files that no run has written.
@@ -78,6 +80,7 @@ def request(args, system, every, knobs):
         raise Refused(f"argument --steps: {why}")
     files.check(args.out)
     return Request(
+        chapter=chapter,
         scene=args.system,
         system=system,
         seed=args.seed,

@@ -49,8 +49,8 @@ def aligned(heads, rows):
     return lines
 
 
-def print_table(chapter, asked, runs, results, truth, columns):
-    """Print what was run, and how; a row for each run; and a sentence for what is not known.
+def print_table(asked, runs, results, truth, columns):
+    """Print what was run, and how; a row for each run; and what is said of these rows.
 
     `runs` and `results` are {name: Run} and {name: row}; columns(run, row, truth) is a row's
     [(upper head, lower head, words)].
@@ -68,16 +68,19 @@ def print_table(chapter, asked, runs, results, truth, columns):
     heads = [("", "method"), *((upper, lower) for upper, lower, _ in cells)]
     print()
     print("\n".join(aligned(heads, rows)))
-    print_notes(chapter, asked, runs, results, truth)
+    print_notes(asked, runs, results, truth)
+    print_ratio(runs, results)
 
 
-def completed(chapter, system, run, row):
-    """A row of what is known of a Run of a system, with what the pages and files need besides.
+def completed(asked, run, row):
+    """A row of what is known of a Run, with what the pages and files need besides.
 
     What would be of another run is None.
     """
+    chapter = asked.chapter
+    conserves = conserving(asked.system, chapter.external_force, chapter.energy)
     more = {
-        "conserves": conserving(system, chapter.external_force, chapter.energy)(run.q, run.v),
+        "conserves": conserves(run.q, run.v),
         "operations": run.operations,  # for a second of motion
         "stopped": run.stopped,  # when and why, if it ended early
     }
@@ -102,7 +105,7 @@ def force(row):
     return words.amount(most).replace(",", "")
 
 
-def print_notes(chapter, asked, runs, results, truth):
+def print_notes(asked, runs, results, truth):
     """Print a sentence for what is missing or past its limit."""
     for name, run in runs.items():
         if run.stopped and not run.lost:
@@ -115,7 +118,7 @@ def print_notes(chapter, asked, runs, results, truth):
     if asked.left_out:
         say(f"left out, as not made for {asked.integrator}: {', '.join(asked.left_out)}")
     if "baumgarte" in results:
-        limit = stability_limit(chapter.integrators[asked.integrator])
+        limit = stability_limit(asked.chapter.integrators[asked.integrator])
         print_limit(asked.dt * asked.knobs["baumgarte"], limit)
 
 
