@@ -1,8 +1,8 @@
 """Work-precision diagrams: the error to the right, ever smaller, and up the work that it takes.
 
 Drawn of what the study speed_vs_error has measured. A line is an integrator with a method. Those
-that it advises for some tolerance are in colour, each with its name; its cheapest advice of the
-chapter's for a millimetre is a dot, and a sentence above.
+that it advises for some tolerance are in colour, each with its name. A dot, and a sentence above,
+are for the cheapest of the chapter's own that is right to a millimetre.
 """
 
 import math
