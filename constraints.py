@@ -7,6 +7,7 @@ drift, what stops the drift, and what that costs.
 
     python constraints.py                a double pendulum, 20 s, with each method
     python constraints.py --within 1mm   which method and step to take for errors under 1 mm
+    python constraints.py --plain        the same, slowly: print() and breakpoint() work anywhere
     python constraints.py --help         what to change, and why you would
 """
 
@@ -23,7 +24,7 @@ from curriculum.common import (
     cli,  # flags
     tracing,  # steps that are compiled, so that they are faster
 )
-from curriculum.common.exact import cos, sin  # numpy's last digits depend on the processor
+from curriculum.common.exact import cos, sin  # whose last digits are those of any processor
 
 GRAVITY = np.array([0.0, -9.81, 0.0])  # m/s^2; y is up
 PIVOT = np.zeros(3)  # m: where the first rod of a chain is fixed
@@ -126,7 +127,7 @@ def solve(system, A, b, v=None):
     """lambda (C,), so that A lambda = b: A (C, C), b (C,).
 
     Rods that close a loop may be one too many. Then A is singular, and many lambda give one
-    J^T lambda. There `v`, (N, 3) in m/s, tells in which pose the rods are next.
+    J^T lambda. How the rods move, `v`, (N, 3) in m/s, counts where A is nearly so.
     """
     if rods.has_loop(system):
         return rods.solve_loops(system, A, b, v)
@@ -134,7 +135,7 @@ def solve(system, A, b, v=None):
 
 
 # Why rods drift, under semi_implicit; other integrators err by other amounts. First v changes, so
-# that d_dot becomes u; then q moves with the new v. Let s = d . u. A step later
+# that d_dot becomes u; then q moves with the new v. Let s = d . u, of the old d. A step later
 #     new d = d + dt u
 #     new g = g + dt s + dt^2 |u|^2 / 2
 #     new gdot = (new d) . u = s + dt |u|^2
@@ -160,12 +161,13 @@ def solve(system, A, b, v=None):
 # pushes out as hard:
 #     w^2 g = -2 w (new gdot), so g = -dt |u|^2 / w
 # At 4.43 m/s it is 5 mm too short. Half the dt or twice the w halves that. But there is a limit.
-# If |u|^2 is small enough to leave out, s = gdot - dt (2 w gdot + w^2 g), new g = g + dt s and
-# new gdot = s. So with x = w dt a step multiplies (g, dt gdot) by
+# If |u|^2 is small enough to leave out, a step makes s = gdot - dt (2 w gdot + w^2 g), and then
+# new g = g + dt s and new gdot = s. So with x = w dt it multiplies (g, dt gdot) by
 #     ( 1 - x^2   1 - 2x )
 #     (    -x^2   1 - 2x )
-# One of its eigenvalues is below -1 if 1 + trace + determinant < 0, that is x^2 + 4x > 4, x > 0.83.
-# Then each step overshoots more than the last, and the run explodes.
+# An eigenvalue is below -1 if the characteristic polynomial is below 0 at -1: so if
+# 1 + trace + determinant < 0, that is x^2 + 4x > 4, x > 0.83, w > 166 rad/s at 5 ms. Then each step
+# overshoots more than the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1
@@ -250,10 +252,9 @@ def simulate(step_fn, system, force, dt, steps):
     """Run, and measure every state: where the last particle is, (steps + 1, 3) in m, the worst rod
     error, (steps + 1,) in m, and the energy, (steps + 1,) in joules."""
     q, v = trajectory(step_fn, system, force, dt, steps)
-    tip = q[:, -1]
-    violations = np.array([constraint_violation(system, x) for x in q])
-    energies = np.array([energy(system, *state) for state in zip(q, v, strict=True)])
-    return tip, violations, energies
+    violations = np.array([constraint_violation(system, q[i]) for i in range(steps + 1)])
+    energies = np.array([energy(system, q[i], v[i]) for i in range(steps + 1)])
+    return q[:, -1], violations, energies
 
 
 def energy(system, q, v):
@@ -297,7 +298,7 @@ def constraint_violation(system, q):
 # g, and what takes that error back bends the path. Engines may also make a rod soft, so that it
 # gives way in proportion to lambda:
 #     J a = -damping gdot - stiffness g - R lambda
-# R, which some call CFM, is here A's diagonal times `softness`. With M a = f + J^T lambda that is
+# R (in ODE, CFM / dt) is A's diagonal times `softness`. With M a = f + J^T lambda that is
 #     (A + R) lambda = -J M^-1 f - damping gdot - stiffness g
 def make_engine_force(system, damping, stiffness, softness=0.0):
     """force(q, v), (N, 3) in newtons, as in engines: make_force with that linear system.
@@ -377,16 +378,18 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     #     new g = g + dt J v_next + dt^2 |d_dot|^2 / 2
     # Drop the last term, and ask for new g = 0: J v_next = -g/dt. As v_next = v + dt a, that is
     #     J a = -gdot/dt - g/dt^2
-    # What was dropped stays, but does not accumulate: 0.245 mm at 4.43 m/s. (Engines take back part
-    # of g only, and sweep over the rods instead of solving for all.)
+    # (Engines solve for dt lambda, an impulse.) What was dropped stays, but does not accumulate:
+    # 0.245 mm at 4.43 m/s. (Engines take back part of g only, and sweep over the rods instead of
+    # solving for all.)
     impulse = partial(make_engine_force, damping=1.0 / dt, stiffness=1.0 / (dt * dt))
 
-    # soft is MuJoCo's rule, with a fixed impedance p; with p = 1 no load stretches a rod. One rod
-    # has A + R = A/p. So A lambda is p times the right side, and J a = J M^-1 f + A lambda is
+    # soft is MuJoCo's rule, with a fixed impedance p; a load at rest stretches no rod with p = 1.
+    # One rod has A + R = A/p. So A lambda is p times the right side, and J a = J M^-1 f + A lambda
+    # is
     #     J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f
     # Hanging at rest, J a and gdot are 0, and a rod of 1 m is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too
     # long. Swinging at 4.43 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
-    # baumgarte, gdot = dt |d_dot|^2 / 2. Without the small (1 - p) term that makes
+    # baumgarte, gdot = dt |d_dot|^2 / 2. Without the small (1 - p) term, that makes
     #     g = tau^2 |d_dot|^2 - tau dt |d_dot|^2
     # and a rod of 1 m is 8 mm - 2 mm = 6 mm too long.
     p = impedance
@@ -434,9 +437,9 @@ def tensions(system, q, v, force):
 
 # --- endregion ---
 # --- region: report ---
-def compare(system, integrator="semi_implicit", dt=0.005, steps=4000):
+def compare(system, integrator="semi_implicit", dt=0.005, steps=4000, **knobs):
     """Run each method, and print its worst rod error and what it has added to the energy."""
-    for name, method in make_methods(dt).items():
+    for name, method in make_methods(dt, **knobs).items():
         if not method.fits(integrator):
             continue
         step_fn = stabilized(INTEGRATORS[integrator], system, method)
@@ -446,29 +449,30 @@ def compare(system, integrator="semi_implicit", dt=0.005, steps=4000):
         print(f"{name:10}{1e3 * violations.max():6.1f} mm {added:+7.2f} J")
 
 
-# Type it in. compare(build_system("double")) prints
+# To try it, start Python in this file's folder and type: from constraints import *
+# Then compare(build_system("double")) prints
 #     none       384.0 mm  -16.76 J
 #     baumgarte   23.5 mm  +12.37 J
 #     impulse      1.3 mm   -0.12 J
 #     soft        29.6 mm  -10.63 J
 #     project      0.0 mm   -0.07 J
-# Why so many mm? Under none nothing takes an error back: 4000 steps of about 0.1 mm add up. For
-# three others there are formulas above, with figures for 4.43 m/s. But here the lower rod's ends
-# move faster, relative to each other. At the greatest |u| of each run:
-#                                 greatest |u|    by the formula      measured
-#     baumgarte  dt |u|^2 / w             11.0 m/s   30 mm too short   23.5 mm
-#     impulse    dt^2 |u|^2 / 2           10.2 m/s  1.3 mm too long     1.3 mm
-#     soft       (tau^2 - tau dt) |u|^2   10.1 m/s   31 mm too long    29.6 mm
-# impulse follows |u|^2 within a step. baumgarte and soft follow it late, by about 2/w = 0.1 s and
-# 2 tau = 0.04 s. By then the rod has slowed down, and so they stay below. (Leave out gddot, which
-# is small. Then g + (2/w) gdot = -dt |u|^2 / w, and the left side is nearly g a time 2/w later.)
+# Why are rods off by so much? Under none nothing takes an error back: 4000 steps of about 0.1 mm
+# add up. The regions constraints and methods have formulas for three others, with figures for
+# 4.43 m/s. But here the lower rod's ends move faster, relative to each other:
+#     method     formula for g           greatest |u|  by the formula      measured
+#     baumgarte  dt |u|^2 / w              11.0 m/s     30 mm too short     23.5 mm
+#     impulse    dt^2 |u|^2 / 2            10.2 m/s    1.3 mm too long       1.3 mm
+#     soft       (tau^2 - tau dt) |u|^2    10.1 m/s     31 mm too long      29.6 mm
+# impulse follows |u|^2 within a step. The others need time: about 2/w = 0.1 s and 2 tau = 0.04 s.
+# An error grows while it is less than its formula, and meets it when |u| is past its greatest.
 #
-# Why so many J? As g changes by dg, a rod does the work lambda dg. Most of the time rods pull, and
-# lambda < 0: a rod that gets longer takes energy, and one that gets shorter gives it.
+# Why is energy off by so much? As g changes by dg, a rod does the work lambda dg. Most of the time
+# rods pull, lambda < 0: one that gets longer takes energy, and one that gets shorter gives it.
 #     none       only gets longer: energy is lost.
-#     baumgarte  is shortest 0.1 s after it was fastest. So it still gets shorter where it pulls
-#                hardest, and longer again where it pulls less: energy is gained, as on a swing.
-#     soft       is longest 0.04 s after it was fastest: the other way round, energy is lost.
+#     baumgarte  is shortest about 0.1 s after it was fastest. So it still gets shorter where it
+#                pulls hardest, and longer again where it pulls less: energy is gained, as by a
+#                child that stands up on a swing at its lowest point.
+#     soft       is longest about 0.04 s after it was fastest: the other way round, energy is lost.
 #     impulse, project   hardly change g, so they hardly change energy.
 
 
@@ -496,10 +500,10 @@ def main(argv=None):
         results = {}
         for name, run in runs.items():
             row = summary(system, run, methods[name], truth)
-            results[name] = report.completed(asked, run, row)  # with what page and files need
+            results[name] = report.completed(asked, run, row)  # page and files need more
 
-        # 3. Print a row for each method, why a figure is "-", and whether none's worst rod error is
-        # over three times baumgarte's.
+        # 3. Print a row for each method, and why a figure is "-". Is the worst rod error of none
+        # over three times that of baumgarte?
         report.print_table(asked, runs, results, truth, columns)
 
         # 4. With --within: which integrator, method and step keep all errors below that?
@@ -532,13 +536,13 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 def summary(system, run, method, truth):
     """What table and metrics.json say about a run; None is what is not known."""
     force = method.make_force(system)
-    # J: all masses times 9.81 m/s^2 times all rods, 39.24 for double; more if it starts faster
+    # All masses times 9.81 m/s^2 times all rods, 39.24 J for double; more if it starts faster.
     scale = rods.energy_scale(system, GRAVITY)
     return {
         "max_violation": np.max(run.violations),  # m, over all states
         "final_violation": run.violations[-1],  # m
         "energy_rel_max": np.max(np.abs(run.energies - run.energies[0])) / scale,
-        # N: the largest of all that `tensions` finds in the states of the run
+        # in N, the largest of all that `tensions` finds in the states of the run
         "tension_max": rods.largest_force(system, run, tensions, force, external_force),
         "error": truth.error(run.q),  # m, of the worst particle, when places are compared
         "tip_final": run.tip[-1].tolist(),  # m
@@ -556,9 +560,9 @@ def columns(run, row, truth):
     return [
         ("rods off", "at worst", report.length(row["max_violation"])),  # 0.384 m is "38 cm"
         ("rods off", "at end", report.length(row["final_violation"])),
-        ("energy off", "at worst", report.energy(row)),  # "-" where it need not stay
+        ("energy off", "at worst", report.energy(row)),  # "-" with drag
         ("largest force", "at steps, N", report.force(row)),
-        ("places off", truth.at, truth.in_words(row["error"])),  # as well as truth is known
+        ("places off", truth.at, truth.in_words(row["error"])),  # no finer than it is known
         ("a step", "us", f"{run.pace:.3g}"),
     ]
 
@@ -568,8 +572,8 @@ def columns(run, row, truth):
 def choose(system, within, dt=0.005, steps=4000, **knobs):
     """The answer to --within: which integrator, method and step are right to `within` m.
 
-    dt in s. It has a `verdict` and `rows`, one for each integrator. In a row's `rung` stand its
-    scheme, that is an integrator and a method, and the step, dt.
+    dt in s. It has a `verdict` and `rows`, one for each integrator: take row.rung.scheme, an
+    integrator and a method, in steps of row.rung.dt s.
     """
     system = rods.check_run(system, PIVOT, dt, steps, external_force)
     return rods.choose(this_chapter(), system, within, dt, steps, knobs)

@@ -269,9 +269,7 @@ BY_HAND = [*product(c.make_methods(), ["semi_implicit"]), ("baumgarte", "rk4"), 
 
 def test_what_the_page_says_that_compare_prints_is_what_it_prints(capsys):
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
-    call, said = re.search(
-        r"\n# Type it in. (compare.*) prints\n((?:#     .*\n)+)", source
-    ).groups()
+    call, said = re.search(r"\n# Then (compare.*) prints\n((?:#     .*\n)+)", source).groups()
     exec(call, vars(c).copy())
     printed = capsys.readouterr().out
     assert printed == said.replace("#     ", "")

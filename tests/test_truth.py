@@ -100,7 +100,9 @@ def test_motion_in_space_under_loads_and_a_readers_force_is_as_another_integrato
     system, time, others, monkeypatch
 ):
     usual = c.external_force
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: usual(system, q, v) + others(q, v))
+    monkeypatch.setattr(
+        c, "external_force", lambda system, q, v: usual(system, q, v) + others(q, v)
+    )
     found = truth_of(system, time / 20.0, 20)
     off = np.linalg.norm(found.q - motion(system, [time], others)[-1], axis=1)
     assert np.max(off) < 1e-10 + found.uncertainty < 2e-10
