@@ -162,11 +162,11 @@ def solve(system, A, b, v=None):
 #     w^2 g = -2 w (new gdot), so g = -dt |u|^2 / w
 # At 4.43 m/s it is 5 mm too short. Half the dt or twice the w halves that. But there is a limit.
 # If |u|^2 is small enough to leave out, a step makes s = gdot - dt (2 w gdot + w^2 g), and then
-# new g = g + dt s and new gdot = s. So with x = w dt it multiplies (g, dt gdot) by
-#     ( 1 - x^2   1 - 2x )
-#     (    -x^2   1 - 2x )
+# new g = g + dt s and new gdot = s. So with z = w dt it multiplies (g, dt gdot) by
+#     ( 1 - z^2   1 - 2z )
+#     (    -z^2   1 - 2z )
 # An eigenvalue is below -1 if the characteristic polynomial is below 0 at -1: so if
-# 1 + trace + determinant < 0, that is x^2 + 4x > 4, x > 0.83, w > 166 rad/s at 5 ms. Then each step
+# 1 + trace + determinant < 0, that is z^2 + 4z > 4, z > 0.83, w > 166 rad/s at 5 ms. Then each step
 # overshoots more than the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
@@ -258,7 +258,7 @@ def simulate(step_fn, system, force, dt, steps):
 
 
 def energy(system, q, v):
-    """Kinetic plus potential energy in J, of a state q, v.
+    """Kinetic plus potential energy in J, of a state q, v, (N, 3) each.
 
     Rods do not change it while gdot is 0: a rod's power, lambda d . (v_i - v_j), is lambda gdot.
     """
@@ -432,13 +432,14 @@ def tensions(system, q, v, force):
     others = external_force(system, q, v).ravel()
     lam = rods.least_squares(jac.T, everything, others)  # J^T lambda = everything - others
     lengths = rod_lengths(system, q)
-    return -lam[: len(lengths)] * lengths  # of rods alone: an exercise adds rows to J
+    return -lam[: len(lengths)] * lengths  # of rods alone, if you add rows to J
 
 
 # --- endregion ---
 # --- region: report ---
 def compare(system, integrator="semi_implicit", dt=0.005, steps=4000, **knobs):
-    """Run each method, and print its worst rod error and what it has added to the energy."""
+    """Run each method for so many steps of dt s, and print its worst rod error and the energy that
+    it has added by the end."""
     for name, method in make_methods(dt, **knobs).items():
         if not method.fits(integrator):
             continue
@@ -520,7 +521,8 @@ def main(argv=None):
 def run_method(system, name, integrator, dt, steps, **knobs):
     """Run a method, by name: run_method(build_system("double"), "soft", "rk4", 0.005, 4000).
 
-    Its Run has all states, `q` and `v`, and what is measured in them: `violations`, `energies`.
+    dt in s; knobs are those of make_methods. The Run has all states, `q` and `v`, and what is
+    measured in them: `violations`, `energies`.
     """
     system = rods.check_run(system, PIVOT, dt, steps, external_force)  # it may be yours: check it
     method = make_methods(dt, **knobs)[name]
@@ -567,8 +569,6 @@ def columns(run, row, truth):
     ]
 
 
-# --- endregion ---
-# --- region: flags ---
 def choose(system, within, dt=0.005, steps=4000, **knobs):
     """The answer to --within: which integrator, method and step are right to `within` m.
 
@@ -596,6 +596,8 @@ def this_chapter():
     )
 
 
+# --- endregion ---
+# --- region: flags ---
 def parse_args(argv=None):
     """Parse the flags, and build the system they ask for: a Request."""
     parser = cli.Parser(__doc__, "studies: python -m curriculum.ch3_4_constraints.studies --help")

@@ -1,1 +1,1 @@
-"""Companion code of the course, one package a chapter."""
+"""What chapters of the course zero2robot need beside their scripts: a package for each."""

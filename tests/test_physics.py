@@ -436,7 +436,7 @@ def test_energy_that_a_method_adds_is_the_work_of_rods_whose_lengths_follow_late
 
 
 @pytest.mark.parametrize("name", OFF)
-def test_a_rod_is_as_far_off_as_the_page_says_and_its_formula_bounds_that(name):
+def test_a_rod_is_as_far_off_as_the_script_says_and_its_formula_bounds_that(name):
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
     words = rf"#     {name} .* ([\d.]+) m/s +([\d.]+) mm too (short|long) +([\d.]+) mm\n"
     speed, bound, sense, measured = re.search(words, source).groups()

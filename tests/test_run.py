@@ -267,7 +267,7 @@ if __name__ == "__main__":
 BY_HAND = [*product(c.make_methods(), ["semi_implicit"]), ("baumgarte", "rk4"), ("none", "euler")]
 
 
-def test_what_the_page_says_that_compare_prints_is_what_it_prints(capsys):
+def test_what_the_script_says_that_compare_prints_is_what_it_prints(capsys):
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
     call, said = re.search(r"\n# Then (compare.*) prints\n((?:#     .*\n)+)", source).groups()
     exec(call, vars(c).copy())
@@ -277,7 +277,7 @@ def test_what_the_page_says_that_compare_prints_is_what_it_prints(capsys):
     assert [*map(float, earlier)] == [float(x.split()[1]) for x in printed.splitlines()[:2]]
 
 
-def test_the_rows_of_a_table_that_the_page_shows_are_those_that_main_prints(capsys, tmp_path):
+def test_the_rows_of_a_table_that_the_script_shows_are_those_that_main_prints(capsys, tmp_path):
     source = (ROOT / "constraints.py").read_text(encoding="utf-8")
     comment = re.search(r"((?: +# .*\n)+) +return \[\n", source)[1]
     shown = [re.sub(r"^    # ", "", line) for line in comment.splitlines()]

@@ -94,7 +94,7 @@ def test_a_row_is_an_integrator_and_a_cell_its_work_and_its_step_to_a_goal():
     scheme = Scheme("semi_implicit", "impulse", None)
     rung = Rung(scheme, 0.0025, 20.0, 9e-3, 3e-4, 2e-3, 26400.0, 20.0, None)
     row = choice.Row(rung, rung, 9.81e-6 / 26400.0, False, False)
-    answer = choice.Answer(1e-2, 20.0, 2.0, 0.0, "", row, [row], [], None)
+    answer = choice.Answer(1e-2, "", verdict=row, rows=[row])
     nobody = answer._replace(rows=[], verdict=None)
     found = speed.Measured("toy", 2.0, {1e-2: answer, 1e-3: nobody}, {scheme: []})
     _, goals, line = speed.lines_of(found)

@@ -1,4 +1,4 @@
-"""An Answer in words, for terminal and page: the same cells and sentences."""
+"""An Answer in words, for terminal and page: they differ in the cells for work only."""
 
 from typing import NamedTuple
 

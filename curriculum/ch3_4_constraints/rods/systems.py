@@ -1,4 +1,4 @@
-"""Systems: what their arrays must be, checked so that a mistake is answered by a sentence."""
+"""Systems: their geometry and scales; and checks, which answer a mistake by a sentence."""
 
 import json
 import math
