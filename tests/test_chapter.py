@@ -466,6 +466,12 @@ def test_a_long_step_leaves_a_wedge_and_half_the_step_halves_the_drift(shown):
         ended = run(PENDULUM, "none", 0.7, dt)
         reads(found, says, [[0.7 / dt, (np.sum(ended.tip[-1] ** 2) - 1.0) / 2.0]])
         near(drawn(found, "line", "v")[0].at, ended.tip)
+        lengths = np.linalg.norm(ended.tip, axis=1)
+        wedge, drifts = np.split(places(found, "line", "long"), [65])  # of the last step; of all
+        near(drifts, np.stack([ended.tip / lengths[:, None], ended.tip], axis=1))
+        near(wedge[:, 1], np.linspace(*ended.tip[-2:], 65))
+        circles = [*wedge[:, 0], *drawn(found, "line", "ink")[0].at]  # about the origin
+        near(np.linalg.norm(circles, axis=1), np.full(65 + 41, lengths[-2]))
     shows(found, "As you said: it halves. In the end g is")
 
 
@@ -515,6 +521,28 @@ def test_the_error_dies_rings_or_explodes_as_its_eigenvalues_say_and_not_before_
         near([float(x.text.replace("−", "-")) for x in ticks], [x.at[0] for x in ticks], 0.02)
         grows = np.abs(wanted) > 1.0
         shows(found, on=1, disc_long=discs[grows].tolist(), disc_m1=discs[~grows].tolist())
+
+
+@pytest.mark.parametrize(
+    ("name", "across", "beside", "below"),
+    [
+        ("cliff", [-1.0, 61.0], {"1 mm": 1, "0": 0, "−1 mm": -1}, {"20": 20, "40": 40}),
+        (
+            "work_precision_double",
+            [-np.log10(0.3), -np.log10(2e-7)],
+            {"1000": 3, "10⁴": 4, "10⁵": 5, "10⁶": 6, "10⁷": 7},
+            {"10 cm": 1, "1 mm": 3, "10 µm": 5},
+        ),
+    ],
+)
+def test_a_chart_rules_a_line_through_each_tick_and_names_it_there(
+    shown, name, across, beside, below
+):
+    found = figure(shown, name)
+    shows(found, line_pale=[[[x, y] for x in across] for y in beside.values()])
+    named = {x.text: x.at for x in drawn(found, "words", "quiet")}
+    near([named[text][1] for text in beside], [*beside.values()], 0.05)
+    near([named[text][0] for text in below], [*below.values()], 0.1)
 
 
 STARTS = {  # of one_step, by its buttons: d in m, v in m/s

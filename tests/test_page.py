@@ -296,7 +296,9 @@ def test_as_it_was_has_the_numbers_of_the_run(shown, small):
         curve = drawn(shown, "line", f"m{k}", BOARD)[0].at
         now = np.rint(curve[:, 0] / 0.002).astype(int)
         near(curve[:, 1], gains[now], 1e-9)
-    assert shown.evaluate("board.plot.axis.ticks.at(-1)[1]") == "+10 %", "above soft's 6.9 %"
+    ticks = {x.text: x.at[1] for x in drawn(shown, "words", "quiet", BOARD) if "%" in x.text}
+    assert [*ticks] == ["+10 %", "+5 %", "0 %", "−5 %", "−10 %"], "above soft's 6.9 %"
+    near([*ticks.values()], [0.1, 0.05, 0.0, -0.05, -0.1], 0.005)
     assert shown.evaluate("[0, 0.03, 0.3].map(roundUp)") == [0.01, 0.05, 0.5]
     draws(shown, "line", "m1", [runs["baumgarte"].tip[1:]], 1)
 
@@ -437,9 +439,18 @@ def test_the_plot_has_a_decade_a_tick_down_to_a_millionth_of_the_rods(shown, sma
     *_, stub = drawn(shown, "line", "m0", BOARD)
     near(stub.at[0, :2], [30.0, shown.evaluate("board.plot.box[3]")])
     assert any(x.text.endswith("▲") for x in drawn(shown, "words", "m0", BOARD))
-    assert shown.evaluate("board.plot.box.filter((_, k) => k % 2 === 0)") == [10, 30], (
-        "the last 20 s"
-    )
+
+
+@pytest.mark.parametrize(("now", "left", "right"), [(0.2, 0, 5), (8, 0, 10), (30, 10, 30)])
+def test_a_plot_rules_a_line_through_each_tick_and_names_its_seconds(shown, now, left, right):
+    shown.evaluate("s => { run.copies[0].curves.rods = [[s, 1e-3]]; board.draw(); }", now)
+    ruled = [[[left, k], [right, k]] for k in range(-1, -8, -1)]
+    draws(shown, "line", "pale", ruled, BOARD)
+    named = {x.text: x.at[0] for x in drawn(shown, "words", "quiet", BOARD) if x.text[-1] == "s"}
+    apart = (right - left) // 5
+    seconds = [s for s in range(right + 1) if s >= left and s % apart == 0]
+    assert [*named] == [f"{s} s" for s in seconds]
+    near([*named.values()], seconds, 0.03 * apart)
 
 
 def test_each_of_eight_methods_has_a_look_of_its_own_and_drag_is_no_error(written, visit):
