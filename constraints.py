@@ -134,12 +134,13 @@ def solve(system, A, b, v=None):
     return np.linalg.solve(A, b)
 
 
-# Why rods drift, under semi_implicit; other integrators err by other amounts. First v changes, so
-# that d_dot becomes u; then q moves with the new v. Let s = d . u, of the old d. A step later
+# Why rods drift, under semi_implicit; other integrators err by other amounts. A step first changes
+# v, and so d_dot; call the new one u. Then it moves q straight on, and so d:
 #     new d = d + dt u
+# What that does to the rod depends on s = d . u, of the old d and the new d_dot:
 #     new g = g + dt s + dt^2 |u|^2 / 2
 #     new gdot = (new d) . u = s + dt |u|^2
-# Now v changes again, by dt a. gddot = 0 asks for (new d) . (a_i - a_j) = -|u|^2, and so
+# The next step changes v by dt a, and gddot = 0 asks for (new d) . (a_i - a_j) = -|u|^2. So
 #     new s = (new d) . (u + dt (a_i - a_j)) = new gdot - dt |u|^2 = s
 # From rest s is 0, and stays 0. Then each step goes along the tangent and ends outside the circle,
 # and nothing takes that back, as gddot = 0 never looks at g. A rod is off by about g / L: after a
@@ -165,9 +166,8 @@ def solve(system, A, b, v=None):
 # new g = g + dt s and new gdot = s. So with z = w dt it multiplies (g, dt gdot) by
 #     ( 1 - z^2   1 - 2z )
 #     (    -z^2   1 - 2z )
-# An eigenvalue is below -1 if the characteristic polynomial is below 0 at -1: so if
-# 1 + trace + determinant < 0, that is z^2 + 4z > 4, z > 0.83, w > 166 rad/s at 5 ms. Then each step
-# overshoots more than the last, and the run explodes.
+# At z = 0.83, w = 166 rad/s at 5 ms, one of its eigenvalues is -1, and beyond it below -1: each
+# step overshoots more than the last, and the run explodes.
 def constraint_force(system, q, v, w=0.0):
     """The rods' force J^T lambda, (N, 3) in newtons; `w`, in rad/s, sets how fast g dies."""
     m = np.repeat(system["m"], 3)  # kg, one per coordinate: x / m is M^-1 x, jac / m is J M^-1

@@ -450,3 +450,9 @@ def test_a_rod_is_as_far_off_as_the_script_says_and_its_formula_bounds_that(name
     assert f"{np.sqrt(fastest):.1f}" == speed
     assert f"{1e3 * OFF[name] * fastest:.2g}" == bound
     assert f"{1e3 * abs(worst):.1f}" == measured and np.max(run.violations) == abs(worst)
+
+
+def test_the_limit_that_the_script_names_is_that_of_its_integrator():
+    limit = stability_limit(c.semi_implicit_step)
+    said = f"# At z = {limit:.2f}, w = {limit / STEP:.0f} rad/s at 5 ms, "
+    assert said in (ROOT / "constraints.py").read_text(encoding="utf-8")
