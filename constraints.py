@@ -58,7 +58,7 @@ def build_system(name, rng=0, links=10):
         "pairs": [(k, k - 1) for k in range(count)],  # C of them
         "lengths": np.full(count, length),  # (C,) m
     }
-    return rods.check_system(system, PIVOT)  # that very system, or an error that says what is wrong
+    return rods.check_system(system, PIVOT)  # an error says what does not fit
 
 
 def external_force(system, q, v):
@@ -127,7 +127,7 @@ def solve(system, A, b, v=None):
     """lambda (C,), so that A lambda = b: A (C, C), b (C,).
 
     Rods that close a loop may be one too many. Then A is singular, and many lambda give one
-    J^T lambda. How the rods move, `v`, (N, 3) in m/s, counts where A is nearly so.
+    J^T lambda. Where A is nearly singular, it counts how the rods move: `v`, (N, 3) in m/s.
     """
     if rods.has_loop(system):
         return rods.solve_loops(system, A, b, v)
@@ -388,8 +388,8 @@ def make_methods(dt=0.005, baumgarte=20.0, time_constant=0.02, impedance=0.95):
     # is
     #     J a = -2 gdot/tau - g/tau^2 + (1 - p) J M^-1 f
     # Hanging at rest, J a and gdot are 0, and a rod of 1 m is (1 - p) tau^2 9.81 m/s^2 = 0.2 mm too
-    # long. Swinging at 4.43 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. As under
-    # baumgarte, gdot = dt |d_dot|^2 / 2. Without the small (1 - p) term, that makes
+    # long. Swinging at 4.43 m/s with a constant g, J a = -|d_dot|^2, since gddot = 0. Under
+    # semi_implicit, gdot = dt |d_dot|^2 / 2, as above. Without the small (1 - p) term, that makes
     #     g = tau^2 |d_dot|^2 - tau dt |d_dot|^2
     # and a rod of 1 m is 8 mm - 2 mm = 6 mm too long.
     p = impedance
@@ -460,12 +460,12 @@ def compare(system, integrator="semi_implicit", dt=0.005, steps=4000, **knobs):
 # Why are rods off by so much? Under none nothing takes an error back: 4000 steps of about 0.1 mm
 # add up. The regions constraints and methods have formulas for three others, with figures for
 # 4.43 m/s. But here the lower rod's ends move faster, relative to each other:
-#     method     formula for g           greatest |u|  by the formula      measured
+#     method     formula for g, L = 1 m  greatest |u|  by the formula      measured
 #     baumgarte  dt |u|^2 / w              11.0 m/s     30 mm too short     23.5 mm
 #     impulse    dt^2 |u|^2 / 2            10.2 m/s    1.3 mm too long       1.3 mm
 #     soft       (tau^2 - tau dt) |u|^2    10.1 m/s     31 mm too long      29.6 mm
 # impulse follows |u|^2 within a step. The others need time: about 2/w = 0.1 s and 2 tau = 0.04 s.
-# An error grows while it is less than its formula, and meets it when |u| is past its greatest.
+# When their error is greatest, |u| is past its greatest: so they stay below.
 #
 # Why is energy off by so much? As g changes by dg, a rod does the work lambda dg. Most of the time
 # rods pull, lambda < 0: one that gets longer takes energy, and one that gets shorter gives it.
