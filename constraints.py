@@ -47,18 +47,18 @@ def build_system(name, rng=0, links=10):
     """
     count = links if name == "chain" else CHAINS.get(name)
     if count is None:
-        return rods.load_scene(name, GRAVITY, CHAINS)
+        return rods.load_scene(name, GRAVITY, CHAINS)  # from a file
     length = 1.0  # m, of each rod
     tilt = np.random.default_rng(rng).uniform(-0.05, 0.05)  # rad; all that is random here
     along = length * np.array([cos(tilt), -sin(tilt), 0.0])
-    system = {
+    return {
         "q0": np.array([PIVOT + (k + 1) * along for k in range(count)]),  # (N, 3) m, at the start
         "v0": np.zeros((count, 3)),  # (N, 3) m/s
         "m": np.ones((count, 1)),  # (N, 1) kg
         "pairs": [(k, k - 1) for k in range(count)],  # C of them
         "lengths": np.full(count, length),  # (C,) m
+        "anchors": np.array([PIVOT]),  # what j = -1 is, in m; a scene may have more: -2, -3, ...
     }
-    return rods.check_system(system, PIVOT)  # an error says what does not fit
 
 
 def external_force(system, q, v):
@@ -119,7 +119,7 @@ def constraint_terms(system, q, v):
 
 
 def anchor(system, j):
-    """A fixed point, (3,) in m: PIVOT, for j = -1. A scene may have its own, for j = -1, -2, ..."""
+    """The fixed point j, (3,) in m: of the anchors -1 is the first, -2 the second."""
     return system.get("anchors", [PIVOT])[-1 - j]
 
 
