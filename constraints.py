@@ -7,7 +7,7 @@ drift, what stops the drift, and what that costs.
 
     python constraints.py                a double pendulum, 20 s, with each method
     python constraints.py --within 1mm   which method and step to take for errors under 1 mm
-    python constraints.py --plain        the same, slowly: print() and breakpoint() work anywhere
+    python constraints.py --plain        compile nothing: print() and breakpoint() work anywhere
     python constraints.py --help         what to change, and why you would
 """
 
@@ -536,7 +536,8 @@ def run_method(system, name, integrator, dt, steps, **knobs):
 
 
 def summary(system, run, method, truth):
-    """What table and metrics.json say about a run; None is what is not known."""
+    """What table, page and metrics.json say about a run; None is what is not known. Add keys, but
+    keep these."""
     force = method.make_force(system)
     # All masses times 9.81 m/s^2 times all rods, 39.24 J for double; more if it starts faster.
     scale = rods.energy_scale(system, GRAVITY)

@@ -400,6 +400,7 @@ TIRING = [  # energy is right for 5 s, in shorter steps for 9 s, and for more wo
     Given(lambda dt: 0.01 * dt, holds=lambda dt: 5.0 if dt > 0.04 else 9.0),
     Given(lambda dt: 0.01 * dt, holds=lambda dt: 10.0, work=300.0),
 ]
+DEAR = Given(lambda dt: 0.01 * dt, holds=lambda dt: 5.3 if dt > 0.04 else inf, work=2e5)
 CHOICE = {
     "of first order": (advised(Given(lambda dt: dt)), "right for 100 s"),
     "of order one half": (advised(Given(lambda dt: 0.02 * sqrt(dt))), "right for 100 s"),
@@ -407,6 +408,7 @@ CHOICE = {
     "a method that is off by 1 cm": (advised(Given(lambda dt: 0.01 + dt)), "unknown"),
     "right by luck": (advised(Given(by_luck)), "right for 100 s"),
     "for longer or for less": (advised(*TIRING), "right for 9 s"),
+    "for longer, where shorter steps are tried for less": (advised(DEAR), "right for 5.2 s"),
     "rods for 70 % of the work": (said_of_rods(0.7), "said"),
     "rods for 90 % of the work": (said_of_rods(0.9), "not said"),
 }

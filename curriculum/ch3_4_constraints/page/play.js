@@ -365,7 +365,7 @@ function showKnobs() { // and a mark where the stiffness breaks
 // --- questions: each sets the knobs, the view and a control, and says what to look at ---
 const AS_IT_WAS = {
   ask: "As it was",
-  say: "The knobs of the run again. Until you touch anything, each number is Python\u2019s.",
+  say: "The knobs of the run again. Until you touch anything, each number of a rod is Python\u2019s.",
 };
 const QUESTIONS = [
   {

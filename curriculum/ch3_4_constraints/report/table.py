@@ -156,7 +156,8 @@ def print_ratio(runs, results):
         say("largest rod error: none and baumgarte differ by rounding only")
     elif worst > FEW * kept:
         times = f"{words.in_digits(worst / kept, 2):g} x" if kept > 0.0 else "which has none"
-        say(f"largest rod error, none > 3 x baumgarte: as expected ({times})")
+        say(f"largest rod error, none > {FEW:g} x baumgarte: as expected ({times})")
     else:
         ratio = words.in_digits(worst / kept, 2)
-        say(f"largest rod error, none / baumgarte: {ratio:g}, not above 3: try another w or step")
+        found = f"{ratio:g}, not above {FEW:g}"
+        say(f"largest rod error, none / baumgarte: {found}: try another w or step")

@@ -23,7 +23,7 @@ class Line(NamedTuple):
 
     name: str
     cells: list  # words: step, places, rods, energy, work; or when and why it was lost
-    rung: object | None  # the Rung that it is of
+    rung: object  # the Rung that it is of
 
 
 class Advice(NamedTuple):
@@ -61,7 +61,11 @@ def verdict(answer):
     if answer.verdict:
         rung = answer.verdict.rung
         span = f", for {rung.span:.3g} s" if rung.span < answer.whole else ""
-        return f"Right to {within}{span}: {rung.scheme}, in steps of {milliseconds(rung.dt)}."
+        places = ", rods and energy only"
+        if answer.seconds:
+            places = f", places to {answer.seconds:.3g} s" if answer.seconds < rung.span else ""
+        what = f"{rung.scheme}, in steps of {milliseconds(rung.dt)}"
+        return f"Right to {within}{span}{places}: {what}."
     if answer.missing:
         return f"Right to {within}: no step that was tried."
     return f"No answer to --within {within.replace(' ', '')}: {answer.why}."

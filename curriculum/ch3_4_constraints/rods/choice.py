@@ -201,6 +201,9 @@ class Search:
             seconds, spent = ladder.right_for(rung.dt, span, places)
             left -= spent
             if seconds == span:
+                for longer, dt, cheaper in tried:  # it was tried for longer, and is right as long
+                    if longer >= span:
+                        return cheaper.row(dt, self.yardstick.rounded_span(longer), ends=True)
                 return ladder.row(rung.dt, span, ends=False)
             tried.append((seconds, rung.dt, ladder))
         longest = max((seconds for seconds, _, _ in tried), default=0.0)
