@@ -11,6 +11,7 @@ from independent import motion
 from machines import GRAPHS, QUICK, at_random, four_bar, make_system, parallelogram, row, thrown
 
 import constraints as c
+from curriculum.ch3_4_constraints.rods import truth
 from curriculum.ch3_4_constraints.rods.choice import known_path
 from curriculum.ch3_4_constraints.rods.truth import MAX_RODS, Path, find_truth
 from curriculum.common.tracing import Report
@@ -100,7 +101,9 @@ def test_motion_in_space_under_loads_and_a_readers_force_is_as_another_integrato
     system, time, others, monkeypatch
 ):
     usual = c.external_force
-    monkeypatch.setattr(c, "external_force", lambda system, q, v: usual(system, q, v) + others(q, v))
+    monkeypatch.setattr(
+        c, "external_force", lambda system, q, v: usual(system, q, v) + others(q, v)
+    )
     found = truth_of(system, time / 20.0, 20)
     off = np.linalg.norm(found.q - motion(system, [time], others)[-1], axis=1)
     assert np.max(off) < 1e-10 + found.uncertainty < 2e-10
@@ -181,6 +184,11 @@ def test_where_it_is_not_known_a_reason_says_why(word, case):
     system, how = case
     found = truth_of(system, **how)
     assert found.q is None and word in found.why
+
+
+def test_of_as_many_rods_as_may_be_it_is_known(monkeypatch):
+    monkeypatch.setattr(truth, "MAX_RODS", 2)
+    assert truth_of(c.build_system("double")).q is not None
 
 
 def test_a_force_that_is_not_a_number_or_branches_leaves_it_unknown():
