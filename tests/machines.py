@@ -64,7 +64,8 @@ def parallelogram(off):
 
 STAR = [(0, -1), *((k, 0) for k in range(1, 12))]  # whose rods are all coupled
 LINKAGE = [*row(4), (3, -2), (2, -3), (3, 0)]
-GRAPHS = [row(1), row(7), STAR, [*row(4), (3, 0)], LINKAGE]
+APART = [*row(2), (1, -2), (2, -3), (3, 2)]  # a loop, and a chain that it does not meet
+GRAPHS = [row(1), row(7), STAR, [*row(4), (3, 0)], LINKAGE, APART]
 BLOCK = [(0, -1), (1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2), (4, 0), (4, 1), (4, 2), (4, 3)]
 
 # About the line of its rods of 1 m a bob swings on 10 um: w = sqrt(g / 10 um) is far quicker.

@@ -199,7 +199,7 @@ def test_on_a_phone_the_words_of_a_picture_are_legible(visit, path):
 def alone(page, name):
     """A figure that an address shows alone."""
     page.evaluate("name => { location.hash = `figure=${name}`; }", name)
-    page.wait_for_function("document.querySelector('.alone')?.style.translate")
+    page.locator(".alone[style*=translate]").wait_for()  # the page allows no eval, in which to poll
     return page.locator(f"[data-figure={name}]")
 
 

@@ -91,6 +91,12 @@ def line(capsys):
     return last
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_answer_is_off_by_a_share_of_the_largest_right_number_whatever_its_sign(sign):
+    assert checks.off_by(sign * np.array([2.0, -0.5]), sign * np.array([4.0, -1.0])) == 0.5
+    assert checks.off_by(sign * 3.0, sign * 4.0) == 0.25
+
+
 @pytest.mark.parametrize("name", CHECKS)
 def test_the_answers_are_right_and_the_last_line_says_what_is_solved(name, solved, line):
     last = line(solved(name))

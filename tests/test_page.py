@@ -176,6 +176,12 @@ def test_what_a_page_cannot_hold_is_refused():
             scene.scene_of(chapter, system, "semi_implicit", {"dt": 0.005})
 
 
+def test_a_page_holds_as_many_rods_as_may_be(monkeypatch):
+    monkeypatch.setattr(scene, "MAX_RODS", 2)
+    found = scene.scene_of(c.this_chapter(), c.build_system("double"), "rk4", {"dt": 0.005})
+    assert len(found["pairs"]) == 2
+
+
 def test_lengths_and_shares_are_written_as_python_writes_them(lever_page):
     numbers = [x * 10.0**k for x in (1.0, 1.25, 3.14159, 9.949, 9.96) for k in range(-14, 3)]
     found = lever_page.evaluate("all => all.map(x => [metric(x), perCent(x)])", numbers)

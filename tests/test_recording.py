@@ -96,6 +96,14 @@ def test_a_lost_method_leaves_the_picture_says_so_and_bends_no_axis(lost):
     assert high - low < 1.2 * np.ptp(alive) < np.max(seen["/energy/baumgarte"]["scalars"])
 
 
+def test_each_method_and_each_plot_has_the_ground_that_its_colours_are_legible_on(lost):
+    _, blueprint, runs = lost
+    grounds = [x["color"] for key, x in blueprint.items() if key.endswith("Background")]
+    plots = {"violation", "energy", "force"} & {*titles(blueprint)}
+    paper = [[int(f"{palette.PAPER[1][1:]}ff", 16)]]
+    assert grounds == [paper] * (len(runs) + len(plots))
+
+
 def test_energy_that_drag_takes_is_called_no_error(monkeypatch, lost, tmp_path):
     _, blueprint, _ = lost
     assert "error" in titles(blueprint)["energy"]

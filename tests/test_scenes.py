@@ -12,7 +12,7 @@ from conftest import UNIX
 
 import constraints as c
 from curriculum.ch3_4_constraints.page import play
-from curriculum.ch3_4_constraints.rods import scenes
+from curriculum.ch3_4_constraints.rods import scenes, systems
 from curriculum.ch3_4_constraints.rods.scenes import LARGEST, MOST_ENTRIES, parse_scene
 from curriculum.ch3_4_constraints.rods.statics import refusal
 from curriculum.ch3_4_constraints.rods.systems import check_system, is_flat, rod_parts
@@ -56,6 +56,20 @@ def test_a_wrong_value_in_a_file_is_named(old, new, field, value, tmp_path, refu
     (tmp_path / "scene.json").write_text(GOOD.replace(old, new))
     said = refused("--system", tmp_path / "scene.json")
     assert field in said and value in said
+
+
+LIMITS = [(scenes, "MOST_ENTRIES", 2), (scenes, "LARGEST", len(GOOD)), (systems, "FILLED", 5)]
+
+
+@pytest.mark.parametrize(("module", "name", "size"), LIMITS)
+def test_a_scene_that_is_just_as_large_as_may_be_is_taken(
+    module, name, size, tmp_path, monkeypatch, refused
+):
+    (tmp_path / "scene.json").write_text(GOOD)
+    monkeypatch.setattr(module, name, size)
+    assert len(c.build_system(tmp_path / "scene.json")["q0"]) == 2
+    monkeypatch.setattr(module, name, size - 1)
+    refused("--system", tmp_path / "scene.json")
 
 
 def test_a_scene_without_words_has_none(tmp_path):
@@ -189,6 +203,7 @@ BAR = [(3, 4), (6, 8)], [(0, -1), (1, 0), (1, -1)], [(0, 0)]
 HELD = [(3, 4), (6, 8), (0.5, 3)], [*BAR[1], (2, -1), (2, 0), (2, 1)], [(0, 0)]
 LEGS = [(1, 2)], [(0, -1), (0, -2), (0, -3)], [(0, 0), (1, 0.3), (3, 0)]
 SAG = [(0, -1), (0, -2)], [(0, 0), (2, 0)]
+WHIRL = [(0, 1), (1, 1)], [(0, -1), (0, -2), (1, 0)], [(0, 0), (0, 2)]
 STARTS = {  # points, rods, anchors; speeds upward; loads in N; whether finite tensions hold it
     "a taut cable": (LEVEL, 0, 0, False),
     "one whose weights are lifted": (LEVEL, 0, [[0, 9.81, 0], [0, 9.81, 0]], True),
@@ -201,6 +216,8 @@ STARTS = {  # points, rods, anchors; speeds upward; loads in N; whether finite t
     "three legs for two, at rest but for rounding": (LEGS, [1e-16], 0, True),
     "a weight on a line that sags": (([(1, -1e-5)], *SAG), 0, 0, True),
     "one whose sag no solve sees": (([(1, -1e-7)], *SAG), 0, 0, False),
+    "a bob on a taut line, at which one pulls that turns": (WHIRL, [0, 2], 0, False),
+    "one that is held against that": (WHIRL, [0, 2], [[-4, 0, 0], [0, 0, 0]], True),
     "a straight bar with a joint": (BAR, 0, 0, False),
     "one that a particle beside its line keeps straight": (HELD, 0, 0, True),
 }

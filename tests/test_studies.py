@@ -151,11 +151,15 @@ def test_a_peer_is_refused_a_force_that_it_does_not_have(monkeypatch):
 def test_a_diagram_has_a_line_for_each_scheme_in_colour_if_it_is_advised(measured):
     answer = measured.answers[1e-2]
     measured = measured._replace(answers={work_precision.MAIN: answer})  # whose rows are named
-    styles = re.findall(r'd="M[^"]*L[^"]*" style="([^"]*)"', work_precision.diagram(measured))
+    drawing = work_precision.diagram(measured)
+    styles = re.findall(r'd="M[^"]*L[^"]*" style="([^"]*)"', drawing)
     lines = [x for x in styles if "width:5" in x or "opacity" in x]
-    advised = [x for x in lines if "opacity" not in x]
+    others = [x for x in lines if "opacity" in x]
     assert len(lines) == len(measured.lines)
-    assert len(advised) == len(answer.rows)
+    assert len(lines) - len(others) == len(answer.rows)
+    assert all("stroke:var(--reference)" in x for x in others)
+    halos = re.findall(r"stroke:var\(--(\w+)\);stroke-width:9px;fill:var", drawing)
+    assert halos == ["paper"] * len(answer.rows)  # their names are legible on other lines
 
 
 # --- race ---

@@ -136,6 +136,8 @@ def twisted(angle, rate, size=1.0):
 
 PARALLELOGRAM = twisted(3e-6, 1.0)
 SMALL = twisted(3e-6, 3000.0, 1e-6)
+LIGHT = PARALLELOGRAM[0] | {"m": np.full((2, 1), 1e-3)}  # which moves as it does
+HEAVY = turning_rocker(1e-3, 1.0) | {"m": np.full((2, 1), 1e3)}
 LOOPS = {  # what is asked, and what is true
     "pulls at 30 urad": (pulls_on_a_line(3e-5, 1.0), "right"),
     "pulls but for 0.06 %": (pulls_on_a_line(1e-6, 6e-10), "right"),
@@ -152,6 +154,8 @@ LOOPS = {  # what is asked, and what is true
     "fast, near a dead pose": (force_on(turning_rocker(0.1, 1e3, 1e-6)), "right"),
     "through the flat pose": (force_on(*PARALLELOGRAM), "right"),
     "fast, through the flat pose": (force_on(*SMALL), "right"),
+    "light, through the flat pose": (force_on(LIGHT, PARALLELOGRAM[1]), "right"),
+    "heavy, near a dead pose": (force_on(HEAVY), "right"),
 }
 
 

@@ -11,6 +11,7 @@ from independent import motion
 from machines import GRAPHS, QUICK, at_random, four_bar, make_system, parallelogram, row, thrown
 
 import constraints as c
+from curriculum.ch3_4_constraints.rods import truth
 from curriculum.ch3_4_constraints.rods.choice import known_path
 from curriculum.ch3_4_constraints.rods.truth import MAX_RODS, Path, find_truth
 from curriculum.common.tracing import Report
@@ -183,6 +184,11 @@ def test_where_it_is_not_known_a_reason_says_why(word, case):
     system, how = case
     found = truth_of(system, **how)
     assert found.q is None and word in found.why
+
+
+def test_of_as_many_rods_as_may_be_it_is_known(monkeypatch):
+    monkeypatch.setattr(truth, "MAX_RODS", 2)
+    assert truth_of(c.build_system("double")).q is not None
 
 
 def test_a_force_that_is_not_a_number_or_branches_leaves_it_unknown():
