@@ -14,7 +14,7 @@ from machines import make_system, row, thrown, torn
 
 import constraints as c
 from curriculum.ch3_4_constraints import report
-from curriculum.ch3_4_constraints.rods.run import how_many_good
+from curriculum.ch3_4_constraints.rods.run import conserving, how_many_good
 from curriculum.ch3_4_constraints.rods.truth import Truth
 from curriculum.common.tracing import NotAState, StepChanged, plain
 
@@ -129,7 +129,8 @@ def taken(changes, plainly, system=DOUBLE, dt=DT, steps=STEPS):
         run = chapter.run_method(system, "baumgarte", "semi_implicit", dt, steps)
         known = Truth(1, "", system["q0"], 1e-12)
         row = chapter.summary(system, run, chapter.make_methods(dt)["baumgarte"], known)
-        asked = SimpleNamespace(chapter=chapter.this_chapter(), system=system)
+        conserves = conserving(system, chapter.external_force, chapter.energy)
+        asked = SimpleNamespace(conserves=conserves)
         return run, report.completed(asked, run, row)
 
 

@@ -2,10 +2,12 @@
 
 import shlex
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from curriculum.ch3_4_constraints.report import files
 from curriculum.ch3_4_constraints.rods.chapter import Chapter
+from curriculum.ch3_4_constraints.rods.run import conserving
 from curriculum.common.errors import Refused
 
 MEMORY = 4e9  # bytes of states, at most
@@ -33,6 +35,11 @@ class Request:
     rerun: bool  # and a recording
     out: Path  # the folder for both, and for metrics.json
     words: list  # the command line
+
+    @cached_property
+    def conserves(self):
+        """f(q, v): whether external_force does only what energy counts, in states (S, N, 3)."""
+        return conserving(self.system, self.chapter.external_force, self.chapter.energy)
 
     @property
     def name(self):

@@ -5,7 +5,7 @@ import textwrap
 
 import numpy as np
 
-from curriculum.ch3_4_constraints.rods.run import conserving, moves
+from curriculum.ch3_4_constraints.rods.run import moves
 from curriculum.ch3_4_constraints.rods.stability import stability_limit
 from curriculum.common import words
 
@@ -77,10 +77,8 @@ def completed(asked, run, row):
 
     What would be of another run is None.
     """
-    chapter = asked.chapter
-    conserves = conserving(asked.system, chapter.external_force, chapter.energy)
     more = {
-        "conserves": conserves(run.q, run.v),
+        "conserves": asked.conserves(run.q, run.v),
         "operations": run.operations,  # for a second of motion
         "stopped": run.stopped,  # when and why, if it ended early
     }
