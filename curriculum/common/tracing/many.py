@@ -62,12 +62,12 @@ def compiled_map(function, live):
 
     def run(arrays):
         count = len(arrays[0])
-        columns = np.concatenate([x.reshape(count, -1) for x in arrays], axis=1).T
-        columns = columns[program.places].copy()
+        flat = [x.reshape(count, -1) for x in arrays]
         rows = np.empty((count, len(program.results)))
         for first in range(0, count, BLOCK):
             part = slice(first, first + BLOCK)
-            for k, column in enumerate(of_columns(*columns[:, part])):
+            columns = np.concatenate([x[part] for x in flat], axis=1).T[program.places].copy()
+            for k, column in enumerate(of_columns(*columns)):
                 rows[part, k] = column
         return split(rows, list(map(np.shape, program.outputs)))
 
