@@ -608,6 +608,7 @@ def test_sliders_set_exact_values_say_them_and_begin_again_if_they_must(written,
     assert shown.evaluate("[knobs.baumgarte, run.taken]") == [320, 1]
     shown.locator("#dt input").fill("7")
     assert shown.evaluate("[knobs.dt, run.taken]") == [0.02, 0]
+    assert shown.locator("#dt output").inner_text() == "20 ms, 6.06 times the run\u2019s"
     said = shown.locator("#time_constant output").inner_text()
     assert said == "27.1 ms, taken as two steps: 40 ms"
     click(shown, "How stiff a spring?")
