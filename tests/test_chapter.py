@@ -141,7 +141,7 @@ def test_what_is_folded_is_the_files_and_a_fold_shows_its_key_lines(name, keys):
 
 def test_the_page_is_small_and_its_links_lead_into_it_or_to_a_figure(built):
     text = built.read_text(encoding="utf-8")
-    assert len(text.encode()) < 500_000
+    assert len(text.encode()) < 480_000
     assert "<animate" not in text
     links = re.findall(r'href="(?!https:)([^"]+)"', text)
     assert [link for link in links if f'id="{link[1:]}"' not in text or link[0] != "#"] == []

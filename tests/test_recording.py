@@ -5,13 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 import constraints as c
 from curriculum.ch3_4_constraints.page.scene import scene_of
-from curriculum.ch3_4_constraints.report import files, recording
+from curriculum.ch3_4_constraints.report import files
 from curriculum.common import palette
 from curriculum.common.words import length
+
+RrdReader = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed").RrdReader
+recording = pytest.importorskip("curriculum.ch3_4_constraints.report.recording")
 
 
 def chunks(reader, **store):

@@ -318,8 +318,10 @@ def test_files_of_an_earlier_version_are_a_runs_and_almost_like_them_are_not(tmp
     for name, text in EARLIER.items():
         (tmp_path / name).write_text(text)
         assert files.is_ours(tmp_path / name)
-        (tmp_path / name).write_text(text.replace("rods", "beams"))
-        assert not files.is_ours(tmp_path / name)
+        beside = text.replace("rods", "beams"), " " * files.HEAD + f"it wrote: {text}"
+        for almost in beside:
+            (tmp_path / name).write_text(almost)
+            assert not files.is_ours(tmp_path / name)
 
 
 def test_what_cannot_be_written_is_refused_before_it_is_computed(tmp_path, refused):

@@ -37,9 +37,8 @@ def palette_css():
     colors = {f"m{k}": pair for k, pair in enumerate(palette.METHODS)}
     colors |= {"reference": palette.REFERENCE, "ink": palette.INK, "paper": palette.PAPER}
     colors |= {"long": palette.TOO_LONG, "short": palette.TOO_SHORT}
-    light, dark = (
-        "".join(f"--{name}: {pair[side]}; " for name, pair in colors.items()) for side in (0, 1)
-    )
+    light = "".join(f"--{name}: {color}; " for name, (color, _) in colors.items())
+    dark = "".join(f"--{name}: {color}; " for name, (_, color) in colors.items())
     at_night = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
     classes = [f".m{k} {{ color: var(--m{k}); }}" for k in range(len(palette.METHODS))]
     return "\n".join([f":root {{ {light}}}", at_night, *classes, ""])
@@ -179,4 +178,5 @@ def as_script(data):
         return javascript_of(data)
     if isinstance(data, dict):
         return "{" + ",\n".join(f"{as_script(x)}: {as_script(y)}" for x, y in data.items()) + "}"
-    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")

@@ -17,11 +17,12 @@ from curriculum.common.files import check_writable, write_together
 METRICS = "metrics.json"
 PAGE = "play.html"
 RECORDING = "constraints.rrd"
-EARLIER = ("baumgarte", "error_at", "reference_uncertainty", "rods", "time_constant")  # keys
-MARKS = {  # what is in a file that a run has written or, the second, that an earlier version has
-    METRICS: [('"written_by": "constraints.py"',), [f'"{key}":' for key in EARLIER]],
-    PAGE: [(play.MARK,), ("<!doctype html>", "which method holds its rods?</title>")],
-    RECORDING: [("RRF", "constraints*")],
+MARK = "written_by"  # a key of METRICS
+EARLIER = {"baumgarte", "error_at", "reference_uncertainty", "rods", "time_constant"}  # keys
+HEAD = 4096  # bytes of a file, in which its mark is looked for
+MARKS = {  # what is in the head of a file that a run has written, or an earlier version has
+    PAGE: [(play.MARK.encode(),), (b"<!doctype html>", b"which method holds its rods?</title>")],
+    RECORDING: [(b"RRF", b"constraints*")],
 }
 OFF = ("0", "off", "false")  # what the variable RERUN is where rerun is to do nothing
 
@@ -36,9 +37,16 @@ def check(folder):
 
 
 def is_ours(path):
-    """Whether a run has written this file, or an earlier version's: it has a mark of theirs."""
-    content = path.read_bytes()
-    return any(all(word.encode() in content for word in mark) for mark in MARKS[path.name])
+    """Whether a run has written this file: it has a run's mark, or is like an earlier version's."""
+    if path.name == METRICS:
+        try:
+            keys = json.loads(path.read_bytes()).keys()
+        except (ValueError, AttributeError, RecursionError):
+            return False
+        return MARK in keys or keys >= EARLIER
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    return any(all(part in head for part in mark) for mark in MARKS[path.name])
 
 
 def write_files(asked, runs, results, truth, answer):
@@ -92,7 +100,7 @@ def metrics(asked, results, truth, answer):
     """The text of metrics.json. It has no times, and nothing about the machine: equal arguments
     give equal bytes. So does the page; recordings are equal but for a header."""
     found = {
-        "written_by": "constraints.py",
+        MARK: "constraints.py",
         "system": Path(asked.scene).name,
         "integrator": asked.integrator,
         "dt": asked.dt,

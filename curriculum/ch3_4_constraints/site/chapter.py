@@ -115,7 +115,8 @@ def image(live, tokens, k, *_):
     path = SOURCE.parent / tokens[k].attrs["src"]
     words = escape(" ".join(tokens[k].content.split()))
     drawn = needed(still(path.read_text(encoding="utf-8")))
-    data = quote(drawn.replace('"', "'"), safe=" '<>=:/;,()!*@$?+")
+    shorter = drawn.replace('"', "'").replace("\n", " ")  # where it is quoted
+    data = quote(shorter, safe=" '<>=:/;,()!*@$?+")
     picture = f'<img alt="{words}" src="data:image/svg+xml,{data}">'
     kind = f' data-figure="{path.stem}"' if path.stem in live else ""
     return f"<figure{kind}>{picture}<figcaption>{words}</figcaption></figure>"

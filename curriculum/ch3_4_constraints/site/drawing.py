@@ -60,8 +60,11 @@ class Sheet:
         """Lines that move: `frames` are those of one moment after the other, as `lines` takes them.
 
         They take so many seconds, again and again. Where nothing should move, and on paper, it is
-        the last frame.
+        the last frame; a single one is drawn as it is.
         """
+        if len(frames) == 1:
+            self.lines(frames[0], *style)
+            return
         shown = ";".join(map(self.outline, frames))
         last = self.outline(frames[-1])
         move = f'attributeName="d" values="{shown}" dur="{seconds:g}s" repeatCount="indefinite"'
